@@ -1,17 +1,17 @@
-"""The same scenes by this package and by CalculiX: time and answer side by side.
+"""The same scenes by this package and by CalculiX: time and result side by side.
 
   P1  two slender bars, a gap, a step of pressure (reference: exact contact force by characteristics)
   P2  a steel block crushed on an aluminium one, mu = 0.3 (reference: own run with steps eight times shorter)
   P3  four blocks, mu = 0.3 (reference as for P2, one setting); not with --quick
 
 CalculiX gets the same mesh, the same steps (it may cut them), the Hilber-Hughes-Taylor scheme and face-to-face penalty
-contact in several settings. First the decks are proven equal: with the interfaces bonded both codes march the same
+contact in several settings. First the decks are checked: with the interfaces bonded both codes march the same
 linear transient, and the displacements of all nodes at all instants must agree to the digits that CalculiX prints.
 
 CPU seconds of one thread from the scene, or the deck, to the end, assembly included; own kernels are compiled before.
 With --static also stacks of 4, 8 and 16 plates, pressed and then sheared, without inertia. With --flange only a bolted
 flange of ten parts on one mesh, and by the package on meshes that do not match (gmsh makes them; some minutes).
-Writes against_calculix.png. Without ccx it only says so.
+Writes against_calculix.png. Without ccx it prints a message only.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from pathlib import Path
 import calculix_flange
 import calculix_static
 import numpy as np
-from benchmark_answers import Answer, of_calculix, of_package, reference
 from benchmark_floor import Floor
+from benchmark_forces import ForceHistory, of_calculix, of_package, reference
 from benchmark_problems import Case, bars, crushing, tower
 from benchmark_timing import cpu, prepared
 from calculix_deck import Choices, Deck
@@ -67,17 +67,17 @@ def proof(case: Case, limit: float) -> tuple[float, Finished]:
     return worst / float(np.abs(fields).max()), there
 
 
-def lines(answers: Sequence[Answer], exact: Answer, floor: float) -> Iterator[str]:
+def lines(results: Sequence[ForceHistory], exact: ForceHistory, floor: float) -> Iterator[str]:
     """Table of one case."""
     yield (
         f"    {'':28} {'CPU s':>8} {'x floor':>8} {'x own':>7} {'impulse':>9} {'peak kN':>8} {'at us':>7} "
         f"{'apart us':>8} {'distance':>8}"
     )
-    for a in (exact, *answers):
+    for a in (exact, *results):
         spent = (
             f"{'':25}"
             if a is exact
-            else f"{a.seconds:8.3f} {a.seconds / floor:8.1f} {a.seconds / answers[0].seconds:7.1f}"
+            else f"{a.seconds:8.3f} {a.seconds / floor:8.1f} {a.seconds / results[0].seconds:7.1f}"
         )
         peak = int(a.force.argmax())
         yield (
@@ -88,8 +88,8 @@ def lines(answers: Sequence[Answer], exact: Answer, floor: float) -> Iterator[st
         )
 
 
-def compare(case: Case, limit: float) -> tuple[Answer, list[Answer]]:
-    """Prove the deck, run both codes, print; the reference and the answers."""
+def compare(case: Case, limit: float) -> tuple[ForceHistory, list[ForceHistory]]:
+    """Check the deck, run both codes, print; the reference and the results."""
     ready = prepared(case, {})
     floor = Floor(ready)
     floor.best()
@@ -100,13 +100,13 @@ def compare(case: Case, limit: float) -> tuple[Answer, list[Answer]]:
         f"{bonded.seconds:.3f} s ({bonded.seconds / linear:.0f} x); displacements differ by {difference:.1e}",
         flush=True,
     )
-    answers = [of_package(case, "latin_fmu")]
+    results = [of_package(case, "latin_fmu")]
     shown = SETTINGS if case.n_blocks == 2 else {"more damping": SETTINGS["more damping"]}
     for name, choices in shown.items():
-        answers.append(of_calculix(case, name, choices, limit))
+        results.append(of_calculix(case, name, choices, limit))
     exact = reference(case)
-    print("\n".join(lines(answers, exact, linear)), flush=True)
-    return exact, answers
+    print("\n".join(lines(results, exact, linear)), flush=True)
+    return exact, results
 
 
 def options(argv: Sequence[str] | None) -> Namespace:
@@ -122,18 +122,18 @@ def options(argv: Sequence[str] | None) -> Namespace:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare, print, draw."""
-    said = options(argv)
+    arguments = options(argv)
     if not installed():
         print(MISSING)
         return 0
-    if said.flange:
-        return calculix_flange.main(said.limit)
+    if arguments.flange:
+        return calculix_flange.main(arguments.limit)
     begin = clock.perf_counter()
-    cases = [bars((1, 1, 50), None), crushing(4, 0.3)] + ([] if said.quick else [tower(4, 4)])
-    found = {f"{c.case}, {c.n_blocks} blocks": compare(c, said.limit) for c in cases}
-    stacks = calculix_static.compare((4, 8, 16), said.limit) if said.static else ()
-    said.output.mkdir(parents=True, exist_ok=True)
-    save(figure(found, stacks), said.output, "against_calculix")
+    cases = [bars((1, 1, 50), None), crushing(4, 0.3)] + ([] if arguments.quick else [tower(4, 4)])
+    found = {f"{c.case}, {c.n_blocks} blocks": compare(c, arguments.limit) for c in cases}
+    stacks = calculix_static.compare((4, 8, 16), arguments.limit) if arguments.static else ()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    save(figure(found, stacks), arguments.output, "against_calculix")
     print(f"in {clock.perf_counter() - begin:.0f} s")
     return 0
 

@@ -9,7 +9,7 @@ CPU time of one thread, everything from the matrices on in the timed region, in 
   distance   of the normal resultants of all interfaces to the package's (other scheme, impulses between instants:
              a few per cent are the discretisation)
 
-Without Siconos it only says so.
+Without Siconos it prints a message only.
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ def options(argv: Sequence[str] | None) -> Namespace:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare and print."""
-    said = options(argv)
+    arguments = options(argv)
     if library() is None:
         print(MISSING)
         return 0
-    for case in cases(said.quick):
-        compare(case, said.rounds)
+    for case in cases(arguments.quick):
+        compare(case, arguments.rounds)
     return 0
 
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import NullLocator
 
 
 class Curve(Protocol):
-    """One code's answer."""
+    """One code's result."""
 
     name: str
     seconds: float
@@ -31,28 +31,28 @@ def figure(found: Mapping[str, tuple[Curve, Sequence[Curve]]], stacks: Stacks = 
     grid = drawing.subplots(2, count, height_ratios=(1.6, 1.0), squeeze=False)
     if stacks:
         statics(grid[0, -1], grid[1, -1], stacks)
-    names = dict.fromkeys(a.name for _, answers in found.values() for a in answers)
+    names = dict.fromkeys(a.name for _, results in found.values() for a in results)
     colour_of = dict(zip(names, (BLUE, ORANGE, VERMILION, GREEN), strict=False))
-    for column, (title, (exact, answers)) in enumerate(found.items()):
+    for column, (title, (exact, results)) in enumerate(found.items()):
         above, below = grid[:, column]
-        for order, answer in enumerate(answers):
+        for order, result in enumerate(results):
             curve = {
-                "color": colour_of[answer.name],
+                "color": colour_of[result.name],
                 "linewidth": 1.3,
                 "zorder": 3 - 0.1 * order,
             }  # the first one on top
-            above.plot(1e6 * answer.time, 1e-3 * answer.force, label=answer.name, **curve)
+            above.plot(1e6 * result.time, 1e-3 * result.force, label=result.name, **curve)
         above.plot(1e6 * exact.time, 1e-3 * exact.force, **{**EXACT, "label": "reference", "zorder": 4})
         above.set(title=f"{title} (reference: {exact.name})", xlabel="time (µs)", ylabel="normal contact force (kN)")
-        places = range(len(answers))
-        below.barh(places, [a.seconds for a in answers], color=[colour_of[a.name] for a in answers], height=0.6)
-        below.set_yticks(places, [a.name.replace(", ", ",\n") for a in answers])
+        places = range(len(results))
+        below.barh(places, [a.seconds for a in results], color=[colour_of[a.name] for a in results], height=0.6)
+        below.set_yticks(places, [a.name.replace(", ", ",\n") for a in results])
         below.invert_yaxis()
         below.set(xscale="log", xlabel="CPU time (s), one thread")
-        for place, answer in zip(places, answers, strict=True):
-            label = f" {answer.seconds / answers[0].seconds:.0f} x" if place else f" {answer.seconds:.2g} s"
-            below.annotate(label, (answer.seconds, place), va="center")
-        below.set_xlim(right=6.0 * max(a.seconds for a in answers))
+        for place, result in zip(places, results, strict=True):
+            label = f" {result.seconds / results[0].seconds:.0f} x" if place else f" {result.seconds:.2g} s"
+            below.annotate(label, (result.seconds, place), va="center")
+        below.set_xlim(right=6.0 * max(a.seconds for a in results))
         tidy(above)
         tidy(below)
     drawing.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)

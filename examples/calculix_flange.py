@@ -157,7 +157,7 @@ def case(mesh: Mesh, file: Path) -> Case:
 
 
 @dataclass(frozen=True)
-class Answer:
+class FlangeResult:
     """Last instant by one code: CPU seconds, force of the joint on the lower ring (3,), N, mean displacement of the
     upper rim (3,), m, displacements of all nodes (n_node, 3), m."""
 
@@ -166,7 +166,7 @@ class Answer:
     rim: Array
     moved: Array
 
-    def line(self, name: str, reference: Answer, applied: float) -> str:
+    def line(self, name: str, reference: FlangeResult, applied: float) -> str:
         """Row of the table; distances to a reference."""
         off = self.rim / reference.rim - 1.0
         balance = self.force[0] / applied - 1.0
@@ -176,7 +176,7 @@ class Answer:
         )
 
 
-def of_package(case: Case, solver: dict[str, Any]) -> Answer:
+def of_package(case: Case, solver: dict[str, Any]) -> FlangeResult:
     """This package, from the scene to the histories."""
     outcome: list[Outcome] = []
     scene = latin_fmu.scene_from_dict({**case.description, "solver": solver})
@@ -186,12 +186,12 @@ def of_package(case: Case, solver: dict[str, Any]) -> Answer:
         raise ValueError(last.status)
     fields = {n: h.displacement[-1] for n, h in last.substructures.items() if h.displacement is not None}
     face = discretise(scene).bodies["upper"].face("rim")
-    return Answer(
+    return FlangeResult(
         seconds, last.interfaces["joint"].force()[-1], mean(face, fields["upper"]), np.concatenate([*fields.values()])
     )
 
 
-def of_calculix(case: Case, choices: Choices, limit: float) -> Answer | None:
+def of_calculix(case: Case, choices: Choices, limit: float) -> FlangeResult | None:
     """CalculiX on the deck of the scene; None where it did not reach the end."""
     ready = prepared(case, {})
     deck = Deck(ready, replace(choices, displacements=True, last=True))
@@ -202,7 +202,7 @@ def of_calculix(case: Case, choices: Choices, limit: float) -> Answer | None:
     moved = {name: fields[-1][deck.node[name] - 1] for name in ready.bodies}
     force = there.printed.force["UPPER_JOINT", "LOWER_JOINT"][-1]
     rim = mean(ready.bodies["upper"].face("rim"), moved["upper"])
-    return Answer(there.seconds, -force, rim, np.concatenate([*moved.values()]))
+    return FlangeResult(there.seconds, -force, rim, np.concatenate([*moved.values()]))
 
 
 def mean(face: Face, moved: Array) -> Array:
@@ -217,30 +217,30 @@ def applied(case: Case) -> float:
     return SHEAR * float(face.areas.sum())
 
 
-def compare(limit: float) -> dict[str, Answer]:
-    """Print both tables; the answers by name."""
-    answers: dict[str, Answer] = {}
+def compare(limit: float) -> dict[str, FlangeResult]:
+    """Print both tables; the results by name."""
+    results: dict[str, FlangeResult] = {}
     with TemporaryDirectory() as folder:
         path = Path(folder)
         same = ONE.made(path / "same.msh")
         shear = applied(same)
         of_package(same, {})
         for name, solver in VARIANTS.items():
-            answers[name] = of_package(same, solver)
+            results[name] = of_package(same, solver)
         other = of_calculix(same, PENALTY, limit)
         if other is not None:
-            answers["CalculiX"] = other
-        reference = answers["CalculiX" if other is not None else next(iter(VARIANTS))]
+            results["CalculiX"] = other
+        reference = results["CalculiX" if other is not None else next(iter(VARIANTS))]
         nodes = len(reference.moved)
         print(f"flange, one mesh of {nodes} nodes, 4-node tetrahedra; distances to CalculiX", flush=True)
-        for name, answer in answers.items():
-            print(answer.line(name, reference, shear), flush=True)
+        for name, result in results.items():
+            print(result.line(name, reference, shear), flush=True)
         print("flange, 10-node tetrahedra; distances to the matching mesh", flush=True)
         for name, mesh in QUADRATIC.items():
             case = mesh.made(path / "quadratic.msh")
-            answers[name] = of_package(case, {})
-            print(answers[name].line(name, answers[next(iter(QUADRATIC))], applied(case)), flush=True)
-    return answers
+            results[name] = of_package(case, {})
+            print(results[name].line(name, results[next(iter(QUADRATIC))], applied(case)), flush=True)
+    return results
 
 
 def main(limit: float) -> int:

@@ -43,10 +43,10 @@ def iterations_to(errors: Sequence[float], level: float) -> float:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
+    arguments = options(argv, __doc__)
 
     # scene and solve
-    settings = COARSER if said.quick else ()
+    settings = COARSER if arguments.quick else ()
     curves = {a: {mu: indicator(mu, a, settings) for mu in FRICTION} for a in PANELS}
 
     # check
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     }
 
     # save
-    save(figure_of_convergence(curves), said.folder, "convergence_friction")
+    save(figure_of_convergence(curves), arguments.folder, "convergence_friction")
     return numbers
 
 

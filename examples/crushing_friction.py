@@ -95,10 +95,10 @@ def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[lis
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
+    arguments = options(argv, __doc__)
 
     # scene and solve: default settings, several coefficients; then the iterations of one of them
-    settings = COARSER if said.quick else ()
+    settings = COARSER if arguments.quick else ()
     found, passes = {}, []
     for friction in FRICTION:
         found[friction], solution = solve(friction, settings)
@@ -124,8 +124,8 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     }
 
     # save
-    save(figure_of_iterations(steps, indicator, reference), said.folder, "crushing_through_the_iterations")
-    save(figure_of_friction(found), said.folder, "crushing_friction")
+    save(figure_of_iterations(steps, indicator, reference), arguments.folder, "crushing_through_the_iterations")
+    save(figure_of_friction(found), arguments.folder, "crushing_friction")
     return numbers
 
 

@@ -77,8 +77,8 @@ def passing(across: int, along: int, level: float) -> float:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, extrapolate, write, and return the values with their errors."""
-    said = options(argv, __doc__)
-    plan = QUICK if said.quick else FULL
+    arguments = options(argv, __doc__)
+    plan = QUICK if arguments.quick else FULL
 
     # solve: the whole interval
     coarse, fine, finest = cube(plan.coarse, 2), cube(plan.fine, 2), cube(plan.fine, 4)
@@ -100,11 +100,11 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     errors[FIRST] = SAFETY * (0.5 * abs(along[1] - along[0]) + 0.5 * abs(wide)) / values[FIRST]
 
     # save
-    write(said.folder / FILE, values, errors, finest.forces["crush"])
+    write(arguments.folder / FILE, values, errors, finest.forces["crush"])
     early = {f"{few} x {few} x {n}": t for n, t in zip(sharp, along, strict=True)}
-    save(figure(plan, (coarse, fine, finest), early, values, errors), said.folder, "crushing_reference")
-    told = {q.rpartition(".")[2]: value for q, value in values.items()}
-    return told | {f"error_of_{q.rpartition('.')[2]}": error for q, error in errors.items()}
+    save(figure(plan, (coarse, fine, finest), early, values, errors), arguments.folder, "crushing_reference")
+    numbers = {q.rpartition(".")[2]: value for q, value in values.items()}
+    return numbers | {f"error_of_{q.rpartition('.')[2]}": error for q, error in errors.items()}
 
 
 def write(file: Path, values: dict[str, float], errors: dict[str, float], force: Force) -> None:

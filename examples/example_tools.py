@@ -24,7 +24,7 @@ EXACT = {"color": "black", "linewidth": 0.9, "linestyle": (0, (5, 2)), "label": 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line of an example says."""
+    """Options of the command line of an example."""
 
     quick: bool
     folder: Path

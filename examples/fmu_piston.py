@@ -122,8 +122,8 @@ def coupled(piston_fmu: Path, rod_fmu: Path, parts: int, rates: bool) -> tuple[A
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Run all, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
-    sizes = (4, 8) if said.quick else (1, 2, 4, 8)
+    arguments = options(argv, __doc__)
+    sizes = (4, 8) if arguments.quick else (1, 2, 4, 8)
     time, crown, blow = one_run()
     runs = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -173,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     errors.set_xticks(steps, [f"{step:g}" for step in steps])
     for axis in (forces, errors):
         tidy(axis)
-    print(f"figure: {save(figure, said.folder, 'piston')}")
+    print(f"figure: {save(figure, arguments.folder, 'piston')}")
     print(table(numbers))
     return numbers
 

@@ -122,16 +122,16 @@ def figure(runs: Sequence[RingDown], fits: Sequence[Array], errors: Sequence[Arr
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Hit, fit, draw; the numbers."""
-    said = options(argv, __doc__)
-    forces, step, end = ((1000.0,), 40e-6, 18e-3) if said.quick else ((10.0, 100.0, 1000.0), 10e-6, 30e-3)
+    arguments = options(argv, __doc__)
+    forces, step, end = ((1000.0,), 40e-6, 18e-3) if arguments.quick else ((10.0, 100.0, 1000.0), 10e-6, 30e-3)
     settings = [f"time.step={step}", f"time.end={end}", "output.energy=false", "output.interfaces_every=50"]
-    if said.quick:
+    if arguments.quick:
         settings += ["solver.tolerance=1e-5", "time.start.increments=1"]
     runs = ring_downs(latin_fmu.load_scene(SCENE, settings), forces)
     fits = [one.fits() for one in runs]
     errors = [np.zeros((len(f), 2)) for f in fits]
     numbers: dict[str, float] = {}
-    if not said.quick:
+    if not arguments.quick:
         coarse = ring_downs(latin_fmu.load_scene(SCENE, [*settings, f"time.step={2 * step}"]), forces)
         errors = [np.abs(f[:, 1:] - c.fits()[:, 1:]) for f, c in zip(fits, coarse, strict=True)]
         smooth = latin_fmu.load_scene(SCENE, [*settings, "interface.lap.friction_coefficient=0.0"])
@@ -146,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     if len(forces) > 1:
         low, high = (numbers[f"damping_{force:g}_N"] for force in (forces[0], forces[-1]))
         numbers["damping_ratio"], numbers["frequency_fall_Hz"] = high / low, fits[0][0, 1] - fits[-1][0, 1]
-    save(figure(runs, fits, errors), said.folder, "joint_damping")
+    save(figure(runs, fits, errors), arguments.folder, "joint_damping")
     print(table(numbers))
     return numbers
 

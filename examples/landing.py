@@ -32,16 +32,18 @@ QUICK_COURANT, QUICK_PHASES = (0.2, 1.0), (0.4,)
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
-    courants, phases = (QUICK_COURANT, QUICK_PHASES) if said.quick else (COURANT, PHASES)
-    elements = 20 if said.quick else 40
+    arguments = options(argv, __doc__)
+    courants, phases = (QUICK_COURANT, QUICK_PHASES) if arguments.quick else (COURANT, PHASES)
+    elements = 20 if arguments.quick else 40
 
     # scene and solve
     measured = {
         name: np.array([np.max([measure(elements, c, p, scheme) for p in phases], axis=0) for c in courants])
         for name, scheme in SCHEMES.items()
     }
-    shown = {name: landed(elements, courants[0] if said.quick else 0.1, 0.4, SCHEMES[name])[:2] for name in SCHEMES}
+    shown = {
+        name: landed(elements, courants[0] if arguments.quick else 0.1, 0.4, SCHEMES[name])[:2] for name in SCHEMES
+    }
 
     # check
     numbers = {
@@ -76,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     for axis in (force, peak, error, energy):
         tidy(axis)
     figure.legend(*peak.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-    save(figure, said.folder, "landing")
+    save(figure, arguments.folder, "landing")
     return numbers
 
 

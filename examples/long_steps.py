@@ -202,10 +202,10 @@ class Counts:
         """Line of the table."""
         i, n = self.iterations, self.newton_steps
         error = self.error[np.isfinite(self.error)]
-        told = f"{error.mean():8.1e} {error.max():8.1e}" if len(error) else f"{'':17s}"
+        errors = f"{error.mean():8.1e} {error.max():8.1e}" if len(error) else f"{'':17s}"
         return (
             f"{i.mean():6.1f} {i.max():4d} {n.mean():6.1f} {n.max():4d} {self.fallbacks:4d} {self.unconverged:4d} "
-            f"{told} {1e3 * self.seconds / len(i):9.2f}  {self.start}"
+            f"{errors} {1e3 * self.seconds / len(i):9.2f}  {self.start}"
         )
 
 
@@ -217,13 +217,13 @@ def tractions(histories: Mapping[str, InterfaceHistory]) -> np.ndarray:
 def errors(scene: latin_fmu.Scene) -> np.ndarray:
     """Error of the tractions at each instant: against the same instant from the same state solved to EXACT."""
     run, exact = SegmentedRun(scene), SegmentedRun(scene, tolerance=EXACT)
-    n, told = scene.time.n_step, []
+    n, relative = scene.time.n_step, []
     for instant in range(1, n + 1):
         state, end = run.snapshot(), instant * scene.time.end / n
         exact.restore(state)
         now, true = (tractions(r.advance(end, 1, accept=True).interfaces) for r in (run, exact))
-        told.append(np.linalg.norm(now - true) / max(float(np.linalg.norm(true)), np.finfo(float).tiny))
-    return np.array(told)
+        relative.append(np.linalg.norm(now - true) / max(float(np.linalg.norm(true)), np.finfo(float).tiny))
+    return np.array(relative)
 
 
 def solved(scene: Description, **solver: Any) -> latin_fmu.Solution:

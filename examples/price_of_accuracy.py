@@ -61,9 +61,10 @@ class Case:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Study, search, compare, and return the checked numbers."""
-    said = options(argv, __doc__)
-    models, targets, budget = (("impact_bar",), TARGETS[:1], 8.0) if said.quick else (QUANTITIES, TARGETS, 60.0)
-    print(f"{'':34}{'target':>8}{'true':>9}{'told':>9}{'CPU s':>9}{'own scheme':>12}{'ratio':>7}{'any':>9}{'ratio':>7}")
+    arguments = options(argv, __doc__)
+    models, targets, budget = (("impact_bar",), TARGETS[:1], 8.0) if arguments.quick else (QUANTITIES, TARGETS, 60.0)
+    head = f"{'':34}{'target':>8}{'true':>9}{'estimate':>9}{'CPU s':>9}"
+    print(f"{head}{'own scheme':>12}{'ratio':>7}{'any':>9}{'ratio':>7}")
     cases = []
     for model in models:
         scene = latin_fmu.load_scene(MODELS / model / "scene.toml", BARE)
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
             for target in targets:
                 cases.append(compared(model, found, quantity, target))
                 print(line(cases[-1]), flush=True)
-    save(figure(cases), said.folder, "price_of_accuracy")
+    save(figure(cases), arguments.folder, "price_of_accuracy")
     return numbers(cases)
 
 
@@ -110,9 +111,9 @@ def timed(work: Callable[[], Result]) -> tuple[Result, float]:
 
 def line(case: Case) -> str:
     """One row of the table."""
-    told = f"{100 * case.choice.error:.2g} %" if case.choice.reached else "refused"
+    estimated = f"{100 * case.choice.error:.2g} %" if case.choice.reached else "refused"
     text = f"{case.model + ' ' + case.quantity.split('.')[1]:34}{f'{100 * case.target:g} %':>8}"
-    text += f"{f'{100 * case.true:.2g} %':>9}{told:>9}{case.seconds:9.3g}{case.own:12.3g}"
+    text += f"{f'{100 * case.true:.2g} %':>9}{estimated:>9}{case.seconds:9.3g}{case.own:12.3g}"
     text += f"{case.seconds / case.own:7.1f}{case.best:9.3g}{case.seconds / case.best:7.1f}"
     return f"{text}  {case.best_name}"
 

@@ -1,7 +1,7 @@
 """What each effect costs when a scene calls for it, and when it is there but idle: CPU time, unknowns, memory.
 
 Two elastic blocks in frictionless contact, one pushed, are the base: what is off there is not allocated and not called.
-Every row adds one effect, idle (its answer is that of the base) and at work; rows of one base are measured in turns.
+Every row adds one effect, idle (its result is that of the base) and at work; rows of one base are measured in turns.
 A chain of eight blocks, of which the wave reaches three, shows what substructures at rest save. Writes one figure:
   price_of_effects.png  CPU time of the march relative to the base, idle and at work
 """
@@ -143,8 +143,8 @@ def megabytes(tables: Tables) -> float:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Measure, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
-    elements, instants, rounds = (3, 60, 1) if said.quick else (6, 200, ROUNDS)
+    arguments = options(argv, __doc__)
+    elements, instants, rounds = (3, 60, 1) if arguments.quick else (6, 200, ROUNDS)
 
     # scene: the base and one change at a time
     start = base(elements, instants)
@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         bodies, interface = unknowns(tables)
         print(
             f"{name:34}{1e3 * seconds[name]:10.2f}{seconds[name] / seconds['base']:10.2f}{bodies:10d}{interface:11d}"
-            f"{np.nan if said.quick else megabytes(tables):9.1f}"
+            f"{np.nan if arguments.quick else megabytes(tables):9.1f}"
         )
     numbers = {
         "open_contact_over_no_interface": seconds["contact (against none): idle"] / seconds["base, blocks apart"],
@@ -190,7 +190,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     }
 
     # save
-    save(figure(seconds), said.folder, "price_of_effects")
+    save(figure(seconds), arguments.folder, "price_of_effects")
     return numbers
 
 

@@ -13,7 +13,7 @@ floor, the linear transient of the bonded mesh, and prints the ratio of the CPU 
   iterations  mean number of times that a substructure is marched over an instant
   propagator  direct: every block has a factor of its own, identical or not; explicit: central differences, lumped
             mass, with as many steps as the others, or the fewest that are stable; reduced: vibration modes and
-            static answers, set-up not in the time (it is for repeated runs); with _batched identical blocks share
+            static responses, set-up not in the time (it is for repeated runs); with _batched identical blocks share
             operators and are marched together
 
 Writes price_of_friction.png, or with --json one list of objects to standard output and no figure.
@@ -142,24 +142,24 @@ def options(argv: Sequence[str] | None) -> Namespace:
 
 def main(argv: Sequence[str] | None = None) -> list[Row]:
     """Measure, print, draw; the rows."""
-    said = options(argv)
-    cases = quick_cases() if said.quick else all_cases(said.finest)
+    arguments = options(argv)
+    cases = quick_cases() if arguments.quick else all_cases(arguments.finest)
     rows: list[Row] = []
     for case in cases:
-        if said.only not in case.case:
+        if arguments.only not in case.case:
             continue
-        found, floors = measure(case, said.rounds)
+        found, floors = measure(case, arguments.rounds)
         rows += found
-        if not said.json:
+        if not arguments.json:
             print("\n".join(lines(case, found, floors)), flush=True)
-    if said.json:
+    if arguments.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return rows
-    if said.more:
-        for line in tables(said.quick):
+    if arguments.more:
+        for line in tables(arguments.quick):
             print(line, flush=True)
-    said.output.mkdir(parents=True, exist_ok=True)
-    save(figure([asdict(row) for row in rows]), said.output, "price_of_friction")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    save(figure([asdict(row) for row in rows]), arguments.output, "price_of_friction")
     return rows
 
 

@@ -26,11 +26,11 @@ FULL, SHORT = (2, 4, 8, 16), (2, 8)
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
+    arguments = options(argv, __doc__)
 
     # scene and solve
     bar = latin_fmu.solve(latin_fmu.load_scene(SCENE))
-    counts = SHORT if said.quick else FULL
+    counts = SHORT if arguments.quick else FULL
     flat = {n: iterations(n) for n in counts}
     with without_coarse():
         growing = {n: iterations(n) for n in counts}
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     draw_loop(loop, bar, force)
     draw_slip(slip, bar)
     draw_stack(stack, flat, growing)
-    save(figure, said.folder, "static_friction")
+    save(figure, arguments.folder, "static_friction")
     return numbers
 
 

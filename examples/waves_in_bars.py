@@ -88,10 +88,10 @@ class Recorder:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Solve, draw, and return the checked numbers."""
-    said = options(argv, __doc__)
+    arguments = options(argv, __doc__)
 
     # scene
-    scene = latin_fmu.load_scene(MODELS / "beam_in_traction" / "scene.toml", COARSER if said.quick else ())
+    scene = latin_fmu.load_scene(MODELS / "beam_in_traction" / "scene.toml", COARSER if arguments.quick else ())
     step = scene.time.time_step
     watcher = Recorder([round(t * TRANSIT / step) for t in BUILT_AT])
 
@@ -119,10 +119,10 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     }
 
     # save
-    save(figure_of_waves(found, exact), said.folder, "waves_in_bars")
+    save(figure_of_waves(found, exact), arguments.folder, "waves_in_bars")
     iterates = [joined(nodes, kept, np.array(BUILT_AT)) for kept in watcher.kept]
     errors = solution.windows[0].error_indicator
-    save(figure_of_iterations(iterates, errors, exact), said.folder, "waves_through_the_iterations")
+    save(figure_of_iterations(iterates, errors, exact), arguments.folder, "waves_through_the_iterations")
     return numbers
 
 
@@ -132,7 +132,7 @@ def joined(nodes: Mapping[str, Array], displacement: Mapping[str, Array | None],
     for number, name in enumerate(BARS):
         moved = displacement[name]
         if moved is None:
-            raise ValueError("the scene must ask for fields: output.fields = true")
+            raise ValueError("the scene must request fields: output.fields = true")
         x, stress = bar_stress(nodes[name], moved)
         places.append(x - nodes[name][:, 2].min() + number * LENGTH)
         stresses.append(1e-6 * stress)

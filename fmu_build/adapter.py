@@ -2,7 +2,7 @@
 
 They run inside the host and hand every call to an FMI instance of the solver or of a reduced model. A method returns a
 status of the FMI, the highest level of the messages of the call, plus ``PENDING`` where messages wait. Hosts
-instantiate an FMU only to look at it: loading and instantiation do little.
+also instantiate an FMU only to read its variables: loading and instantiation do little.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Adapter:
         return waiting
 
     def _status(self) -> int:
-        """Status of a call: the highest level of its messages; a warning is only told."""
+        """Status of a call: the highest level of its messages; a warning leaves it OK."""
         if not self._messages:
             return OK
         level = max(level for level, _ in self._messages)
@@ -122,7 +122,7 @@ class Adapter:
     # -- variables ------------------------------------------------------------------------------------------------
     def get_numbers(self, references: memoryview, values: memoryview) -> int:
         """Write numbers by value reference; elements of arrays in row-major order, the first one alone for a host that
-        reads one number per variable because it does not know arrays."""
+        reads one number per variable because it has no arrays."""
         numbers = self._array(references, "u4")
         read = self.fmi_instance.get(numbers)
         if values.nbytes == 8 * len(numbers) < 8 * len(read):
@@ -168,7 +168,7 @@ class Adapter:
 
     def _known(self, handle: int) -> bool:
         if handle not in self.states:
-            self._refused("the host gives a state that this FMU never gave, or that was freed")
+            self._refused("the host passes a state that this FMU never returned, or that was freed")
         return handle in self.states
 
     def set_state(self, handle: int) -> int:
@@ -195,7 +195,7 @@ class Adapter:
         if self._known(handle):
             block = self.fmi_instance.to_bytes(self.states[handle])
             if len(block) != target.nbytes:
-                return self._refused(f"the host gives {target.nbytes} bytes for a state of {len(block)} bytes")
+                return self._refused(f"the host provides {target.nbytes} bytes for a state of {len(block)} bytes")
             target[:] = block
         return self._status()
 
@@ -295,7 +295,7 @@ class ModelExchangeAdapter(Adapter):
         return OK
 
     def set_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Set variables by value reference; an input that is not finite is told, and stops the integrator as NaN."""
+        """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
         fixed = self.fmi_instance.variables.fixed
         status = super().set_numbers(references, values)
         return status & PENDING if fixed else status
@@ -343,7 +343,7 @@ class ModelExchangeAdapter(Adapter):
 
     def _write(self, target: memoryview, values: Any) -> int:
         self._array(target)[:] = values
-        return self._status() & PENDING  # NaN stops an integrator; some take no notice of a status in its callbacks
+        return self._status() & PENDING  # NaN stops an integrator; some ignore a status in its callbacks
 
 
 # -- checks at instantiation --------------------------------------------------------------------------------------
@@ -398,16 +398,16 @@ def check_contents(resources: Path, token: str) -> None:
     try:
         listed = Path(resources, DIGESTS).read_bytes()
     except OSError:
-        raise ValueError(f"the FMU is not whole: resources/{DIGESTS} cannot be read; extract it anew") from None
+        raise ValueError(f"the FMU is incomplete: resources/{DIGESTS} cannot be read; extract it again") from None
     if token.strip("{}") != token_of(listed):
-        raise ValueError("the model description and the resources belong to different FMUs: extract the FMU anew")
+        raise ValueError("the model description and the resources belong to different FMUs: extract the FMU again")
     for path, digest in json.loads(listed).items():
         try:
             content = Path(resources, path).read_bytes()
         except OSError:
             content = b""
         if hashlib.sha256(content).hexdigest() != digest:
-            raise ValueError(f"resources/{path} is missing or was changed: extract the FMU anew, or make it anew")
+            raise ValueError(f"resources/{path} is missing or was changed: extract the FMU again, or make it again")
 
 
 def token_of(listed: bytes) -> str:

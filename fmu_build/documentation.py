@@ -23,7 +23,7 @@ step of any length; it is cut into equal time steps no longer than <code>timeSte
 Saving and restoring the state (serialised or not) is exact to the last bit.</li>
 <li>A host that sets no rate sets <code>load.NAME.value</code> at the start of every step. The load then goes on as the
 straight line through its last two values (<code>inputInterpolation = 3</code>). It is held over the first step, which
-has no value before it, and over a step at whose start it leaves a value that was held over the step before: a jump. A
+has no value before it, and over a step that begins with a jump: a change of the value after two equal ones. A
 load with kinks or jumps at other places overshoots there by one step: hold it (0), or set rates. Once a rate other than
 0 was set, the rates of this load count.</li>
 <li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (a CSV file
@@ -36,11 +36,11 @@ of the time step, which solves nothing, or name a <code>resultsFile</code>: it h
 simulation is terminated right after initialization.</li>
 <li>A step that was not made where a shorter one or another input may help (no convergence, an input that is not
 finite, a changed input in prescribed mode) is <b>discarded</b>: the status is Discard, the simulation is not reported
-as terminated, a message in the log gives the reason, the state is as before. A host that goes on as if the step had
-been made gets an <b>error</b> at the next step; one that ends the simulation there, at termination.</li>
+as terminated, a message in the log gives the reason, the state is as before. If the host continues as if the step
+had been made, the next step is an <b>error</b>; if it ends the simulation there, so is the termination.</li>
 <li>A failure during initialization (a missing file, a parameter out of range, no convergence in prescribed mode) is an
-error of the function that ends the initialization, with a message in the log, whatever the host says of debug
-logging.</li>
+error of the function that ends the initialization, with a message in the log, whether or not the host
+enables debug logging.</li>
 <li>Saved states carry a digest of the scene, a version and a checksum. A state that is damaged, of another scene,
 or was freed is an error; the instance goes on from where it was.</li>
 <li>The stop time is not needed. The tolerance of the importer is a relative accuracy: the error of the iteration is a
@@ -51,8 +51,8 @@ instant, which can take longer than the solution itself.</li>
 <li>With <code>resultsFile</code> a netCDF file is written at termination; it holds accepted steps only. With
 <code>estimateError = 1</code> its group <code>accuracy</code> holds the estimated error of each quantity (impulse,
 contact instants, ...): the exchanged loads are run again with a coarser mesh and time step, which takes a fifth of the
-simulation time for solids, the whole of it for bars. Outputs have no estimate of their own: it needs the whole
-history.</li>
+simulation time for solids, the whole of it for bars. Single outputs have no estimate, because it needs the
+whole history.</li>
 <li>An interface that can open counts its contact events: <code>touches</code>, <code>separations</code>, and
 <code>slips</code> (all points in contact slip after one stuck). <code>lastTouch</code>, <code>lastSeparation</code> and
 <code>lastSlip</code> are the instants of the last ones, found inside the time step by a straight line through gap,
@@ -84,8 +84,8 @@ nothing; <code>LATIN_FMU_COMPILE=0</code> is for debugging: plain Python, thousa
 _COMPILED = """\
 <h2>What it is</h2>
 <p>The solver as machine code, with the factors and the state of the scene below in two files. It needs the C library of
-the system alone: no Python, no package, no compiler, no file outside of the folder it is extracted to. It gives the
-numbers that the program it was made by gives, to round-off.</p>
+the system alone: no Python, no package, no compiler, no file outside of the folder it is extracted to. Its results
+equal those of the program that made it, to round-off.</p>
 <h2>Use</h2>
 <ul>
 <li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make
@@ -101,8 +101,8 @@ back at any communication step.</li>
 other factors, which are computed when an FMU is made. The tolerance of the importer has no effect, and a warning says
 so.</li>
 <li>A step that was not made where another one or another input may help is <b>discarded</b>: the status is Discard, the
-simulation is not reported as terminated, a message gives the reason, the state is as before. A host that goes on as if
-the step had been made gets an <b>error</b> at the next step; one that ends the simulation there, at termination.</li>
+simulation is not reported as terminated, a message gives the reason, the state is as before. If the host continues as
+if the step had been made, the next step is an <b>error</b>; if it ends the simulation, so is the termination.</li>
 <li>A failure during initialization (a parameter out of range, no convergence in prescribed mode) is an error of the
 function that ends the initialization.</li>
 <li>Saved states carry a digest of the FMU and a checksum. A state that is damaged, of another FMU, or was freed is an
@@ -114,8 +114,8 @@ own.</li>
 <ul>
 <li>Results files, error estimates, directional derivatives, and steps that end early after a contact event: use the
 FMU made without <code>--compiled</code>, or the program itself.</li>
-<li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program has further ways
-to end it.</li>
+<li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program that made the FMU
+has fall-backs for it.</li>
 <li>Run on a processor without AVX2 and FMA: instantiation fails with a message.</li>
 </ul>
 <p>Run on Linux, x86-64. The library for Windows (x86-64) is compiled and linked from the same source.</p>
@@ -135,7 +135,7 @@ shortening of the two bodies. Friction is Coulomb's, but sticking patches creep 
 <code>slidingVelocity</code>.</li>
 <li>Patches open, close, stick and slip at state events; the time laws of the scene jump at time events.</li>
 </ul>
-<h2>What to expect of it</h2>
+<h2>Accuracy</h2>
 <p>Impulses, momentum, and the times of contact and separation agree with the full model within a few per cent.
 Fronts of waves, pressures at points, and what happens after many bounces do not: modes above the last one are
 missing. Compare two numbers of modes before using a detail. (Patches were fine enough for the loads: with contacts

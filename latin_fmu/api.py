@@ -40,7 +40,7 @@ from .scene.schema import Scene
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 _STREAMED: Final = (
     "long run: the results file holds all histories of the interfaces; forces, impulses, contact times and estimates "
-    "told here follow from every {}th instant"
+    "shown here follow from every {}th instant"
 )
 
 
@@ -91,7 +91,7 @@ Observer = Callable[[Iteration], None]
 
 
 class ProgressSink(Protocol):
-    """Where progress goes."""
+    """Receiver of the progress of a run."""
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
@@ -184,7 +184,7 @@ def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
 
     Raises
     ------
-    InputError : names what of the scene takes one process.
+    InputError : names the settings that need a single process.
     """
     solver, n = discretised.scene.solver, len(discretised.bodies)
     problems = Problems()
@@ -194,7 +194,7 @@ def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
         what = "threads and processes cannot be combined"
         problems.add("solver.threads", what, str(solver.threads), "1", "start more processes instead")
     if solver.skip_at_rest == "tolerance":
-        what = "substructures at rest are found class by class, and the processes divide classes"
+        what = "substructures of a class are skipped at rest together, but are distributed over processes"
         problems.add("solver.skip_at_rest", what, "tolerance", "off, exact, round_off")
     if chosen_propagators(discretised.scene, discretised.classes)[0].kind == "cg":
         what, remedy = "conjugate gradients run in one process", "choose another propagator, or use fewer unknowns"
@@ -335,7 +335,7 @@ def check(scene: Scene) -> list[str]:
     lines.append(f"  {memory_line(prediction, stream=True)}")
     warnings = (*size_remarks(discretised.bodies), *problem.warnings)
     lines += [f"warning: {w}" for w in warnings]
-    return [*lines, "the scene can be solved" + (", mind the warnings" if warnings else "")]
+    return [*lines, "the scene can be solved" + (", with the warnings above" if warnings else "")]
 
 
 def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:

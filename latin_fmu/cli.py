@@ -64,10 +64,10 @@ examples:
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,
-            3 the solver cannot continue, 4 an output could not be written where wanted (stderr tells where it is),
+            3 the solver cannot continue, 4 an output could not be written where wanted (stderr has its place),
             5 the memory does not suffice, 130 interrupted, 143 terminated
 """
-_LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` tells what a scene needs"
+_LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` prints the memory that a scene needs"
 
 _NO_MEMORY = ("cannot allocate memory", "failed to map segment")  # of the system, and of its loader of libraries
 _LIBRARIES = 320_000_000  # bytes of address space
@@ -135,7 +135,7 @@ def _check_paths(arguments: argparse.Namespace) -> None:
     except OSError as error:
         what = f"cannot be used: {error.strerror or error}"
         raise InputError.of(
-            "bad surroundings", "current folder", what, remedy="change to a folder that is there"
+            "bad surroundings", "current folder", what, remedy="change to a folder that exists"
         ) from None
     output: Path | None = getattr(arguments, "output", None)
     if output is None or not output.is_file():

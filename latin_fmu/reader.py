@@ -200,7 +200,7 @@ def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: 
 
 
 def _substructure(part: str, group: str | None, table: MeshParts, own: Any, problems: list[Problem]) -> Any:
-    """The table of a part: material and mesh of the file, then what [substructure.PART] says."""
+    """The table of a part: material and mesh of the file, then the keys of [substructure.PART]."""
     mesh: dict[str, Any] = {"file": table.file, "scale": table.scale, "refine": table.refine}
     if group is not None:
         mesh["group"] = group
@@ -208,7 +208,7 @@ def _substructure(part: str, group: str | None, table: MeshParts, own: Any, prob
     if own is None:
         return {**default, "mesh": mesh}
     if not isinstance(own, Mapping):
-        return own  # the check of the fields says what it must be
+        return own  # reported by the check of the fields
     for key in ("box", "mesh"):
         if given(own, key):
             what = "the mesh of this part comes from a file with several parts"
@@ -333,7 +333,7 @@ def _at_instant(
         values: Any = np.ma.filled(np.ma.asarray(stored[kind][i], dtype=float), np.nan)
         if not np.isfinite(values).all():
             what = f"the {kind} of {name} holds values that are not finite numbers at this instant"
-            remedy = "choose an instant before the run broke off"
+            remedy = "choose an earlier instant, at which all values are finite"
             problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", remedy=remedy))
             return None
         field = {"file": table.file, "time": table.time, "points": points.tolist(), "values": values.tolist()}

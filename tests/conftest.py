@@ -1,4 +1,4 @@
-"""What every test run tells about the house itself."""
+"""Header of every test run: totals of the sources."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def pytest_report_header(config: pytest.Config) -> str:
-    """Totals of the sources, for whoever watches them grow; limits that do not age stand in test_architecture."""
+    """Totals of the sources, printed and not limited; the limits are those of test_architecture."""
     del config
     lines = [
         len(path.read_text(encoding="utf-8").splitlines())

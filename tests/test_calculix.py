@@ -238,14 +238,14 @@ def test_static_contact_with_friction_is_the_limit_of_penalties(modules: dict[st
 @pytest.mark.slow
 def test_contact_force_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
     """Unilateral contact with friction against another code: crushing, coarse, within the penalty's penetration."""
-    answers = importlib.import_module("benchmark_answers")
+    forces = importlib.import_module("benchmark_forces")
     if not modules["calculix_run"].installed():
         pytest.skip(modules["calculix_run"].MISSING)
     case = modules["benchmark_problems"].crushing(3, 0.3)
     case.description["time"] = {"end": 120 * 0.15e-6, "instants": 120}
     choices = modules["calculix_deck"].Choices(stiffness=50.0, alpha=-0.3)
-    there = answers.of_calculix(case, "contact", choices, 200.0)
-    here = answers.of_package(case, "here")
+    there = forces.of_calculix(case, "contact", choices, 200.0)
+    here = forces.of_package(case, "here")
     assert there.complete
     assert here.distance(there) < 0.02
     assert here.separation == pytest.approx(there.separation, abs=2 * 0.15e-6)
@@ -274,9 +274,9 @@ def test_says_when_there_is_no_calculix(
 
 @pytest.mark.usefixtures("modules")
 def test_figure_has_a_column_for_each_case(tmp_path: Path) -> None:
-    answer = importlib.import_module("benchmark_answers").Answer
+    history = importlib.import_module("benchmark_forces").ForceHistory
     time = np.linspace(0.0, 1e-5, 20)
-    made = [answer(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))]
+    made = [history(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))]
     drawing = importlib.import_module("calculix_figure").figure(
         {"P1": (made[0], made), "P2": (made[0], made)},
         [(n, dict.fromkeys(("own", "shared", "other"), (0.1 * n, 1e-3))) for n in (4, 8)],

@@ -61,16 +61,16 @@ def assert_equal(first: Path, second: Path) -> None:
 
 
 class Stopping(Checkpoint):
-    """Stops a run at the first look from an instant on."""
+    """Stops a run at the first check from an instant on."""
 
     def __init__(self, path: Path, at: int, **options: Any) -> None:
         super().__init__(path, stop=lambda: self.seen >= at, log=lambda _: None, **options)
         self.seen, self.written = 0, [0]
 
-    def look(self, run: Any) -> bool:
+    def check(self, run: Any) -> bool:
         self.seen = run.assembly.instant
         before = self._last
-        stopped = super().look(run)
+        stopped = super().check(run)
         if self._last != before:
             self.written.append(self._last)
         return stopped
@@ -158,9 +158,9 @@ def test_a_damaged_checkpoint(scene: Path) -> None:
             at = draw.randrange(len(whole))
             for damaged in (whole[:at], whole[:at] + bytes([whole[at] ^ (1 << draw.randrange(8))]) + whole[at + 1 :]):
                 path.write_bytes(damaged)
-                told = refused(scene)
-                assert "cannot be used" in told, (path, at)
-                assert path.name in told
+                message = refused(scene)
+                assert "cannot be used" in message, (path, at)
+                assert path.name in message
         path.write_bytes(whole)
     Path("c.histories").write_bytes(Path("c.histories").read_bytes() + b"a part that was being written")
     assert solve(load_scene(scene), checkpoint=Checkpoint("c", resume=True, log=lambda _: None)).complete
@@ -179,19 +179,19 @@ def test_a_checkpoint_that_cannot_be_written_stops_nothing(scene: Path, monkeypa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module.os, "fsync", full)
-    told: list[str] = []
-    assert solve(load_scene(scene), checkpoint=Checkpoint("c", every=1, log=told.append)).complete
-    assert told == ["the checkpoint could not be written, the run goes on: [Errno 28] No space left on device"]
+    lines: list[str] = []
+    assert solve(load_scene(scene), checkpoint=Checkpoint("c", every=1, log=lines.append)).complete
+    assert lines == ["the checkpoint could not be written, the run goes on: [Errno 28] No space left on device"]
 
 
 def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:
     first = Checkpoint("c", every=5)
 
     class Second(Checkpoint):
-        def look(self, run: Any) -> bool:
+        def check(self, run: Any) -> bool:
             with pytest.raises(InputError, match="another run writes its checkpoint here"):
                 solve(load_scene(scene), checkpoint=first)
-            return super().look(run)
+            return super().check(run)
 
     assert solve(load_scene(scene, ["time.instants=3"]), checkpoint=Second("c", every=2)).complete
 

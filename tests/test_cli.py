@@ -220,7 +220,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 )
 @pytest.mark.parametrize("window", ["1", "'whole'"])
 def test_a_run_that_stops_early_is_written_and_can_be_plotted(tmp_path, capsys, setting, window):
-    """Exit code 1, the sentence says where it stopped, the file holds what was accepted."""
+    """Exit code 1, the message names where it stopped, the file holds what was accepted."""
     scene = str(MODELS / "two_specimen_crushing" / "scene.toml")
     out = tmp_path / "out.nc"
     code = main(

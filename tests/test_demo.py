@@ -1,4 +1,4 @@
-"""Models that come with the package: listed with their sizes, copied whole or not at all, run as the text says."""
+"""Models that come with the package: listed with their sizes, copied whole or not at all, run as printed."""
 
 from __future__ import annotations
 

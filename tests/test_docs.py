@@ -1,6 +1,6 @@
 """README.md and the pages in docs/: their code runs, what they name exists, the written pages are up to date.
 
-A comment before a block of code says how it is run:
+A comment before a block of code defines how it is run:
 
 <!-- file: NAME -->       its text is written to a file; <!-- added to: NAME --> adds it to one
 <!-- slow -->             it takes more than a few seconds, or needs what a slow block makes
@@ -46,7 +46,7 @@ INSTALLATION = ("python3 -m venv", "pip install", ". activate")
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code of a page: line, language, what the comment before it says, text."""
+    """A block of code of a page: line, language, options in the comment before it, text."""
 
     line: int
     language: str

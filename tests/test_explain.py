@@ -49,7 +49,7 @@ def tables() -> dict[str, Any]:
     return column({"a": block, "b": block}, {"meet": {}}, {"end": 1e-5, "instants": 20}, load=load)
 
 
-def told(scene: dict[str, Any]) -> Explanation:
+def explained(scene: dict[str, Any]) -> Explanation:
     return explain(scene_from_dict(copy.deepcopy(scene)))
 
 
@@ -61,7 +61,7 @@ BASE = {"inertia", "elastic bodies", "surface loads", "unilateral contact"}
 
 
 def test_a_plain_scene_has_four_effects_and_every_effect_is_told() -> None:
-    explanation = told(tables())
+    explanation = explained(tables())
     assert on(explanation) == BASE
     assert {e.name for e in explanation.effects} == NAMES
     assert len(EFFECTS) == len(NAMES)
@@ -101,7 +101,7 @@ def test_one_key_switches_one_effect(path: str, value: Any, effect: str) -> None
     for holder in holders:
         table = table.setdefault(holder, {})
     table[key] = value
-    explanation = told(scene)
+    explanation = explained(scene)
     assert on(explanation) == BASE | {effect}
     shown = next(e for e in explanation.effects if e.name == effect)
     assert any(path.startswith(why) or why.startswith(path) for why in shown.why)
@@ -110,16 +110,16 @@ def test_one_key_switches_one_effect(path: str, value: Any, effect: str) -> None
 def test_behaviours_are_told_apart() -> None:
     scene = tables()
     scene["interface"]["meet"]["behaviour"] = "perfect"
-    assert on(told(scene)) == BASE - {"unilateral contact"} | {"perfect bond"}
-    assert "at once" in told(scene).choices["window"]
-    assert told(scene).prediction["iterations_per_instant"] == 1.0
+    assert on(explained(scene)) == BASE - {"unilateral contact"} | {"perfect bond"}
+    assert "at once" in explained(scene).choices["window"]
+    assert explained(scene).prediction["iterations_per_instant"] == 1.0
     scene["solver"] = {"bonds": "iterate"}
-    assert "at once" not in told(scene).choices["window"]
+    assert "at once" not in explained(scene).choices["window"]
     scene["interface"]["meet"] |= {"behaviour": "elastic_layer", "normal_stiffness": 1e12, "tangential_stiffness": 0.0}
-    assert on(told(scene)) == BASE - {"unilateral contact"} | {"layers and joints"}
+    assert on(explained(scene)) == BASE - {"unilateral contact"} | {"layers and joints"}
     del scene["interface"]
-    assert on(told(scene)) == BASE - {"unilateral contact"}
-    assert "no interface" in told(scene).choices["window"]
+    assert on(explained(scene)) == BASE - {"unilateral contact"}
+    assert "no interface" in explained(scene).choices["window"]
 
 
 @pytest.mark.parametrize("model", ["two_specimen_crushing", "beam_in_traction", "shear_interface"])
@@ -140,8 +140,8 @@ def test_sizes_are_those_of_the_built_scene(model: str) -> None:
 def test_friction_counts_two_thirds_of_the_unknowns() -> None:
     scene = tables()
     scene["interface"]["meet"]["friction_coefficient"] = 0.2
-    with_friction = {e.name: e for e in told(scene).effects}
-    without = {e.name: e for e in told(tables()).effects}
+    with_friction = {e.name: e for e in explained(scene).effects}
+    without = {e.name: e for e in explained(tables()).effects}
     assert with_friction["friction"].unknowns == 2 * with_friction["unilateral contact"].unknowns
     assert without["unilateral contact"].unknowns == with_friction["unilateral contact"].unknowns
     assert without["friction"].unknowns == 0
@@ -158,14 +158,14 @@ def test_friction_counts_two_thirds_of_the_unknowns() -> None:
     ],
 )
 def test_the_cost_of_an_effect_is_the_difference_to_the_scene_without(path: str, value: Any, effect: str) -> None:
-    """What explain tells of one scene is what the predictions of two scenes differ by."""
+    """The cost of an effect that explain gives for one scene is the difference of the predictions of two scenes."""
     plain, scene = tables(), tables()
     *holders, key = path.split(".")
     table: Any = scene
     for holder in holders:
         table = table.setdefault(holder, {})
     table[key] = value
-    with_it, without = told(scene), told(plain)
+    with_it, without = explained(scene), explained(plain)
     cost = next(e.cost for e in with_it.effects if e.name == effect)
     difference = with_it.prediction["cpu_seconds_instant"] - without.prediction["cpu_seconds_instant"]
     assert cost > 0
@@ -175,7 +175,7 @@ def test_the_cost_of_an_effect_is_the_difference_to_the_scene_without(path: str,
 
 # -- suggestions --------------------------------------------------------------------------------------------------
 def suggested(scene: dict[str, Any], word: str) -> bool:
-    return any(word in s.what for s in told(scene).suggestions)
+    return any(word in s.what for s in explained(scene).suggestions)
 
 
 def test_tiny_friction_is_noticed() -> None:
@@ -202,7 +202,7 @@ def test_factors_in_single_precision_are_suggested_for_large_parts() -> None:
     scene["substructure"]["a"]["box"] |= {"elements": [13, 13, 13]}
     scene["time"]["instants"] = 5000
     scene.setdefault("solver", {})["propagator"] = "direct"
-    found = [s for s in told(scene).suggestions if s.settings == ("solver.precision=float32",)]
+    found = [s for s in explained(scene).suggestions if s.settings == ("solver.precision=float32",)]
     assert len(found) == 1
     assert "single precision" in found[0].what
     assert "balance to 1e-6" in found[0].loss

@@ -145,7 +145,7 @@ def test_signatures_have_the_arguments_of_their_functions():
 
 @pytest.fixture
 def misses(monkeypatch) -> list[str]:
-    """Kernels that numba is asked for."""
+    """Kernels that numba compiles."""
     missed: list[str] = []
 
     def refuse(function: Callable[..., Any]) -> Any:
@@ -484,7 +484,7 @@ print(*project.dispatcher.stats.cache_misses.values())
 
 
 def compiled_by_numba(store: Path) -> tuple[str, str]:
-    """Compilations of a kernel with a callee in a process without the library, and what it says."""
+    """Compilations of a kernel with a callee in a process without the library, and its output."""
     environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "LATIN_FMU_CACHE": str(store), "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", ONE_KERNEL]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -494,7 +494,7 @@ def compiled_by_numba(store: Path) -> tuple[str, str]:
 
 @pytest.fixture(scope="module")
 def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[str, str]]:
-    """A store in which a process has kept what numba compiled, and what that process says."""
+    """A store in which a process has kept what numba compiled, and the output of that process."""
     store = tmp_path_factory.mktemp("compiled") / "store"
     return store, compiled_by_numba(store)
 

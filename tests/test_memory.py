@@ -105,13 +105,13 @@ def test_what_does_not_fit_is_refused_with_settings_that_do(settings, fits, tmp_
     given = [word for setting in settings for word in ("--set", setting)]
     for command in ("check", "run"):
         assert main([command, str(tmp_path / "scene.toml"), *given]) == 2
-        told = capsys.readouterr().err
-        assert "memory: the run needs more memory than it may take (value: about " in told
-        assert "allowed: 400 MB (a test)" in told
-    assert ("it fits with" in told) == fits
-    assert fits or "fewer instants" in told
+        message = capsys.readouterr().err
+        assert "memory: the run needs more memory than it may take (value: about " in message
+        assert "allowed: 400 MB (a test)" in message
+    assert ("it fits with" in message) == fits
+    assert fits or "fewer instants" in message
     if fits:
-        pairs = re.findall(r"(output\.\w+) = (\w+)", told.split("it fits with")[1])
+        pairs = re.findall(r"(output\.\w+) = (\w+)", message.split("it fits with")[1])
         changed = [word for key, value in pairs for word in ("--set", f"{key}={value}")]
         assert main(["check", str(tmp_path / "scene.toml"), *given, *changed]) == 0
         assert "memory: about " in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The benchmark runs, says what it should, and its floor is the linear transient."""
+"""The benchmark runs, prints its table, and its floor is the linear transient."""
 
 from __future__ import annotations
 

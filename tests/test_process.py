@@ -186,12 +186,12 @@ def test_places_that_are_no_file(place: Path) -> None:
     (place / "gone").mkdir()
     done = shell(place, "cd gone; rmdir ../gone; latin-fmu run ../scene.toml")
     assert done.returncode == 2
-    assert "current folder: cannot be used: No such file or directory; change to a folder that is there" in done.stderr
+    assert "current folder: cannot be used: No such file or directory; change to a folder that exists" in done.stderr
     assert [path.name for path in place.iterdir()] == ["scene.toml"]
 
 
 def test_files_that_may_not_grow(place: Path) -> None:
-    """Checkpoints that cannot be written cost nothing; results that cannot be are told."""
+    """Checkpoints that cannot be written cost nothing; results that cannot be written are reported."""
     settings = "--set solver.window=1 --checkpoint 5"
     done = shell(place, f"ulimit -f 4; latin-fmu run scene.toml -o a.nc {settings}")
     assert done.returncode == 4, done.stderr

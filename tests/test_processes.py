@@ -241,25 +241,25 @@ def test_a_process_that_fails_ends_all(place: Path) -> None:
 REFUSED = {
     ("--set", "interface.i0.friction_coefficient=-1"): "interface.i0.friction_coefficient",
     ("--set", "solver.threads=2"): "solver.threads: threads and processes cannot be combined",
-    ("--set", "solver.skip_at_rest=tolerance"): "solver.skip_at_rest: substructures at rest",
+    ("--set", "solver.skip_at_rest=tolerance"): "solver.skip_at_rest: substructures of a class are skipped at rest",
     ("--checkpoint", "10"): "--checkpoint: takes one process; run it without mpiexec",
     ("-o", "nowhere/out.nc"): "the folder does not exist",
 }
 
 
 @started
-def test_what_cannot_be_done_is_told_once(place: Path) -> None:
-    """By process 0, and the run after it begins anew."""
+def test_what_cannot_be_done_is_reported_once(place: Path) -> None:
+    """By process 0, and the run after it starts again."""
     words = [("run", "scene.toml", "--quiet", *options) for options in REFUSED]
-    done = mpiexec(place, 2, *words, ("run", "scene.toml", "-o", "told.nc"))
+    done = mpiexec(place, 2, *words, ("run", "scene.toml", "-o", "estimated.nc"))
     assert done.stderr.count(str([*[2] * len(REFUSED), 0])) == 2, done.stderr
     for text in REFUSED.values():
         assert done.stderr.count(text) == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout.count("row: converged") == 1
-    assert done.stdout.count("results: told.nc") == 1
+    assert done.stdout.count("results: estimated.nc") == 1
     mpiexec(place, 1, ("run", "scene.toml", "--quiet", "-o", "alone.nc"))
-    errors = [open_results(place / name)["accuracy"]["relative_error"].values for name in ("told.nc", "alone.nc")]
+    errors = [open_results(place / name)["accuracy"]["relative_error"].values for name in ("estimated.nc", "alone.nc")]
     np.testing.assert_allclose(errors[0], errors[1], rtol=1e-6)
 
 

@@ -34,17 +34,17 @@ def shortened(path: Path) -> list[str]:
 
 
 class Sink:
-    """Where progress goes; ``told`` how often."""
+    """Receiver of the progress; ``updates`` : number of its calls."""
 
     def __init__(self) -> None:
-        self.told = 0
+        self.updates = 0
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """Count."""
         assert 0 <= done < total
         assert iteration > 0
         assert error >= 0.0
-        self.told += 1
+        self.updates += 1
 
 
 def solved(path: Path, settings: list[str], way: str, folder: Path) -> Any:
@@ -66,7 +66,7 @@ def solved(path: Path, settings: list[str], way: str, folder: Path) -> Any:
     sink = Sink() if way == "progress" else None
     solution = latin_fmu.solve(scene, look if way in ("observer", "trials") else None, sink)
     assert bool(seen) == (way in ("observer", "trials"))
-    assert sink is None or sink.told
+    assert sink is None or sink.updates
     if way == "results":
         solution.save(folder / "out.nc")
     return solution.outcome

@@ -1,4 +1,4 @@
-"""The rival that keeps its operators: its contact law, and its answer on the same matrices."""
+"""Another method with constant operators: its contact law, and its result on the same matrices."""
 
 from __future__ import annotations
 

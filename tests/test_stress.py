@@ -10,13 +10,13 @@ from latin_fmu import stability
 from latin_fmu.cli import main
 from latin_fmu.stability import CASES, Case, Measure, report, run_case
 
-KEYS = {"case", "asked", "measured", "passed", "iterations", "fallbacks", "seconds"}
+KEYS = {"case", "expected", "measured", "passed", "iterations", "fallbacks", "seconds"}
 
 
 @pytest.fixture
 def few(monkeypatch):
     """Three quick cases instead of all of them."""
-    names = ("bars that overlap", "at rest in touch, no load", "bars, gap 0.001 L")
+    names = ("bars that overlap", "in contact at rest, no load", "bars, gap 0.001 L")
     chosen = tuple(c for c in CASES if c.name in names)
     assert len(chosen) == 3
     monkeypatch.setattr(stability, "CASES", chosen)

@@ -1,4 +1,4 @@
-"""The library of an FMU: the C functions of FMI 2.0 and 3.0, each a call of a method in the Python of the host.
+"""Compile and find the library of an FMU: C functions of FMI 2.0 and 3.0 that call methods in the Python of the host.
 
 ``bridge.h`` declares one instance, ``python.c`` finds the interpreter of the process or starts one, ``fmi2.c`` and
 ``fmi3.c`` are the functions, ``common.c`` and these two serve compiled FMUs too.
@@ -61,7 +61,7 @@ def libraries() -> dict[str, Path]:
 
     Raises
     ------
-    ModuleNotFoundError : none is there and no compiler either; it says how to get one.
+    ModuleNotFoundError : there is neither a library nor a compiler; the message names a package with one.
     """
     there = {}
     for name in PLATFORMS:

@@ -35,7 +35,7 @@ from .resolution import (
     mesh_files,
     with_tolerance,
 )
-from .runs import Run, RunTimeFit, Tell, as_run, cost_exponent, memory_at, message_of
+from .runs import Log, Run, RunTimeFit, as_run, cost_exponent, memory_at, message_of
 
 COURANT: Final = 0.75
 """Target of the Courant number c_p dt / h: with the same mesh, a step twice as short gains nothing (impulse of the
@@ -60,12 +60,12 @@ class RefinementSequence:
 
     Attributes
     ----------
-    scene : in short windows, with the tolerance to use. tell : called with a line of text after each run.
+    scene : in short windows, with the tolerance to use. log : called with a line of text after each run.
     seconds : CPU seconds of all runs. solution : of the last run ``with_output``.
     """
 
     scene: Scene
-    tell: Tell
+    log: Log
     seconds: float = 0.0
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
@@ -143,7 +143,7 @@ class RefinementSequence:
         run = as_run(self.scene, solution, resolution, clock.process_time() - start)
         self.seconds += run.cpu
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
-        self.tell(label if run.converged else f"{label}: {run.status}")
+        self.log(label if run.converged else f"{label}: {run.status}")
         return run, solution
 
     @property
@@ -186,7 +186,7 @@ class RefinementSequence:
         try:
             run = self.run(at)
         except LatinError as error:
-            self.tell(f"no coarser run: {message_of(error)}")
+            self.log(f"no coarser run: {message_of(error)}")
             return None
         return run if run.converged else None
 
@@ -244,7 +244,7 @@ class Choice:
         }
 
 
-def choose(scene: Scene, target: float, limit: float, tell: Callable[[str], None]) -> Choice:
+def choose(scene: Scene, target: float, limit: float, log: Callable[[str], None]) -> Choice:
     """Mesh, time step and tolerance for a relative error ``target`` of ``scene.accuracy.quantity``.
 
     A coarse run and one twice as fine (a sixth and a third of the scene's resolution) give an estimated error, and its
@@ -256,7 +256,7 @@ def choose(scene: Scene, target: float, limit: float, tell: Callable[[str], None
 
     Parameters
     ----------
-    limit : CPU seconds of one run. tell : called with lines of text about runs, predicted and used time.
+    limit : CPU seconds of one run. log : called with lines of text about runs, predicted and used time.
 
     Raises
     ------
@@ -266,14 +266,14 @@ def choose(scene: Scene, target: float, limit: float, tell: Callable[[str], None
     tolerance = min(max(tolerance_for(target, iteration), _TIGHTEST), _LOOSEST)
     lean = in_short_windows(scene)
     lean = lean.model_copy(update={"solver": with_tolerance(lean, tolerance)})
-    return _Search(scene, RefinementSequence(lean, tell), target, limit, tell).run()
+    return _Search(scene, RefinementSequence(lean, log), target, limit, log).run()
 
 
 class _Search:
     """The search for the factor; ``estimates`` holds the largest estimated error of the target quantities by factor."""
 
-    def __init__(self, scene: Scene, sequence: RefinementSequence, target: float, limit: float, tell: Tell) -> None:
-        self.scene, self.sequence, self.target, self.limit, self.tell = scene, sequence, target, limit, tell
+    def __init__(self, scene: Scene, sequence: RefinementSequence, target: float, limit: float, log: Log) -> None:
+        self.scene, self.sequence, self.target, self.limit, self.log = scene, sequence, target, limit, log
         self.estimates: dict[float, QuantityEstimate] = {}
 
     def run(self) -> Choice:
@@ -339,18 +339,19 @@ class _Search:
                     break
             lasting = max(_lasting_error(q, self.sequence.scene, run) for q in names)
             if lasting > self.target:
-                off = f"up to {percent(lasting)} off at every mesh and step" if lasting < math.inf else "not bounded"
-                return f"the raw peak of a force that jumps is {off}; take peak_force, a mean over a stated time"
+                size = f"up to {percent(lasting)} at every mesh and step" if lasting < math.inf else "not bounded"
+                what = f"the error of the raw peak of a force that jumps is {size}"
+                return f"{what}; take peak_force, a mean over a stated time"
         except LatinError as error:
             return message_of(error)
         estimate = self.estimates[factor]
         order = "" if math.isnan(estimate.order) else f", observed order {estimate.order:.1f}"
         what = "bound" if estimate.bound_only else "error"
-        self.tell(f"         {estimate.quantity}: {what} {percent(estimate.error)}{order}")
+        self.log(f"         {estimate.quantity}: {what} {percent(estimate.error)}{order}")
         return ""
 
     def _too_large(self, at: Resolution) -> str:
-        """Why a run would take too much time or memory, else an empty string; its predicted time is told."""
+        """Why a run would take too much time or memory, else an empty string; its predicted time is logged."""
         if not self.sequence.runs:
             return ""
         seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
@@ -359,7 +360,7 @@ class _Search:
         memory = memory_at(self.scene, at)
         if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
             return f"the next run would need about {memory / 1e9:.0f} GB of memory"
-        self.tell(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
+        self.log(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         return ""
 
     def _stagnates(self) -> bool:
@@ -377,7 +378,7 @@ class _Search:
         return self._choice(factor, estimate, sentence, reached=True)
 
     def _refused(self, why: str) -> Choice:
-        sentence = f"an accuracy of {percent(self.target)} cannot be promised: {why}"
+        sentence = f"an accuracy of {percent(self.target)} cannot be guaranteed: {why}"
         best = min(self.estimates, key=lambda f: self.estimates[f].error, default=None)
         if best is None:
             quantity, seconds = self.scene.accuracy.quantity, self.sequence.seconds

@@ -1,7 +1,7 @@
 """Which effects of a scene matter, found in a coarse run of it: half the elements along every edge, half the steps.
 
-An interface is judged by the area and the instants at which its points touch, slip and open. A body is judged by its
-energies: the kinetic energy of what is left of its velocities without their rigid part, against the largest strain
+Interfaces: the area and the instants at which points touch, slip and open. Bodies: their
+energies, the kinetic energy of what is left of its velocities without their rigid part, against the largest strain
 energy. Where it stays below 2 % a body deforms as if its inertia only accelerated it as a whole: waves have crossed it
 often enough, and steps and elements that resolve a wave gain nothing there.
 """
@@ -29,7 +29,7 @@ QUASI_STATIC = 0.02  # vibration energy over the largest strain energy below whi
 NEGLIGIBLE = 1e-3  # share of an energy, or of the contact, that does not matter
 QUIET = 0.25  # share of the time with strain that a body has to be without vibrations
 ROUND_OFF = 1e-9  # of the largest energy
-STIFF = 1e-3  # strain energy over the largest energy of the assembly, below which a body is as good as rigid
+STIFF = 1e-3  # strain energy over the largest energy of the assembly, below which a body is practically rigid
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class CoarseRun:
         return {"description": self.description, "converged": self.converged, "findings": self.findings}
 
     def text(self) -> str:
-        """For a reader."""
-        lines = [f"What matters, {self.description}:", *(f"  * {finding}" for finding in self.findings)]
-        return "\n".join(lines if self.findings else [*lines, "  every effect of the scene does"])
+        """The findings as lines of text."""
+        lines = [f"Effects that matter, {self.description}:", *(f"  * {finding}" for finding in self.findings)]
+        return "\n".join(lines if self.findings else [*lines, "  every effect of the scene"])
 
 
 def coarse_run(scene: Scene) -> CoarseRun:
-    """Solve the scene on half its resolution and tell which of its effects matter.
+    """Solve the scene at half its resolution and list which of its effects matter.
 
     Raises
     ------
@@ -93,11 +93,11 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
     touching, slipping = (float((flags @ history.areas).sum()) for flags in (status != SEPARATION, status == SLIP))
     if touching == 0.0:
         gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} m"
-        yield f"interface {name} never touches{gap}"
+        yield f"interface {name} is open all the time{gap}"
         return
     mu, share = history.mu, slipping / touching
     if mu and share <= NEGLIGIBLE:
-        yield f"interface {name}: nothing slips at mu = {mu:g} ({100 * share:.2g} % of the contact does)"
+        yield f"interface {name}: nothing slips at mu = {mu:g} (at most {100 * share:.2g} % of the contact)"
     elif mu and share >= 1.0 - NEGLIGIBLE:
         yield f"interface {name}: everything slips at mu = {mu:g}, so that the friction force is mu times the pressure"
     elif mu:
@@ -117,11 +117,11 @@ def _of_energies(solution: Solution) -> Iterator[str]:
     for key, name in (("friction_dissipation", "friction"), ("damping_dissipation", "damping")):
         lost = float(np.abs(energy[key]).max(initial=0.0)) if key in energy else 0.0
         if ROUND_OFF * largest < lost <= NEGLIGIBLE * largest:
-            yield f"{name} takes {100 * lost / largest:.2g} % of the largest energy"
+            yield f"{name} dissipates {100 * lost / largest:.2g} % of the largest energy"
 
 
 def _of_bodies(problem: DiscretisedProblem, solution: Solution) -> Iterator[str]:
-    """Bodies that nothing reaches, that are as good as rigid, or that follow their loads without vibrating."""
+    """Bodies that stay at rest, that are practically rigid, or that follow their loads without vibrating."""
     histories = solution.substructures
     strains = {n: float(h.energy["elastic"].max()) for n, h in histories.items() if h.energy is not None}
     totals = {n: float((h.energy["elastic"] + h.energy["kinetic"]).max()) for n, h in histories.items() if h.energy}
@@ -133,10 +133,10 @@ def _of_bodies(problem: DiscretisedProblem, solution: Solution) -> Iterator[str]
         if problem.bodies[name].rigid:
             continue
         if totals[name] <= 1e-12 * largest:
-            yield f"substructure {name}: nothing reaches it"
+            yield f"substructure {name} stays at rest"
         elif strains[name] <= STIFF * largest and name not in held:
             yield (
-                f"substructure {name} is as good as rigid: its strain energy is {100 * strains[name] / largest:.2g} % "
+                f"substructure {name} is practically rigid: its strain energy is {100 * strains[name] / largest:.2g} % "
                 "of the largest energy"
             )
         elif strains[name] > 0.0:

@@ -57,8 +57,8 @@ ORDER_BAND: Final = 0.3
 bound."""
 
 UNREFINED: Final = (
-    "the mesh comes from a file: its share of the error is not estimated; refine it (mesh.refine = 1), and that of the "
-    "file is the coarser one"
+    "the mesh comes from a file: its share of the error is not estimated; with mesh.refine = 1 the mesh of the file "
+    "serves as the coarser one"
 )
 FACETED: Final = "refined meshes keep the facets of their files: the error of a curved shape is not estimated"
 
@@ -115,7 +115,7 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
     over r^p. The sum of the three holds where one of them is small by chance. s is the safety factor of the quantity.
     The error is at least the floor of a force that jumps, that of the sampled loads and, of a raw peak, the change by
     the time step alone; the error left by the iteration is added. It is a bound where the observed order is not within
-    ``ORDER_BAND`` of p, and where a floor decides.
+    ``ORDER_BAND`` of p, and where the floor is larger than the sum.
     """
     p = expected_order(definition, changes.front)
     ratio, second = changes.ratios
@@ -320,7 +320,7 @@ class _Shares:
         self._first, self._last = 0.0, 0.0
 
     def of(self, run: Resolution) -> _Shares | None:
-        """Receiver of the progress of this run, None where nobody asks for it."""
+        """Receiver of the progress of this run, None where no progress is reported."""
         self._first, self._last = self._parts[run]
         return None if self._report is None else self
 
@@ -334,7 +334,7 @@ class _Shares:
 def estimate_error(
     scene: Scene,
     solution: Solution,
-    tell: Callable[[str], None] | None = None,
+    log: Callable[[str], None] | None = None,
     processes: Processes | None = None,
     report: Callable[[float], None] | None = None,
 ) -> ErrorEstimate:
@@ -345,7 +345,7 @@ def estimate_error(
 
     Parameters
     ----------
-    tell : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
+    log : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
     report : called with the share of the work that is done.
     """
     start = clock.process_time()
@@ -358,8 +358,8 @@ def estimate_error(
     shares = _Shares(scene, list(plan.by_name().values()), report)
     for name, resolution in plan.by_name().items():
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
-        if tell is not None:
-            tell(f"error estimate: {text}")
+        if log is not None:
+            log(f"error estimate: {text}")
         try:
             run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes)
             shares.update(1, 1, run.iterations[1], 0.0)
@@ -376,7 +376,7 @@ def estimate_error(
     if not fine.values:
         remarks.append("no quantity to estimate: no interface and no sensor")
     if not solution.converged:
-        remarks.append("the run did not converge: the estimate does not cover the error this leaves")
+        remarks.append("the run did not converge: the estimate does not include its iteration error")
     estimates = plan.estimates(lean, fine, coarser)
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
 

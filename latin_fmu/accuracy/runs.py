@@ -82,7 +82,7 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
     return measure(solution.outcome.interface_time, solution.interfaces, scene.time.end, sensors)
 
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 
 def message_of(error: LatinError) -> str:

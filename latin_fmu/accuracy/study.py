@@ -22,7 +22,7 @@ from .estimate import coarser_runs_of
 from .quantities import Quantities
 from .reference import Reference, declared
 from .resolution import Resolution, aligned, at_resolution, coarsens_mesh, in_short_windows, mesh_factor
-from .runs import Run, RunTimeFit, Tell, as_run, message_of
+from .runs import Log, Run, RunTimeFit, as_run, message_of
 
 AS_WRITTEN = "as written"
 
@@ -138,11 +138,11 @@ class StudyRuns:
 
     Attributes
     ----------
-    budget : CPU seconds of the whole study. tell : called with a line of text after each run. rows : of all runs.
+    budget : CPU seconds of the whole study. log : called with a line of text after each run. rows : of all runs.
     """
 
     budget: float
-    tell: Tell
+    log: Log
     rows: list[Row] = field(default_factory=list)
     spent: float = 0.0
     _made: dict[tuple[str, Resolution], tuple[Run | None, str]] = field(default_factory=dict)
@@ -172,14 +172,14 @@ class StudyRuns:
         if resolution.tolerance is not None:
             label += f", tolerance {resolution.tolerance:g}"
         if variant.scene is None:
-            self.tell(f"refused  {label}: {variant.refusal}")
+            self.log(f"refused  {label}: {variant.refusal}")
             return None, variant.refusal
         start = clock.process_time()
         try:
             solution = api.solve(at_resolution(variant.scene, resolution))
         except LatinError as error:
             failure = message_of(error)
-            self.tell(f"refused  {label}: {failure}")
+            self.log(f"refused  {label}: {failure}")
             return None, failure
         cpu = clock.process_time() - start
         if save:
@@ -187,7 +187,7 @@ class StudyRuns:
                 solution.save(Path(folder) / "out.nc")
         run = as_run(variant.scene, solution, resolution, cpu)
         self.spent += clock.process_time() - start
-        self.tell(f"{cpu:7.2f} s  {label}" + ("" if run.converged else f": {run.status}"))
+        self.log(f"{cpu:7.2f} s  {label}" + ("" if run.converged else f": {run.status}"))
         return run, "" if run.converged else run.status
 
     @property
@@ -245,7 +245,7 @@ class Study:
         return [q for q in self.reference.quantities.values if any(q in r.quantities.values for r in runs)]
 
 
-def study(scene: Scene, budget: float, tell: Tell) -> Study:
+def study(scene: Scene, budget: float, log: Log) -> Study:
     """Run the study of a scene in about ``budget`` CPU seconds.
 
     Mesh and step together for every scheme and propagator; mesh alone, step alone and tolerance for the scene's own,
@@ -256,7 +256,7 @@ def study(scene: Scene, budget: float, tell: Tell) -> Study:
     ------
     SceneError : the scene cannot be built as written.
     """
-    made = StudyRuns(budget, tell)
+    made = StudyRuns(budget, log)
     main = main_variant(scene)
     factors = _factors(scene, (0.25, 0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0))
     made.warm_up(main, _at(scene, factors[0]))

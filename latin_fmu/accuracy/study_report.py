@@ -104,7 +104,7 @@ class Price:
 
 
 def price(study: Study, quantity: str, target: float, variant: str | None = None) -> Price:
-    """Cost of a target over all variants refined in mesh and step together (or one of them).
+    """Cost of a target accuracy over all variants refined in mesh and step together (or one of them).
 
     The error of a reference that is not exact is added to the errors.
     """

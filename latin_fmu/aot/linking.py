@@ -1,4 +1,4 @@
-"""Targets; object file and C files to a library, by the compiler of ``ziglang``: no compiler of the machine is needed.
+"""Link object file and C files to a library for a target by the compiler of ``ziglang``; allowed symbols.
 
 The C files are a stub, which kernels need, and the functions of the FMI, for compiled FMUs (``fmu_build.compiled``).
 Undefined symbols of an object file and of a library are compared to the lists of those that they may need.
@@ -152,7 +152,7 @@ class LinkError(Exception):
 
 
 def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
-    """Write the library; ``manifest`` is the text it says of itself (see ``compiled.library.manifest``).
+    """Write the library; ``manifest`` : the text in it that identifies its sources (``compiled.library.manifest``).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Kernels to LLVM code that no optimisation has touched: what numba's front end makes of them.
+"""Kernels to LLVM code by numba's front end, joined, optimised and emitted as one object file.
 
 numba optimises and loads a kernel at every level of calls. Here its code generator is replaced, in the process of a
 build only, by one that keeps the code of each kernel as it is. All of them are joined, optimised once, and emitted as
@@ -37,7 +37,7 @@ class _Library(codegen.JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        return 1  # numba wants an address to make a Python function of; nobody calls it
+        return 1  # numba requires an address to make a Python function of; it is never called
 
     @property
     def has_dynamic_globals(self) -> bool:
@@ -54,7 +54,7 @@ class _Library(codegen.JITCodeLibrary):
 
     @property
     def code(self) -> Any:
-        """Its LLVM module."""
+        """LLVM module of this function."""
         return self._final_module
 
 

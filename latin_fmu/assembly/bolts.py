@@ -61,7 +61,7 @@ class BoltCut:
         return load_name(self.name)
 
     def loads(self, free: bool) -> LoadTerm:
-        """Its load: amplitude delta; ``free`` : amplitude F."""
+        """Load term of the bolt: amplitude delta; ``free`` : amplitude F."""
         return LoadTerm(self.load, self.pattern / self.stiffness if free else self.pattern)
 
     def stress(self, body: Body) -> float:

@@ -16,7 +16,7 @@ from .attachments import coupling_units, spring_units, with_masses, with_rigid_f
 from .body import Body, build_bodies, sensor_places
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
-from .face_pairs import lonely_remarks, with_found
+from .face_pairs import unconnected_remarks, with_found
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems
@@ -90,7 +90,7 @@ def discretise(
         check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems)
-        remarks += lonely_remarks(scene, bodies)
+        remarks += unconnected_remarks(scene, bodies)
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)

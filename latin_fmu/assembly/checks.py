@@ -89,7 +89,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
 
 
 def redundancy_remarks(scene: Scene) -> list[str]:
-    """Interfaces that join the same two faces: their total force is unique, its share is not."""
+    """Interfaces that join the same two faces: their total force is unique, its distribution is not."""
     joined: dict[frozenset[str], str] = {}
     remarks = []
     for name, interface in scene.interface.items():
@@ -97,7 +97,7 @@ def redundancy_remarks(scene: Scene) -> list[str]:
         if first != name:
             remarks.append(
                 f"interfaces {first} and {name} join the same faces: their total force is unique, "
-                "how it is shared between them is not"
+                "its distribution between them is not"
             )
     return remarks
 
@@ -130,7 +130,7 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
         error = abs(sampled_impulse_error(law, time))
         if error > _SAMPLING:
             remarks.append(
-                f"{where}: sampled at the instants its time integral is off by {100 * error:.2g} % "
+                f"{where}: its time integral, sampled at the instants, has an error of {100 * error:.2g} % "
                 "(jumps between instants): place the jumps on instants, or use smaller steps"
             )
     return remarks
@@ -186,7 +186,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
         if (message := _bending_message(behind, stiff, set(body.mesh.cell_types), body.mesh.size)) is not None:
             remedy = f"set substructure.{name}.bending_modes" if "hexahedron" in stiff else "use quadratic elements"
-            remarks.append(f"substructure {name}: {message}; {remedy} (waves along it are not concerned)")
+            remarks.append(f"substructure {name}: {message}; {remedy} (waves along the body are not affected)")
     return remarks
 
 

@@ -311,7 +311,7 @@ def _free_name(stem: str, taken: set[str]) -> str:
     return name
 
 
-def lonely_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
+def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     """Substructures without an interface, beside others that have some."""
     joined = {split_face(side)[0] for i in scene.joints.values() for side in i.sides if side != GROUND}
     if not joined:

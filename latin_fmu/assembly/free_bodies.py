@@ -148,7 +148,7 @@ def unheld(
 ) -> Problems:
     """A problem for every substructure of a free group whose loads are not in balance, or which is rigid.
 
-    forces : see ``acting``. because : the key that asks for statics.
+    forces : see ``acting``. because : the key that requests statics.
     """
     problems = Problems()
     for group in groups:

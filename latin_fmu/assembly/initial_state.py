@@ -46,7 +46,7 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[s
                     problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
                     break
                 if key == "initial_velocity_field":
-                    remarks.append(f"initial state: {counts}: it starts from the values at the nodes of both")
+                    remarks.append(f"initial state: {counts}: the values at common nodes are taken")
             distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
             spacing = _smallest_distance(body.mesh.nodes)
             worst = int(np.argmax(distance))
@@ -97,14 +97,14 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
             if changed.any():
                 unit = "m" if kind == "displacement" else "m/s"
                 remarks.append(
-                    f"substructure {name}: conditions win over the initial {kind} field at "
+                    f"substructure {name}: conditions override the initial {kind} field at "
                     f"{len(np.unique(np.flatnonzero(changed) // 3))} nodes; the largest change is "
                     f"{np.abs(left).max():.3g} {unit}"
                 )
             if scene.solver.propagator.type == "reduced":
                 remarks.append(
-                    f"substructure {name}: the reduced basis keeps of the initial {kind} field what its modes and "
-                    "static shapes represent, nearest in the norm of the mass"
+                    f"substructure {name}: the initial {kind} field is projected onto the modes and static shapes of "
+                    "the reduced basis, nearest in the norm of the mass"
                 )
     return remarks
 
@@ -137,7 +137,7 @@ def initial_problems(
             if np.abs(worst).max() > _TEARS * level:
                 problems.add(
                     where,
-                    "initial displacements tear a bonded interface",
+                    "initial displacements separate a bonded interface",
                     str(worst.tolist()),
                     remedy="give both sides the same initial displacement",
                 )

@@ -199,7 +199,7 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     alike = np.einsum("pi,pi->p", normals[0], normals[1][partner]) > 0.5
     where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
     if alike.mean() > 0.5:
-        return Problem(where, "the two faces do not face each other", sides)
+        return Problem(where, "the two faces are not turned towards each other", sides)
     within = "" if interface.search is None else f" within {interface.search:g} m"
     return Problem(
         where,
@@ -257,7 +257,7 @@ def _overlap(name: str, interface: Interface, depth: float) -> Problem:
             f"by {depth:.6g} m",
             remedy="move the plane, or turn the normal (it points out of the ground)",
         )
-    remedy = "move one of the meshes apart"
+    remedy = "move the meshes apart"
     if "gap" in TAKES[interface.behaviour]:
         remedy += ', or set gap = "closed"'
     return Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy)

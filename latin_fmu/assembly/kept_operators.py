@@ -3,7 +3,7 @@
 Friction, preload, amplitudes, laws and initial velocities change no operator; a time step changes the factors, a
 material the matrices too. What may be used again is decided by comparison: meshes and element matrices where the
 description of a body is equal, factors where all matrices of a class, the time scheme and the step are equal to the
-last bit. A key that is not known here can therefore cost time, but never give other results.
+last bit. A key that is not listed here can therefore cost time, but never give other results.
 """
 
 from __future__ import annotations

@@ -166,7 +166,7 @@ class LimitLoad:
         return columns, free
 
     def slides(self, point: _Point, motion: Array) -> bool:
-        """Whether a point that may open opens no more than the sliding of the mechanism asks for."""
+        """Whether a point that may open opens no more than the sliding of the mechanism requires."""
         size = max(float(np.abs(p.friction @ motion).max()) for p in self.points)
         sliding = 0.0 if np.isinf(point.mu) else point.mu * float(np.linalg.norm(point.friction @ motion))
         return not point.tied and bool(point.pressure @ motion - sliding < 1e-6 * max(size, 1e-300))

@@ -40,7 +40,7 @@ class ContactLayer:
     Attributes
     ----------
     mass : (n_full, n_full), kg. viscosity : of the landing, N s m-1, or None. loaded : mass of the mesh alone, on which
-        body forces act, where it is not that of the shape. left : number of contact nodes that keep their mass for want
+        body forces act, where it is not that of the shape. left : number of contact nodes that keep their mass for lack
         of an inner neighbour. lumped : (n_full,) masses of an explicit scheme where they are not row sums, kg, or None.
     """
 
@@ -80,7 +80,7 @@ def model_classes(
     free: Collection[str] = (),
     kept: KeptOperators | None = None,
 ) -> list[ModelClass]:
-    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene asks).
+    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene requests it).
 
     moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
     cuts : of the bolts. free : those whose tension is given, and not their shortening.
@@ -326,7 +326,7 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
         return [
             f"time.scheme {scheme.name} at Courant number {lowest:.2g} of a face that lands (suited from {_RESOLVED:g} "
             "on): the first contact force is the momentum of a layer of nodes over one step, and grows without limit "
-            f"as the step shrinks; impulses are right. For the force {remedy}"
+            f"as the step shrinks; impulses are correct. For the force {remedy}"
         ]
     return []
 

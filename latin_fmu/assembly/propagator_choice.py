@@ -231,7 +231,7 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
 
     Parameters
     ----------
-    classes : of substructures. settings : asked for. memory : bytes; None: of this machine (0: not known).
+    classes : of substructures. settings : as requested. memory : bytes; None: of this machine (0: not known).
     """
     room = AVAILABLE * (memory_room()[0] if memory is None else memory)
     if settings.kind != "direct" or not room:
@@ -289,12 +289,12 @@ def made_propagators(
 
 def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[PropagatorSettings, list[str]]:
     """Settings of the propagators, and warnings about an automatic choice."""
-    asked = propagator_settings(scene)
+    requested = propagator_settings(scene)
     if scene.time.quasi_static or not isinstance(scene.solver.propagator, tables.AutomaticPropagator):
-        return asked, []
-    chosen = fitting(classes, asked)
-    if chosen.kind == asked.kind:
-        return asked, []
+        return requested, []
+    chosen = fitting(classes, requested)
+    if chosen.kind == requested.kind:
+        return requested, []
     return chosen, [
         "the factors do not fit in the memory of this machine: conjugate gradients are used, which are slow"
     ]
@@ -302,20 +302,22 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
 
 def interface_form(scene: Scene) -> Form:
     """How the interfaces of directly marched substructures are solved with; dense where none are."""
-    asked = scene.solver.propagator.type
-    direct = asked == "direct" or (asked == "automatic" and scene.time.scheme.type != CENTRAL)
+    requested = scene.solver.propagator.type
+    direct = requested == "direct" or (requested == "automatic" and scene.time.scheme.type != CENTRAL)
     return scene.solver.interface_operator if direct or scene.time.quasi_static else "dense"
 
 
 def propagator_settings(scene: Scene) -> PropagatorSettings:
-    """Settings of the propagators that the scene asks for, whether they fit or not."""
-    asked = scene.solver.propagator
-    if isinstance(asked, tables.AutomaticPropagator):
+    """Settings of the propagators that the scene requests, whether they fit into memory or not."""
+    requested = scene.solver.propagator
+    if isinstance(requested, tables.AutomaticPropagator):
         kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
         return PropagatorSettings(kind, precision=scene.solver.precision, interface=scene.solver.interface_operator)
-    if isinstance(asked, tables.ReducedPropagator):
-        return PropagatorSettings("reduced", modes=asked.modes)
-    return PropagatorSettings(asked.type, precision=scene.solver.precision, interface=scene.solver.interface_operator)
+    if isinstance(requested, tables.ReducedPropagator):
+        return PropagatorSettings("reduced", modes=requested.modes)
+    return PropagatorSettings(
+        requested.type, precision=scene.solver.precision, interface=scene.solver.interface_operator
+    )
 
 
 def box_memory(scene: Scene) -> list[Problem]:

@@ -1,8 +1,8 @@
 """Checks of a finished run: limits of small strains and fixed pairs, drift of bonds, resultants of bodies in statics.
 
-The method is one of small perturbations: a point keeps the partner that it has at the start, strains are linear in the
+The method is one of small perturbations: pairs of points are those of the start, strains are linear in the
 displacements, and a rotation enters by its tangent. Beyond a slip of an element, or a rotation of two degrees (whose
-cosine differs from 1 by 6e-4, as a strain would), the result has another meaning than its reader may think.
+cosine differs from 1 by 6e-4, as a strain would), these assumptions do not hold.
 
 In statics every body is in balance by its loads, its supports and its interfaces. From the displacements u of the run
 
@@ -51,13 +51,13 @@ def small_motion_remarks(
         if slip > edge:
             remarks.append(
                 f"interface {history.name}: its sides slip by {slip:.3g} m while in contact, over elements of "
-                f"{edge:.3g} m; points keep their partners, the pressure does not move along with the sliding face"
+                f"{edge:.3g} m; pairs of points are fixed, so that the pressure does not move with the sliding face"
             )
     for name, degrees in _rotations(problem).items():
         if degrees > LARGEST_ROTATION:
             remarks.append(
                 f"substructure {name} has turned by {degrees:.3g} degrees at the end: strains and contact normals are "
-                f"those of small rotations, good to about {LARGEST_ROTATION:g} degrees"
+                f"those of small rotations, valid up to about {LARGEST_ROTATION:g} degrees"
             )
     return remarks
 

@@ -44,7 +44,7 @@ class Segment:
         made from the ``recorder`` when they are read.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
     ports : outputs of the ports at the instants (``port_columns``).
-    energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene asks for them.
+    energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene requests them.
     """
 
     time: Array

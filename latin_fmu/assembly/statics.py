@@ -179,8 +179,8 @@ def state_at_end(
         ()
         if tolerance <= TIGHT[1]
         else (
-            f"the static start reached a tolerance of {tolerance:g} only, not {TIGHT[-1]:g}: "
-            "the unbalanced rest sets the bodies in motion",
+            f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
+            "the residual forces excite vibrations",
         )
     )
     return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)

@@ -194,8 +194,8 @@ def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
     step = uniform_step(time)
     if not step:
         raise InputError([Problem(f"sensor {name}", "the steps of the run are of unequal length")], heading)
-    asked = [f for f in (request.lowest, request.highest) if f is not None]
-    if problems := list(spectrum_problems("--highest", asked, step)):
+    requested = [f for f in (request.lowest, request.highest) if f is not None]
+    if problems := list(spectrum_problems("--highest", requested, step)):
         raise InputError(problems, heading)
     frequencies = request.frequencies(step, float(time[-1] - time[0]))
     if not frequencies:

@@ -1,4 +1,4 @@
-"""How far a command is: iterations of a run, and the time that anything else of more than a few seconds takes."""
+"""Progress lines of commands: iterations of a run; elapsed and remaining time of other work of several seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final, Self, TextIO
 
 _EVERY_ON_TERMINAL, _EVERY_IN_LOG = 0.1, 3.0  # seconds between two lines of progress
 PATIENCE: Final = 3.0
-"""Seconds of work of which nothing is shown."""
+"""Time before the first line of progress is shown, s."""
 _AGAIN_ON_TERMINAL, _AGAIN_IN_LOG = 0.5, 10.0  # seconds between two lines of a wait
 
 
@@ -41,7 +41,7 @@ class Line:
 
 
 class Waiting:
-    """Context in which a thread shows what is being done, for how long, and the time left as far as it is known.
+    """Context in which a thread shows the present work, its time so far, and the time left where it can be estimated.
 
     Nothing is shown in the first ``PATIENCE`` seconds.
 
@@ -95,7 +95,7 @@ class Waiting:
                 self._stream.flush()
 
     def line(self) -> str | None:
-        """What is to be shown now, None within the first seconds."""
+        """The line to show now, None within the first seconds."""
         passed = self._clock() - self._since
         if passed < PATIENCE:
             return None
@@ -114,7 +114,7 @@ class Waiting:
 
 
 class Progress:
-    """Prints how far a run is.
+    """Prints the progress of a run.
 
     On a terminal one line is refreshed in place; elsewhere (a log file) a line is written every few
     seconds, so that a short run writes none.
@@ -122,7 +122,7 @@ class Progress:
     Parameters
     ----------
     stream : where to write, usually ``sys.stderr``.
-    tolerance : value of sqrt(eta) at which a window is done; used to foresee the end of a single window.
+    tolerance : value of sqrt(eta) at which a window is done; used to predict the end of a single window.
     clock : seconds from any origin; replaced in tests.
     """
 
@@ -141,10 +141,10 @@ class Progress:
         return self
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """Tell that ``done`` of ``total`` windows are finished and how the current one goes.
+        """Report ``done`` of ``total`` windows as finished, and the state of the current one.
 
         ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta). Cheap: most calls
-        only look at the clock.
+        only read the clock.
         """
         now = self._clock()
         if self._origin is None:

@@ -1,4 +1,4 @@
-"""``latin-fmu run``: solve a scene, show how far the run is, and write its results."""
+"""``latin-fmu run``: solve a scene, show its progress, and write its results."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def register(add: AddParser) -> None:
     parser.add_argument(
         "--accuracy",
         metavar="1%",
-        help="relative error wanted: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
+        help="target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
         "accuracy.quantity, impulse by default)",
     )
     parser.add_argument(
@@ -203,15 +203,13 @@ def _run_alone(arguments: argparse.Namespace) -> int:
 
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:
-    """Say at which value inputs stay: nothing sets them in a run of its own."""
+    """Print the values that inputs keep: nothing sets them in a run by the command line."""
     from ..cosim.variable import variable_of
     from ..cosim.variables import inputs_of
 
     stay = [f"{variable_of(name)} = {law.start_value:g}" for name, law in inputs_of(scene).items()]
     if stay and not quiet:
-        text = (
-            f"inputs stay at their start value in a run of its own (an FMU or a session sets them): {', '.join(stay)}"
-        )
+        text = f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}"
         print(text, file=sys.stderr, flush=True)
 
 
@@ -320,7 +318,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
 
 
 def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
-    """The solution with its estimated error, where wanted and where there is a run to judge."""
+    """The solution with its estimated error, where that is requested and can be estimated."""
     if arguments.no_estimate or not scene.accuracy.estimate or not solution.converged:
         return solution
     from ..accuracy.estimate import estimate_error

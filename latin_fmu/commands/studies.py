@@ -230,7 +230,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
             scheduler=arguments.scheduler,
             histories=arguments.histories,
             guesses=not arguments.cold,
-            tell=None if arguments.quiet else _log,
+            log=None if arguments.quiet else _log,
         )
     except KeyboardInterrupt:
         _log(f"the points done so far are in {output}.points: the same command continues")

@@ -9,9 +9,9 @@ constant, too.
 While no point opens or closes, sticks or begins to slip, the end of a segment of windows of one instant depends
 smoothly on its loads and motions. ``Tangents`` keeps the laws of the interfaces about the solution at every instant,
 
-    F_hat = F* + J (jump + reach - jump* - reach*),        J = dF_hat / djump  (``kernels.laws.tangent``),
+    F_hat = F* + J (jump + g - jump* - g*),        J = dF_hat / djump  (``kernels.laws.tangent``),
 
-with * the solution, jump the free velocities and reach the normalised gaps of the points. ``march`` solves the instants
+with * the solution, jump the free velocities and g the normalised gaps of the points. ``march`` solves the instants
 of a segment with these laws in the place of their own. The fields are then affine in the histories that drive the
 segment, and energies quadratic: a central difference of any length is the derivative but for round-off. In slip J is
 the consistent tangent; the traction keeps to the cone and to the direction of slip.
@@ -40,7 +40,7 @@ from .variable import input_of, is_wave
 from .variables import EVENTS
 from .windowed import LastStep, Windowed
 
-_EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as round-off says what they are
+_EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as they exceed round-off
 _LARGEST = 1e8  # factor
 _CONSTANT = ("closed", "sticking", "slipping", *EVENTS)
 _INSTANTS = tuple(last for last, _ in EVENTS.values())
@@ -204,20 +204,20 @@ class PointLaws:
 
     Attributes
     ----------
-    jump, traction : (p, h). reach : as the law takes it, (p,) or (p, h). tangent : (p, h, h), Pa s m-1.
-    moves : of the shape of ``reach``, 1 where it changes with the gap, 0 where the side that penetrates is not pushed.
+    jump, traction : (p, h). normalised_gap : as the law takes it, (p,) or (p, h). tangent : (p, h, h), Pa s m-1.
+    moves : of the shape of ``normalised_gap``: 1 where it changes with the gap, 0 where a penetration stays as it is.
     """
 
     jump: Array
-    reach: Array
+    normalised_gap: Array
     traction: Array
     tangent: Array
     moves: Array
 
-    def at(self, jump: Array, reach: Array) -> Array:
+    def at(self, jump: Array, normalised_gap: Array) -> Array:
         """Tractions (p, h) by the tangent."""
         change = jump - self.jump
-        opening = self.moves * (reach - self.reach)
+        opening = self.moves * (normalised_gap - self.normalised_gap)
         if opening.ndim == 2:
             change = change + opening
         else:
@@ -227,7 +227,7 @@ class PointLaws:
 
 
 class Tangents:
-    """A ``Watch`` that keeps the laws about the solution of each instant, one window after the other.
+    """A ``WindowMonitor`` that keeps the laws about the solution of each instant, one window after the other.
 
     Attributes
     ----------
@@ -241,7 +241,7 @@ class Tangents:
         """One instant a call: after it the fields of the local stage are those of the solution."""
         return 1
 
-    def look(self, run: Run) -> bool:
+    def check(self, run: Run) -> bool:
         """Keep the laws about the last solved instant."""
         if run.assembly.instant > len(self.laws):
             stages = Stages(run.image, run.direction(1), 1, run.assembly.instant)
@@ -249,7 +249,7 @@ class Tangents:
         return False
 
     def stops(self) -> bool:
-        """The run goes on."""
+        """False: the run is never stopped."""
         return False
 
 
@@ -259,13 +259,13 @@ def _about(stages: Stages, g: int) -> PointLaws:
     points, h, elastic = group.n_point, group.n_component, group.behaviour.elastic
     width = (points, h) if elastic else (points,)
     jump, traction = (image.group_field(g, name, points, h).copy() for name in ("jump", "traction"))
-    reach, start = image.group_field(g, "reach", *width).copy(), image.group_field(g, "opened", 4, *width)[3]
+    normalised_gap, start = image.group_field(g, "reach", *width).copy(), image.group_field(g, "opened", 4, *width)[3]
     z = stages.direction.group_fields()[g]["z_sum"]
-    tangent = law_tangents(int(image.groups[g]["law"]), jump, z, reach, stages.rate(g), group.parameters)
+    tangent = law_tangents(int(image.groups[g]["law"]), jump, z, normalised_gap, stages.rate(g), group.parameters)
     moves = np.ones(width) if elastic else (start >= image.run[0]["deepest"]).astype(float)
     if elastic and group.behaviour.opens:  # the tractions of friction follow the velocities alone
         moves[:, 1:] = 0.0
-    return PointLaws(jump, reach, traction, tangent, moves)
+    return PointLaws(jump, normalised_gap, traction, tangent, moves)
 
 
 def march(run: Run, laws: list[list[PointLaws]]) -> None:
@@ -328,7 +328,7 @@ class _Instant:
         left = float(np.linalg.norm(self._residual(q)))
         if not left <= _ENOUGH * np.linalg.norm(q):
             raise SolverError(
-                "there is no derivative here: the interfaces about the present solution have no unique answer "
+                "there is no derivative here: the interfaces about the present solution have no unique solution "
                 f"(residual {left:.2g} of {np.linalg.norm(q):.2g})"
             )
 
@@ -340,8 +340,11 @@ class _Instant:
         image.call(entries.OUTGOING, 0)
         for g, law in enumerate(self._laws):
             image.call(entries.PREPARE, g, 0)
-            jump, reach = image.group_field(g, "jump", *law.jump.shape), image.group_field(g, "reach", *law.reach.shape)
-            image.group_field(g, "traction", *law.jump.shape)[...] = law.at(jump, reach)
+            jump, normalised_gap = (
+                image.group_field(g, "jump", *law.jump.shape),
+                image.group_field(g, "reach", *law.normalised_gap.shape),
+            )
+            image.group_field(g, "traction", *law.jump.shape)[...] = law.at(jump, normalised_gap)
             image.call(entries.FINISH, g, 0, 1)
         return np.asarray(image.field("local_f", n) + self._k * image.field("local_w", n) - q)
 

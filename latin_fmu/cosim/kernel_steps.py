@@ -28,7 +28,7 @@ from .drives import Drives, Sources, history_fields
 from .loads import Loads
 from .outputs import COLUMNS
 from .signals import Signals
-from .variables import ENERGIES, opening
+from .variables import ENERGIES, opening_interfaces
 
 LARGEST: Final = 10_000
 """Interface channels of a run up to which steps are made in kernels alone: from there on a step costs so much that
@@ -41,8 +41,8 @@ _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_en
 
 
 class Carried(NamedTuple):
-    """What the outputs go on from: the present ones without those of the events, impulses (n_interface, 3), state of
-    the events (``ContactEvents``)."""
+    """Present outputs without those of the events, impulses (n_interface, 3), and state of the events
+    (``ContactEvents``): the next outputs continue from them."""
 
     row: Array
     impulse: Array
@@ -50,8 +50,8 @@ class Carried(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """What the last step in kernels started from: state of the image, time since the start, s, values and rates of the
-    inputs; its end, s, and number of time steps."""
+    """Start of the last step in kernels: state of the image, time since the start of the simulation, s, values and
+    rates of the inputs; and end of that step, s, and its number of time steps."""
 
     state: Array
     time: float
@@ -66,7 +66,7 @@ class KernelSteps:
 
     Parameters
     ----------
-    scene : of the run. rule : of interpolation.
+    scene, run : what is solved. rule : of interpolation.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class KernelSteps:
     def __init__(self, scene: Scene, rule: int, run: SegmentedRun) -> None:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources = Sources.of(scene)
-        opens = opening(scene)
+        opens = opening_interfaces(scene)
         self._opening = [i for i, name in enumerate(scene.joints) if name in opens]
         self._moved = any(port.causality == "motion_in" for port in scene.port.values())
         self._problem: Any = None  # that the fields are of
@@ -89,13 +89,14 @@ class KernelSteps:
         self.reset()
 
     def reset(self, gaps: list[Array] | None = None) -> None:
-        """The state in the image is that of the Python driver. ``gaps`` : those of ``gaps``, where they are known."""
+        """Take the state in the image as one of the Python driver. ``gaps`` : as returned by the property ``gaps``,
+        where they are known."""
         self.valid = self._read = self._has_rows = self.must_record = False
         self._room = 0  # time steps that histories are laid out for
         self._gaps, self.origin = gaps, None
 
     def name_sources(self) -> None:
-        """Let the sums of loads have a term for every source, whatever its history is."""
+        """Give the sums of loads a term for every source, whatever its history is."""
         for propagator in self._run.problem.assembly.propagators:
             propagator.forcing.sources = frozenset((*self.sources.inputs, *self.sources.laws))
 
@@ -334,7 +335,7 @@ class KernelSteps:
         return outputs
 
     def _gains_energy(self, row: Array) -> bool:
-        """Whether the energies may be those of a scheme that gains energy: ``latin.status.with_energy`` has to look."""
+        """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
         first = self._of_solver + 4
         _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
         put_in = self._run.stored + max(of_loads, 0.0) + _CANCELLED * abs(work)
@@ -346,11 +347,11 @@ class KernelSteps:
 
     # -- to the Python driver -------------------------------------------------------------------------------------
     def leave(self) -> None:
-        """The Python driver changes the image."""
+        """Mark the image as one that the Python driver changes next."""
         self._room, self._has_rows = 0, False
 
     def give_back(self, loads: Loads) -> Carried:
-        """Give inputs, motions and times to the Python driver; what the outputs go on from."""
+        """Give inputs, motions and times to the Python driver; the state that the next outputs continue from."""
         if not self._read:
             self._give(loads, self._image.state, self.time, self._unrecorded)
             self._read, self._unrecorded = True, False

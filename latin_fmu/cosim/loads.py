@@ -208,7 +208,7 @@ class Loads:
         self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
 
     def memory(self) -> tuple[list[dict[str, float]], float]:
-        """What steps before have left, by load: amplitude reached and its rate, value at the start of the last step, 1
+        """State after the steps so far, by load: amplitude reached and its rate, value at the start of the last step, 1
         where that was held and where rates count; length of the last step, s (as ``set_memory`` takes them)."""
         return [self._reached, self._slope, self._before, self._still, self._rated], self._span
 

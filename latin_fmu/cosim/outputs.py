@@ -161,7 +161,7 @@ def output_rows(
     impulse : (n, n_interface, 3). sensors, ports, bolts : histories (ports: columns (n, k)) whose last n
     instants are taken.
     solver : iterations, indicator, converged, instants of the interval.
-    energy : terms (n,), None where the scene asks for none.
+    energy : terms (n,), None where the scene requests none.
     """
     parts = [column for i, s in enumerate(series.values()) for column in s.columns(impulse[:, i])]
     for sensor in sensors.values():

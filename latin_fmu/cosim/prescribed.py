@@ -17,7 +17,7 @@ from .loads import Loads
 from .outputs import COLUMNS, ContactEvents, between, faces_of, first_event, impulses, output_rows, series_of, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
-from .variables import opening, scalar_table
+from .variables import opening_interfaces, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
@@ -34,7 +34,7 @@ class Prescribed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
         self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
-        self._first_event = self._n_output - COLUMNS * len(opening(scene))
+        self._first_event = self._n_output - COLUMNS * len(opening_interfaces(scene))
         self._solved_for = ""
         self.run: SegmentedRun | None = None
         self.segment: Segment | None = None
@@ -69,7 +69,7 @@ class Prescribed:
             raise SolverError(f"the solver cannot continue: {error}") from error
         if not segment.converged:
             raise SolverError(segment.status)
-        self._table = _rows(segment, n, ContactEvents(opening(self._scene)))
+        self._table = _rows(segment, n, ContactEvents(opening_interfaces(self._scene)))
         self.run, self.segment, self._solved_for = run, segment, key
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:

@@ -365,8 +365,8 @@ def estimated_error(
     """Estimated relative error of every quantity of the solved interval.
 
     The loads set from outside become tables, jumps at communication points included; the coarser runs then are runs of
-    a plain scene (see ``estimate_error``). Time steps must be equal; the interval ends at the first other one, and a
-    remark says so.
+    a plain scene (see ``estimate_error``). Time steps must be equal; the interval ends at the first other one, with a
+    remark.
 
     given : loads when the session was initialized: histories, else constants.
     """

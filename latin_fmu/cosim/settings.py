@@ -16,7 +16,7 @@ EARLY = 1e-6  # of the step: largest distance of its start from the present time
 
 @dataclass(frozen=True)
 class Settings:
-    """None stands for what the scene says.
+    """Settings of a session; None: the value of the scene.
 
     Attributes
     ----------

@@ -60,8 +60,8 @@ class Link:
 class StepHistory:
     """The accepted steps, the last of them in ``head``.
 
-    Steps that were rolled back can be returned to while they are among the last ``RECENT`` or somebody holds their
-    link. A history moved to a step that is no longer in memory starts there anew.
+    Steps that were rolled back can be returned to while they are among the last ``RECENT`` or their link is referenced
+    elsewhere. A history moved to a step that is no longer in memory starts again from there.
     """
 
     RECENT = 256
@@ -161,7 +161,7 @@ def _joined_arrays(parts: Sequence[Array]) -> Array:
 
 
 def _joined_fields(parts: Sequence[Any], names: Sequence[str]) -> dict[str, Any]:
-    """Those of the fields that are kept, over the instants of all parts."""
+    """The kept ones of some fields over the instants of all parts."""
     kept = (name for name in names if getattr(parts[0], name) is not None)
     return {name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept}
 

@@ -195,7 +195,7 @@ class VariableStore:
             self.numbers[self.place["window.count"]] = min(session.n_instant, capacity)
 
     def forget_arrays(self) -> None:
-        """Read array outputs anew: the session has changed."""
+        """Drop the array outputs that were read: the session has changed."""
         self._array_outputs = {}
 
     def get_state(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from .variable import AXES, Kind, Variable, input_variable, is_wave, output, par
 WINDOWED, PRESCRIBED = 0, 1
 HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 MAX_WINDOW = 100_000  # instants
-HISTORY = 101  # instants of the load histories, where the host does not say: one array element each
+HISTORY = 101  # instants of the load histories, where the host sets no size: one array element each
 _INSTANTS = ("window.size",)
 _SHARES: Final[Mapping[str, str]] = {
     "closed": "in contact",
@@ -42,7 +42,7 @@ ENERGIES: Final[Mapping[str, str]] = {
     "damping_dissipation": "energy dissipated by material damping since the start",
     "landing_dissipation": "energy dissipated by the viscosity of contact layers since the start",
     "scheme_dissipation": "energy dissipated by the time scheme since the start",
-    "balance": "what the energy balance leaves over",
+    "balance": "residual of the energy balance",
 }
 
 
@@ -118,12 +118,12 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     rows += _solver()
     if scene.output.energy:
         rows += [output(f"energy.{name}", "J", text) for name, text in ENERGIES.items()]
-    for name in opening(scene):
+    for name in opening_interfaces(scene):
         rows += _events(name)
     return tuple(rows)
 
 
-def opening(scene: Scene) -> list[str]:
+def opening_interfaces(scene: Scene) -> list[str]:
     """Names of the interfaces that can open, which have contact events."""
     return [name for name, interface in scene.joints.items() if interface.behaves_open]
 
@@ -134,11 +134,11 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "inputInterpolation": "load inside a step. 0: held at the value; 1: value + rate x time since the start of the "
     "step; 2: straight line from the end of the last step to the value, reached at the end of this step; 3: as 1 "
     "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
-    "first step and where a value that was held jumps. The incident wave of a port is as under 2 but for 0, or where "
-    "its rate is set",
+    "first step and over a step that begins with a jump after two equal values. The incident wave of a port follows "
+    "2, unless this is 0 or its rate is set",
     "timeStep": "longest time step inside a communication step, which is cut into equal parts",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
-    "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the importer's, if any, goes first",
+    "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the tolerance of the importer replaces it",
     "maxIterations": "largest number of iterations of a window",
     "historyFile": "prescribed mode: CSV or netCDF file with a time column or coordinate and one column or variable "
     "per input: name of the load, body_force.SUBSTRUCTURE, gravity.acceleration, boundary.NAME, or ground.INTERFACE; "

@@ -23,14 +23,14 @@ from .loads import Loads
 from .outputs import ContactEvents, InterfaceSeries, faces_of, first_event, impulses, output_rows, series_of, shifted
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
-from .variables import LINE, opening
+from .variables import LINE, opening_interfaces
 
 _ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields")  # of a state
 
 
 class LastStep(NamedTuple):
-    """What the last step started from: a function that returns to the state, the loads, impulses (n_interface, 3);
-    ``end``, s, ``h``, s, and number of time steps."""
+    """Start of the last step: a function that returns to the state, the loads, impulses (n_interface, 3); and of the
+    step its ``end``, s, ``h``, s, and number of time steps."""
 
     before: Callable[[], None]
     loads: Loads
@@ -57,7 +57,7 @@ class Windowed:
         self.rule, self._time_step, self._keeps = settings.interpolation, settings.step_of(scene), settings.keep
         self._kernels = KernelSteps(scene, self.rule, self.run)
         self._impulse = np.zeros((len(scene.joints), 3))
-        self._events = ContactEvents(opening(scene))
+        self._events = ContactEvents(opening_interfaces(scene))
         self.row = np.zeros(0)
         self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step

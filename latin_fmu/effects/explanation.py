@@ -67,7 +67,7 @@ class Explanation:
         }
 
     def text(self) -> str:
-        """For a reader."""
+        """The explanation as lines of text."""
         on, off = ([e for e in self.effects if e.on is state] for state in (True, False))
         lines = [self._headline(), "", "On:"]
         for effect in on:
@@ -76,7 +76,7 @@ class Explanation:
         width = max((len(e.name) for e in off), default=0)
         lines += [f"  {e.name:<{width}}  {e.reason}; to switch it on: {e.switch}" for e in off]
         lines += ["", "Chosen:", *(f"  {key:<16}  {value}" for key, value in self.choices.items())]
-        lines += ["", "Suggestions (nothing is changed unasked):"]
+        lines += ["", "Suggestions (nothing is changed automatically):"]
         for suggestion in self.suggestions:
             lines += suggestion.lines(_WIDTH)
         lines += [] if self.suggestions else ["  none"]

@@ -249,8 +249,8 @@ def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         never = sum(t >= scene.time.end for t in arrival.values())
         fewer = replace(p.run, classes=tuple(replace(c, marched=share) for c in p.run.classes))
         yield Suggestion(
-            f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: leaving "
-            f"out those at rest (to a hundredth of the tolerance) marches about {100 * share:.0f} % of all instants",
+            f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: "
+            f"without those at rest (to a hundredth of the tolerance) {100 * share:.0f} % of all instants are marched",
             ("solver.skip_at_rest=tolerance",),
             _factor(p, fewer),
         )

@@ -2,7 +2,7 @@
 
 Mass moved from contact nodes to their inner neighbours:
 
-    M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are none
+    M' = R^T M R,   R: velocity of a contact node := mean of its neighbours that are no contact nodes
 
 Neighbours along cell edges (half edges of quadratic cells) where there are any, else (edges and corners shared by
 contact faces) across the cell. R keeps translations, hence total mass and momentum; kinetic energy changes by the

@@ -56,7 +56,7 @@ class FacetSet:
 
     @staticmethod
     def of(*facets: Index) -> FacetSet:
-        """Face made of arrays (n_facet, n_node); the number of nodes tells the kind."""
+        """Face made of arrays (n_facet, n_node), whose number of nodes determines the kind."""
         return FacetSet(tuple(FacetBlock(FACET_KIND[f.shape[1]], f) for f in facets))
 
     @property
@@ -162,7 +162,7 @@ def padded_cells(blocks: tuple[CellBlock, ...]) -> Index:
 
 
 def cell_blocks(padded: Index) -> tuple[CellBlock, ...]:
-    """Runs of cells of equal type in the table of ``padded_cells`` (the number of nodes tells the type)."""
+    """Runs of cells of equal type in the table of ``padded_cells`` (the number of nodes determines the type)."""
     width = (padded >= 0).sum(axis=1)
     starts = np.flatnonzero(np.diff(width, prepend=-1))
     ends = np.append(starts[1:], len(width))

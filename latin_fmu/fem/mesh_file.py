@@ -32,7 +32,7 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     node_ids, inverse = np.unique(np.concatenate([c.ravel() for c in chosen.values()]), return_inverse=True)
     nodes = np.ascontiguousarray(content.points[node_ids], dtype=float) * scale
     if not np.all(np.abs(nodes) < _FAR):
-        raise MeshError.of("unusable mesh", where, "node coordinates are not finite")
+        raise MeshError.of("unusable mesh", where, f"node coordinates are not finite, or beyond {_FAR:g} m")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():
         own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)
@@ -173,7 +173,7 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
 
     Returns
     -------
-    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, judged by the
+    cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, by the
     Jacobians at all nodes but those in the middle of faces and cells, and at the integration points.
     """
     places = cell_functions(block.cell_type).nodes[:20]
@@ -206,7 +206,7 @@ def refined(mesh: Mesh) -> Mesh:
     New nodes lie where the shape functions of the cell put them: the surface stays the one of the given mesh, and does
     not come closer to the shape that was meshed. The octahedron inside a tetrahedron is split along one fixed diagonal.
     A node that several cells share has the same shape functions in all of them, of the nodes that they share: sums of
-    random whole numbers of these nodes, weighted with the functions, tell it from all others without rounding.
+    random whole numbers of these nodes, weighted with the functions, identify it without rounding.
     """
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]

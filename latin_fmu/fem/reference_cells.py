@@ -42,7 +42,7 @@ CELL_EDGES: Final[dict[str, Local]] = {
     "wedge": WEDGE_EDGES,
 }
 N_CORNER: Final = {name: 1 + max(n for edge in edges for n in edge) for name, edges in CELL_EDGES.items()}
-# Kinds of facets, by their names in meshio: the number of nodes tells the kind.
+# Kinds of facets, by their names in meshio: the number of nodes determines the kind.
 FACET_KIND: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 FACET_CORNERS: Final = {"triangle": 3, "quad": 4, "triangle6": 3, "quad8": 4, "quad9": 4}
 _HEX = ((-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1))

@@ -1,4 +1,4 @@
-"""A face as flat pieces: what clipping and the search for partners work on."""
+"""A face as flat pieces, for clipping and for the search of opposite faces."""
 
 from __future__ import annotations
 

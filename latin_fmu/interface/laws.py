@@ -12,7 +12,7 @@ frame (N, t1, t2), N from E to E'; a frictionless interface has N only.
 Rules
 
 1. Pure and vectorised over points: no mesh, no matrix, no time step, inputs unchanged.
-2. ``local`` satisfies the relation and E+ to round-off; F_hat_E' = -F_hat_E is the solver's.
+2. ``local`` satisfies the relation and E+ to round-off; the solver sets F_hat_E' = -F_hat_E.
 3. The state at the start of the instant enters as the normalised gap g, m s-1. For unilateral contact it is the open
    gap over dt, that is the velocity that closes it within the instant; ``rate`` is then 1/dt. For an ``elastic``
    behaviour it is the jump of displacement times ``rate``, shape (n_point, n_component), signed, the initial gap along
@@ -151,8 +151,8 @@ class Layer(Behaviour, Protocol):
 class PointLaw:
     """Base of behaviours: frozen dataclasses whose fields are the parameters of the law.
 
-    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass says else. A law in
-    NumPy overrides ``local`` and sets ``compiled = False``.
+    The law is the one of that name in ``kernels.laws``; the sides stay together unless a subclass sets ``opens``. A law
+    in NumPy overrides ``local`` and sets ``compiled = False``.
     """
 
     name: ClassVar[str]

@@ -82,7 +82,7 @@ class InterfaceHistory:
 
     @property
     def points_over_time(self) -> PointFields:
-        """Those of its fields that are known at every point and instant."""
+        """Fields of the history that are known at every point and instant."""
         return PointFields(self.traction, self.velocity, self.gap, self.contact_status)
 
     def force(self) -> Array:
@@ -304,7 +304,7 @@ class Resultants:
 
     @property
     def parts(self) -> Array:
-        """Those of loads, interfaces and supports, (3, 6)."""
+        """Resultants of the loads, the interfaces and the supports, (3, 6)."""
         return np.stack([self.loads, self.interfaces, self.reactions])
 
     @property

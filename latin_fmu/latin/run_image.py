@@ -125,7 +125,7 @@ def negligible_scales(
     forces; ``image`` : of windows of one instant, bound to ``direction``; ``force_residual`` : of so many instants.
 
     A motion that starts from an equilibrium under forces has the loads of that equilibrium among the largest, which
-    say nothing on the size of the motion: there the residual counts down to ``_AT_REST`` of them.
+    do not give the size of the motion: there the residual counts down to ``_AT_REST`` of them.
     """
     image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
     measures = image.field("measure", 8)
@@ -240,7 +240,7 @@ class Stages:
         self._compiled = all_in_kernels(image)
 
     def of(self, direction: Direction) -> Stages:
-        """Those of one instant with another search direction."""
+        """Stages of one instant with another search direction."""
         return Stages(self.image, direction, 1, self.first)
 
     def predict(self) -> None:

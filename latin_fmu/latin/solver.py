@@ -30,9 +30,9 @@ from .run_image import Iterate, Stages, rules
 from .search_direction import Direction
 from .settings import Settings
 
-RELAXED, POINT_BY_POINT = "relaxation 1/2", "points one after the other"
+RELAXED, POINT_BY_POINT = "relaxation 1/2", "point by point"
 SOFTENED, FROM_REST = "softened start", "start from rest"
-COLD = "first guess of its own"  # where the one of other runs does not converge
+COLD = "default first guess"  # where that of other runs does not converge
 _AFTER_POINTS = 20  # iterations after the solution point by point
 
 

@@ -26,7 +26,7 @@ _CANCELLED = 1e-6  # of the work of the interfaces
 def status(
     assembly: Assembly, settings: Settings, windows: WindowList, interface_indicator: Array | None
 ) -> tuple[bool, str]:
-    """Whether every window converged, and a sentence that says so, or names the worst place and a remedy."""
+    """Whether every window converged, and a sentence: the iterations, or the worst place and a remedy."""
     failed = windows.failed()
     if not failed and assembly.lost is not None and assembly.instant < assembly.n_instant:
         return False, _no_equilibrium(assembly, assembly.lost)
@@ -51,8 +51,8 @@ def with_energy(
     than half of the energy put in.
 
     That is the energy at t = 0, and the largest of each work so far: of loads, moving ground, layers that relax, and of
-    driven faces on what they touch (interface work that no dissipation accounts for). An iteration that converges to
-    its relative tolerance at every instant does not notice a scheme that gains energy.
+    driven faces on what they touch (interface work that no dissipation accounts for). The convergence of the
+    iteration at every instant, to a relative tolerance, does not exclude a scheme that gains energy.
 
     Parameters
     ----------

@@ -41,14 +41,14 @@ _RESTORED = ("windows", "interface_indicator", "stopped", "_sequence", "_observe
 Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
-class Watch(Protocol):
-    """What looks at a run between its windows."""
+class WindowMonitor(Protocol):
+    """Checks a run between its windows, and may stop it."""
 
     def instants(self, run: Run) -> int:
-        """Instants, at least 1, that may be solved until it looks again."""
+        """Instants, at least 1, that may be solved until the next ``check``."""
 
-    def look(self, run: Run) -> bool:
-        """Look at the run between two windows; whether it has to stop."""
+    def check(self, run: Run) -> bool:
+        """Called between two windows; whether the run has to stop."""
 
     def stops(self) -> bool:
         """Whether the run has to stop, inside a long window too."""
@@ -76,12 +76,12 @@ class Run(RunState):
     ----------
     assembly, settings, recorder, timings, communication, processes : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
-    watch : looks at the run between windows. fields : first guesses of windows of several instants, in the place of
+    monitor : checks the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
 
     Attributes
     ----------
-    interrupted : whether ``watch`` stopped the run.
+    interrupted : whether ``monitor`` stopped the run.
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class Run(RunState):
         timings: Timings,
         observer: Observer | None = None,
         progress: Progress | None = None,
-        watch: Watch | None = None,
+        monitor: WindowMonitor | None = None,
         fields: WindowFields | None = None,
         communication: Mapping[str, Any] | None = None,
         processes: Processes | None = None,
     ) -> None:
-        self._observer, self._progress, self._watch, self._fields = observer, progress, watch, fields
+        self._observer, self._progress, self._monitor, self._fields = observer, progress, monitor, fields
         self.interrupted = False
         settings = settings if observer is None else replace(settings, tables=0.0)
         super().__init__(assembly, settings, recorder, timings, communication, processes)
@@ -113,16 +113,16 @@ class Run(RunState):
         return False, f"interrupted at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
 
     # -- windows ------------------------------------------------------------------------------------------------
-    def all(self, watch: Watch | None = None) -> None:
+    def all(self, monitor: WindowMonitor | None = None) -> None:
         """Solve every window of the segment; stops after one whose best iterate is far from a solution (HOPELESS).
 
-        watch : looks at the windows of this segment in the place of the one that the run was made with.
+        monitor : of this segment, in the place of the one that the run was made with.
         """
-        own, self._watch = self._watch, self._watch if watch is None else watch
+        own, self._monitor = self._monitor, self._monitor if monitor is None else monitor
         try:
             self._all()
         finally:
-            self._watch = own
+            self._monitor = own
 
     def _all(self) -> None:
         self.open_bonds()
@@ -159,8 +159,8 @@ class Run(RunState):
 
     def _looked(self) -> bool:
         """Whether the run has to stop here."""
-        if self._watch is not None and self._sequence is None:
-            self.interrupted = self._watch.look(self)
+        if self._monitor is not None and self._sequence is None:
+            self.interrupted = self._monitor.check(self)
         return self.interrupted
 
     def compiles(self) -> bool:
@@ -214,7 +214,7 @@ class Run(RunState):
     def _until(self, first: int) -> int:
         """Instants from ``first`` on that may be solved before something is kept or looked at."""
         until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
-        return until if self._watch is None else min(until, self._watch.instants(self))
+        return until if self._monitor is None else min(until, self._monitor.instants(self))
 
     def _march_instants(self, first: int, n: int) -> int:
         """The same in one call of the kernels, or with the substructures on several processes."""
@@ -252,7 +252,7 @@ class Run(RunState):
         stages = self.stages(n, first)
 
         def report(iteration: int, error: float) -> None:
-            if n > 1 and self._watch is not None and self._watch.stops():
+            if n > 1 and self._monitor is not None and self._monitor.stops():
                 raise _StopError
             if self._progress is not None:
                 self._progress(number, count, iteration, error)

@@ -277,7 +277,7 @@ def _groups(mesh: Any) -> dict[str, list[Index]]:
 
 
 def _groups_of_data(mesh: Any) -> dict[str, list[Index]]:
-    """Groups of a file without names: one for each value of its integer data, the first that tells parts apart."""
+    """Groups of a file without names: one for each value of its integer data, the first that has several values."""
     for key in sorted(mesh.cell_data, key=lambda k: (k != "gmsh:physical", k)):
         tables = [np.asarray(values).ravel() for values in mesh.cell_data[key]]
         whole = all(len(t) == len(b.data) for t, b in zip(tables, mesh.cells, strict=True))

@@ -11,7 +11,7 @@ Contact of a patch (P pressure, g gap, s sliding velocity of E' over E; k, d, v_
                    tau = mu P s / |s|          while slipping
 
 Closed or open, sticking or slipping are discrete states that change at events only; between events the right-hand side
-is smooth. A state is left a little beyond its bound (hysteresis), so that an event never calls for the next one.
+is smooth. A state is left a little beyond its bound (hysteresis), so that an event never triggers the next one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Evaluation(NamedTuple):
 
 
 class Equations:
-    """y = (x, x', impulse of every interface, works where asked for); see ``ReducedSystem`` for x."""
+    """y = (x, x', impulse of every interface, works where requested); see ``ReducedSystem`` for x."""
 
     def __init__(self, system: ReducedSystem, energy: bool) -> None:
         self.system, self.energy = system, energy

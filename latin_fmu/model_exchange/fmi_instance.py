@@ -250,7 +250,7 @@ class ReducedModelInstance:
     @exception_barrier(None)
     def set_state(self, saved: bytes) -> None:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
-        self._logged.clear()  # the call fails each time, as its message tells the host
+        self._logged.clear()  # the call fails each time, and its message is logged each time
         state = decode(saved, self._kind)
         own = decode(bytes(self._encoded()), self._kind)
         check_like(state, own, "state", optional=("segment",))

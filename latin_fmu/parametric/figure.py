@@ -26,7 +26,7 @@ _MOST_PARTS: Final = 6  # interfaces, sensors ... of one quantity that are drawn
 @styled
 def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
     """Panels of the quantities ``names`` (some of all where None) against the first two parameters; of further
-    parameters the first value is taken, which the title says. Points that failed or did not converge are marked.
+    parameters the first value is taken, which is in the title. Points that failed or did not converge are marked.
 
     Raises
     ------

@@ -174,7 +174,7 @@ class Grid:
         return [p.setting(i) for p, i in zip(self.parameters, point, strict=True)]
 
     def words(self, point: Index) -> str:
-        """The values of a point, for people."""
+        """The values of a point as text, e.g. for progress."""
         values = [p.values[i] for p, i in zip(self.parameters, point, strict=True)]
         texts = [f"{v:g}" if isinstance(v, float) else value_text(v) for v in values]
         return ", ".join(f"{p.key} = {text}" for p, text in zip(self.parameters, texts, strict=True))

@@ -95,7 +95,7 @@ QUANTITIES: Final = (
 
 @dataclass(frozen=True)
 class Plan:
-    """What every process of a study has to know.
+    """Data that every process of a study needs.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class PointSolver:
         self._lock = Lock()  # a worker of a cluster may have several threads
 
     def solve(self, point: Index) -> Record:
-        """The record of a point; whatever goes wrong in it is its message."""
+        """The record of a point; an error in it becomes its message."""
         with self._lock:
             start = clock.process_time()
             try:
@@ -168,7 +168,7 @@ def failed(message: str) -> Record:
 
 @lru_cache(maxsize=1)
 def _solver(plan: str) -> PointSolver:
-    """The solver of a process, which lives as long as points of its study come."""
+    """The solver of a process, kept while the points belong to one study."""
     return PointSolver(Plan.of_text(plan))
 
 

@@ -45,10 +45,10 @@ from .grid import Grid, Index, Parameter, parameters_of, value_text
 from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record
 from .workers import solve_points
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 _KIND: Final = "points of a study"
-_HEAD: Final = "study"  # name of the file that says which study the points of a folder are of
+_HEAD: Final = "study"  # name of the file that identifies the study of the points in a folder
 _HEADING: Final = "the study cannot be made"
 _MOST_JOBS: Final = 1024
 KIND: Final = "parametric study"
@@ -118,7 +118,7 @@ class _Progress:
     """Tells the points as they come, with the time left."""
 
     total: int
-    tell: Tell | None
+    log: Log | None
     done: int
     came: int = 0
     failed: int = 0
@@ -130,14 +130,14 @@ class _Progress:
         """One more point."""
         self.done, self.came = self.done + 1, self.came + 1
         self.failed += record["state"] == FAILED
-        if self.tell is None:
+        if self.log is None:
             return
         left = (clock.monotonic() - self._begun) / self.came * (self.total - self.done)
         more = f"; about {left:.0f} s left" if left < 90.0 else f"; about {left / 60.0:.0f} min left"
         state = STATES[int(record["state"])].replace("_", " ")
         why = f": {record['message']}" if record["state"] == FAILED else ""
         end = more if self.done < self.total else ""
-        self.tell(f"{self.done} of {self.total}: {point}: {state}{why}{end}")
+        self.log(f"{self.done} of {self.total}: {point}: {state}{why}{end}")
 
 
 def sweep(
@@ -150,11 +150,11 @@ def sweep(
     scheduler: str | None = None,
     histories: bool = False,
     guesses: bool = True,
-    tell: Tell | None = None,
+    log: Log | None = None,
 ) -> xr.Dataset:
     """Solve a scene for all combinations of the values of some of its keys.
 
-    Points that fail are marked in the result, with their message. With windows of several instants a point begins with
+    Points that fail are marked in the result, with their message. With windows of several instants, a point begins with
     the fields of its neighbours, which saves iterations and moves results within the tolerance of the iteration.
 
     Parameters
@@ -168,7 +168,7 @@ def sweep(
     scheduler : address of a dask scheduler whose workers solve the points instead (files of meshes and laws must be
         found at the same place there).
     histories : keep the resultants of the interfaces over time. guesses : whether neighbours give first guesses.
-    tell : takes a line of text after each point.
+    log : takes a line of text after each point.
 
     Returns
     -------
@@ -191,9 +191,9 @@ def sweep(
     target = None if output is None else check_target(output)
     store = None if target is None else Store(target, grid, digest)
     records = {} if store is None else store.begin()
-    if tell is not None and records:
-        tell(f"{len(records)} of {len(grid.order)} points were done before")
-    progress = _Progress(len(grid.order), tell, len(records))
+    if log is not None and records:
+        log(f"{len(records)} of {len(grid.order)} points were done before")
+    progress = _Progress(len(grid.order), log, len(records))
     again = False
 
     def keep(point: Index, record: Record, lost: bool) -> None:

@@ -23,7 +23,7 @@ from .point import Record, failed, solve_point
 
 LOST: Final = "the process that solved this point has ended (killed, or out of memory)"
 _MOST_LOST: Final = 3  # processes lost one after the other: nothing can be solved
-_WAIT: Final = 10.0  # s for the scheduler to answer
+_WAIT: Final = 10.0  # s to wait for the scheduler
 
 Keep = Callable[[Index, Record, bool], None]
 """Takes a point, its record, and whether its process was lost."""
@@ -118,7 +118,7 @@ def _distribute(points: _Points, plan: str, workers: Sequence[Renew], keep: Keep
 
 
 def _lost_errors() -> tuple[type[BaseException], ...]:
-    """Errors that tell that the process of a worker has ended."""
+    """Types of errors that are raised when the process of a worker has ended."""
     try:
         from distributed.scheduler import KilledWorker
     except ImportError:

@@ -36,7 +36,7 @@ SEQUENTIAL: Final = "viridis"
 PRESSURE: Final = "inferno_r"
 """Colour map of pressures: 0 is nearly white, its lightness falls evenly."""
 BAD: Final = "#B00000"
-"""Colour of what failed or did not converge, which a mark or a text tells, too."""
+"""Colour of what failed or did not converge, which has a mark or a text of its own, too."""
 
 FORMATS: Final = (".png", ".pdf", ".svg")
 

@@ -274,7 +274,7 @@ def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], al
 
 
 def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | None) -> None:
-    """Maximax, primary and residual (3, n) on logarithmic axes, told apart by line and grey as well as by colour."""
+    """Maximax, primary and residual (3, n) on logarithmic axes, which differ by line and grey as well as by colour."""
     styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
     top = max(float(values[0].max(initial=0.0)), 1e-300)
     if error is not None:

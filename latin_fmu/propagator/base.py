@@ -140,7 +140,7 @@ class Propagator(ABC):
 
     @property
     def condensed(self) -> Any:
-        """See the class."""
+        """Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), m s-1 N-1."""
         self._condensed = self._condense(self.k[:, 0]) if self._condensed is None else self._condensed
         return self._condensed
 

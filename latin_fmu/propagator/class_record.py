@@ -28,7 +28,7 @@ from .model import Array, Index
 Row = dict[str, int]
 Halves = dict[int, tuple[int, int, int]]
 """Places of the row starts and columns of lower triangles and their numbers of entries, by the ``id`` of the column
-indices of the whole matrix, which lives as long."""
+indices of the whole matrix, which is kept as long."""
 _NONE = np.zeros(1, dtype=np.int64)
 _NO_TERMS = MappingProxyType({f"{name}_terms": 0 for name in SUMS})
 

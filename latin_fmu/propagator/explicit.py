@@ -62,7 +62,7 @@ class ExplicitPropagator(Propagator):
         super().__init__(members, scheme, dt, energy)
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
-        """See ``Propagator``.
+        """As ``Propagator.begin``, after a check of the step.
 
         Raises
         ------

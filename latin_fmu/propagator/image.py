@@ -397,7 +397,7 @@ class Image:
         return self._views[name, shape]
 
     def counts(self, name: str, n: int) -> Index:
-        """The same for integers."""
+        """An array of integers of the run in the moving block, a view."""
         at = self._run[name]
         return self.moving[at : at + n].view(np.int64)
 

@@ -59,7 +59,7 @@ class Points:
     faces: Index
 
     def of(self, components: slice, moving: NDArray[np.bool_]) -> Points:
-        """The same with some of the components, and the channels alone that can move."""
+        """These points with some of the components, and with channels that can move only."""
         channels = self.channels[:, components]
         channels = np.where((channels >= 0) & moving[channels], channels, -1)
         channels = channels[:, : 1 + np.flatnonzero((channels >= 0).any(axis=0)).max(initial=0)]
@@ -67,7 +67,7 @@ class Points:
         return Points(self.positions[kept], channels[kept], self.faces[kept])
 
     def in_rows(self) -> Points:
-        """The same in an order in which neighbours follow each other, as rows of a table are read."""
+        """These points in an order in which neighbours follow each other, as rows of a table are read."""
         if len(self.positions) < 2:
             return self
         nearest = np.asarray(cKDTree(self.positions).query(self.positions, 2)[0])[:, 1]
@@ -197,22 +197,22 @@ class _Columns:
         self._channels = points.channels
         self._rows = np.where(points.channels >= 0, points.channels, n_channel)  # of zeros
 
-    def _answers(self, groups: Index, count: int) -> Array:
+    def _velocities(self, groups: Index, count: int) -> Array:
         """Velocities (n_point, h, count, h) of unit forces on the components of the points of each group, -1: none."""
         width = self._channels.shape[1]
         forces = np.zeros((self._n + 1, count, width))
         on = groups >= 0
         for e in range(width):
             forces[self._rows[on, e], groups[on], e] = 1.0
-        answers = np.zeros((self._n + 1, count * width))
-        answers[:-1] = self._solve(forces[:-1].reshape(self._n, -1))
-        return answers[self._rows].reshape(*self._rows.shape, count, width)
+        velocities = np.zeros((self._n + 1, count * width))
+        velocities[:-1] = self._solve(forces[:-1].reshape(self._n, -1))
+        return velocities[self._rows].reshape(*self._rows.shape, count, width)
 
     def sizes(self, picked: Index) -> Array:
         """Largest entries (n_point, n_picked) of the blocks of the columns of some points."""
         groups = np.full(len(self._channels), -1)
         groups[picked] = np.arange(len(picked))
-        sizes: Array = np.abs(self._answers(groups, len(picked))).max(axis=(1, 3))
+        sizes: Array = np.abs(self._velocities(groups, len(picked))).max(axis=(1, 3))
         return sizes
 
     def blocks(self, i: Index, j: Index, colour: Index) -> Array:
@@ -221,10 +221,10 @@ class _Columns:
         blocks, together = np.zeros((len(i), width, width)), max(1, _COLUMNS // width)
         for first in range(0, int(colour.max(initial=-1)) + 1, together):
             own = np.where((colour >= first) & (colour < first + together), colour - first, -1)
-            answers = self._answers(own, together)
+            velocities = self._velocities(own, together)
             for rows, columns, turned in ((i, j, False), (j, i, True)):
                 here = np.flatnonzero(own[columns] >= 0)
-                part = 0.5 * answers[rows[here], :, own[columns[here]]]
+                part = 0.5 * velocities[rows[here], :, own[columns[here]]]
                 blocks[here] += part.transpose(0, 2, 1) if turned else part
         return blocks
 

@@ -190,15 +190,15 @@ class MassCompliance:
         ops, columns = self._operators, force.reshape(len(force), -1)
         spread = np.zeros((ops.mass.shape[0], columns.shape[1]))
         spread[ops.dofs] = ops.spread @ columns
-        answer: Array = ops.trace @ self._factor.solve(spread)[ops.dofs]
-        return answer.reshape(force.shape)
+        acceleration: Array = ops.trace @ self._factor.solve(spread)[ops.dofs]
+        return acceleration.reshape(force.shape)
 
 
 def applied(factor: CholeskyFactor, trace: sp.csr_array, gain: float, force: Array) -> Array:
     """``gain`` T A^-1 T^T times forces (n_channel,) or (n_channel, m), A of the factor."""
     columns = force.reshape(len(force), -1)
-    answer: Array = gain * (trace @ factor.face_solve(np.asarray(trace.T @ columns)))
-    return answer.reshape(force.shape)
+    velocity: Array = gain * (trace @ factor.face_solve(np.asarray(trace.T @ columns)))
+    return velocity.reshape(force.shape)
 
 
 def all_columns(factor: CholeskyFactor, trace: sp.csr_array, gain: float) -> Array:

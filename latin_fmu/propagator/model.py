@@ -262,7 +262,7 @@ class SubstructureModel:
 
     @cached_property
     def reduced_spread(self) -> sp.csr_array:
-        """Its transpose, (n, n_channel)."""
+        """Transpose of ``reduced_trace``, (n, n_channel)."""
         return sp.csr_array(self.reduced_trace.T)
 
     @cached_property
@@ -314,7 +314,7 @@ class SubstructureModel:
 
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
-        """The same model with a lumped mass, made once; it need not have its matrices reduced anew."""
+        """The same model with a lumped mass, made once; its matrices need not be reduced again."""
         own = self.lumped_mass
         other = self.with_mass(lumped(self.inertia, nodal=False) if own is None else diagonal_matrix(own))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())

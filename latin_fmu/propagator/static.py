@@ -4,9 +4,9 @@ With W = T (u_{n+1} - u_n) / dt and the linear stage F = q - k W, (12)-(14) with
 
     (K + T^T a k/dt T) (u_{n+1} - u_n) = f_{n+1} - K u_n + T^T a q
 
-whose operator is regular for a floating body too. The whole load f_{n+1} is balanced at every increment, so that what
-one increment leaves unbalanced is not carried on. An instant ends with the incoming quantity q: tractions alone do not
-do not determine where a floating body is. The steps stand in ``kernels.substructure``.
+whose operator is regular for a floating body too. The whole load f_{n+1} is balanced at every increment, so that the
+residual of one increment is not carried on. An instant ends with the incoming quantity q: tractions alone do not
+determine the place of a floating body. The steps stand in ``kernels.substructure``.
 
 K alone is singular where a body floats. The factor is that of K with springs k_0 on the interface,
 
@@ -158,7 +158,7 @@ class StaticPropagator(Propagator):
 
     @property
     def spring_inverse(self) -> Array:
-        """See the class."""
+        """(S + T^T a k/dt T)^-1 for the k of the last ``bind``, (n_gamma, n_gamma), m N-1."""
         _ = self.condensed
         return self._spring_inverse
 

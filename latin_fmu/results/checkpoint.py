@@ -129,7 +129,7 @@ class Checkpoint:
         """Whether the run has to stop."""
         return self._stop is not None and self._stop()
 
-    def look(self, run: Run) -> bool:
+    def check(self, run: Run) -> bool:
         """Write a checkpoint where one is due; whether the run has to stop."""
         instant, stops = run.assembly.instant, self.stops()
         since = instant - self._last

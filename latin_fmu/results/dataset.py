@@ -268,11 +268,11 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
         yield groups
 
 
-def _set_peaks(group: Group, force: Force, asked: float | None) -> None:
+def _set_peaks(group: Group, force: Force, requested: float | None) -> None:
     """Put the peak forces of the whole run in the group of an interface; the largest mean of a very long run follows
     from some of its instants, for it takes much memory."""
     every = -(-len(force.time) // _PEAK)
-    peak, duration, _ = Force(force.time[::every], force.value[::every]).peaks(asked)
+    peak, duration, _ = Force(force.time[::every], force.value[::every]).peaks(requested)
     mean, raw = group.variables["peak_force"], group.variables["peak_force_raw"]
     mean.values, raw.values = np.array(peak), np.array(force.raw_peak())
     mean.attrs["peak_duration"] = duration

@@ -195,7 +195,7 @@ REACTION: Final[Mapping[str, Meaning]] = {"force": Meaning("N", "resultant force
 BOLT: Final[Mapping[str, Meaning]] = {
     "force": Meaning("N", "tension of the shank", "resultant along the axis of the stresses on a cut of the shank"),
     "mean_stress": Meaning("Pa", "tension of the shank over its section"),
-    "shortening": Meaning("m", "shortening of the shank since before the bolts were tightened"),
+    "shortening": Meaning("m", "shortening of the shank, counted from before the bolts were tightened"),
     "section_area": Meaning("m2", "section of the shank across its axis"),
     "order": Meaning("1", "bolts tightened last, in ascending order"),
     "tightening_force": Meaning("N", "tension when the bolts of each order were tight, before other loads"),
@@ -207,7 +207,8 @@ SENSOR: Final[Mapping[str, Meaning]] = {
     "acceleration": Meaning(
         "m s-2",
         "acceleration of the sensor",
-        "that of the time scheme: where it weights forces of two instants, that of about a tenth of a step earlier",
+        "acceleration of the time scheme; where the scheme weights forces of two instants, that of about a tenth of a "
+        "step earlier",
     ),
     "displacement_filtered": Meaning("m", "displacement of the sensor, low pass"),
     "velocity_filtered": Meaning("m s-1", "velocity of the sensor, low pass"),
@@ -255,7 +256,7 @@ ENERGY: Final[Mapping[str, Meaning]] = {
         "J", "energy dissipated by the viscosity of contact layers since the start of the run"
     ),
     "scheme_dissipation": Meaning("J", "energy dissipated by the time scheme since the start of the run"),
-    "balance": Meaning("J", "what the energy balance leaves over"),
+    "balance": Meaning("J", "residual of the energy balance"),
 }
 
 RESULTANTS: Final[Mapping[str, Meaning]] = {
@@ -272,10 +273,12 @@ RESULTANTS: Final[Mapping[str, Meaning]] = {
 
 CONVERGENCE: Final[Mapping[str, Meaning]] = {
     "error_indicator": Meaning("1", "error indicator sqrt(eta) after each iteration"),
-    "force_mismatch": Meaning("1", "relative mismatch of the forces of both sides after each iteration"),
+    "force_mismatch": Meaning("1", "relative difference of the forces of both stages after each iteration"),
     "iterations": Meaning("1", "LATIN iterations of the window"),
     "newton_steps": Meaning("1", "iterations of the window that were Newton steps"),
-    "defect": Meaning("1", "residual of the laws of interfaces with truncated tables, relative, as the indicator"),
+    "defect": Meaning(
+        "1", "residual of the laws of interfaces with truncated tables, in the norm of the error indicator"
+    ),
     "corrections": Meaning("1", "corrections of the window by exact velocities"),
     "converged": Meaning(None, "whether the window converged"),
     "first_instant": Meaning("1", "index in time of the first instant of the window"),

@@ -29,7 +29,7 @@ class QuantityOfInterest:
 
     The safety factors are chosen so that the estimates of at least 95 % of the cases with closed solutions of
     ``tests/verification/test_error_estimate.py`` are not below the true error (mesh and step at 1/2 to 2 times those
-    written), with a median of told over true error below 2 and 90 % of the cases below 3, raw peaks aside.
+    written), with a median of estimated over true error below 2 and 90 % of the cases below 3, raw peaks aside.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class QuantityOfInterest:
     iteration: float = ITERATION_ERROR
 
 
-_INSTANT: Final = "the instant itself, a hundredth of the interval at least"
+_INSTANT: Final = "the instant itself, at least a hundredth of the interval"
 
 IMPULSE: Final = QuantityOfInterest(
     "impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force", safety=1.15
@@ -58,7 +58,7 @@ IMPULSE: Final = QuantityOfInterest(
 FIRST_CONTACT: Final = QuantityOfInterest(
     "first_contact",
     "s",
-    "instant at which the normal force first exceeds 1 % of its peak (sides that come from apart: at which they meet)",
+    "instant at which the normal force first exceeds 1 % of its peak (after a gap: at which the gap closes)",
     _INSTANT,
     safety=0.75,
     iteration=0.15,
@@ -143,9 +143,9 @@ class Force:
     time: Array
     value: Array
 
-    def peaks(self, asked: float | None) -> tuple[float, float, float]:
-        """Peak force (N), the duration of its mean (s; ``asked``, or a share of the contact), and the raw peak (N)."""
-        duration = self.peak_duration(asked)
+    def peaks(self, requested: float | None) -> tuple[float, float, float]:
+        """Peak force, N, the duration of its mean, s (``requested`` or a share of the contact), and raw peak, N."""
+        duration = self.peak_duration(requested)
         return self.largest_mean(duration), duration, self.raw_peak()
 
     def norm(self) -> float:

@@ -160,8 +160,8 @@ def bolt_lines(outcome: Outcome) -> list[str]:
         tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
         forces = tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
         stress = readable(forces[-1] / bolt.area, "Pa")
-        told = (*(readable(force, "N") for force in forces), stress, readable(bolt.shortening, "m"))
-        rows.append((name, bolt.substructure, str(bolt.order), *told))
+        numbers = (*(readable(force, "N") for force in forces), stress, readable(bolt.shortening, "m"))
+        rows.append((name, bolt.substructure, str(bolt.order), *numbers))
     return aligned(rows) if len(rows) > 1 else []
 
 

@@ -61,7 +61,7 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
 
 
 def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
-    """Outer surface of a body as a UGRID mesh of faces, seen along z: node_x, node_y, node_z (node), m, ``faces``
+    """Outer surface of a body as a UGRID mesh of faces, projected along z: node_x, node_y, node_z (node), m, ``faces``
     (face, corner), and the fields at its nodes that the file holds, e.g. ``velocity`` (time, node, component).
 
     Raises InputError where no field of this substructure is in the file (``output.fields = true``).

@@ -2,7 +2,7 @@
 
 An output is absent or a regular file (a folder of files); links are followed. Its place is checked before a long run
 (``check_target``). It is drafted beside its place, flushed to the disk and renamed, so that it is whole or not there.
-Where that fails at the end, it is written to the temporary folder instead, and the error tells where.
+Where that fails at the end, it is written to the temporary folder instead, and the error names the place.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _KINDS: Final = (
 
 
 class UnwrittenError(ResultsError):
-    """An output could not be written at the end of the work; the problem tells where it was written instead."""
+    """An output could not be written at the end of the work; the problem names the place it was written to instead."""
 
 
 def unwritable(path: Path, what: str, remedy: str) -> ResultsError:
@@ -73,7 +73,7 @@ def _behind_links(path: str | Path) -> tuple[Path, int | None]:
             return Path(path), Path(path).stat().st_mode
         return target, None
     except NotADirectoryError:
-        return target, None  # told by the check of the folder
+        return target, None  # reported by the check of the folder
     except OSError as error:
         raise unwritable(target, f"cannot be reached: {error.strerror or error}", "choose another place") from error
 
@@ -116,7 +116,7 @@ def write_whole(
 
     Raises
     ------
-    UnwrittenError : the place is not good or writing failed, e.g. on a full disk; tells the file that was written to
+    UnwrittenError : the place is not good or writing failed, e.g. on a full disk; names the file that was written to
         the temporary folder instead.
     """
     draft: Path | None = None
@@ -140,7 +140,7 @@ def write_bytes(path: str | Path, content: bytes, rescue: bool = True) -> Path:
 
 
 def _unwritten(target: Path, error: OSError | ResultsError, rescue: Path | None) -> UnwrittenError:
-    """The error that tells what failed and where the output is."""
+    """The error, with the cause and the place of the output."""
     if isinstance(error, ResultsError):
         where, what = error.problems[0].where, error.problems[0].what
     else:

@@ -7,7 +7,7 @@ boundaries, laws, settings
 fields                               types of the keys: strict numbers, names, faces; description, unit and range
 relations                            checks between tables: unknown names, contradictions
 raw_scene                            the scene as it was written, for these checks
-describe                             what the tables say about themselves; from a failed check to a message
+describe                             kinds, ranges and units of the keys as text; from a failed check to a message
 overrides                            settings ``a.b.c=value`` on top of a file, and the lines on which keys stand
 reference                            the printed reference and the JSON schema, both made from the tables
 ===================================  ================================================================================

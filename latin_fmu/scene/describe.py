@@ -17,7 +17,7 @@ from ..errors import Problem, did_you_mean, shown
 
 _SIGNS: Final = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_LONGEST_KEY = 100
+_LONGEST_KEY, _LONGEST_TABLE = 100, 120  # characters shown of a key, and of the value of a key that is not known
 _WHAT: Final = {
     "missing": "this key is missing",
     "float_type": "must be a number",
@@ -202,6 +202,8 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         tables = tables_at(root, location[:-1])
         keys = list(dict.fromkeys(key for table in tables for key in table.model_fields))
         remedy = did_you_mean(location[-1], keys)
+        if isinstance(detail["input"], Mapping) and len(value) > _LONGEST_TABLE:
+            value = f"a table with {len(detail['input'])} keys"
         return Problem(where, "unknown key", value, ", ".join(keys), remedy)
     if kind == "union_tag_not_found":
         tags = tags_of(tables_at(root, location))

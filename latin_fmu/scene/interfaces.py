@@ -156,7 +156,7 @@ class Interface(Table):
         Gap | None,
         about(
             'initial distance along N (behaviours that open): "measured" on the meshes (also where left out), "closed" '
-            "(zero, whatever the meshes say), or a number, for meshes that agree with it or touch",
+            "(zero, whatever the distance of the meshes), or a number, for meshes that agree with it or touch",
             "m",
         ),
     ] = None

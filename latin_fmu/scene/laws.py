@@ -5,7 +5,7 @@ Jumps
 The value at a jump is the value *before* it: a step or a pulse that starts at t = 0 is 0 at t = 0, and a
 rectangular pulse is 1 for start < t <= start + duration. A load released at t = 0 (one that falls there at once) has
 its value before the release in a static start, and the one after it in the march: see ``sampled``. An instant closer
-to the jump than 1e-9 of its own value counts as lying on it, so that round-off in ``i * dt`` never decides.
+to the jump than 1e-9 of its own value counts as lying on it, so that round-off in ``i * dt`` has no effect.
 
 Sampling
 --------
@@ -224,7 +224,7 @@ class HalfSineLaw(Table):
 
 
 class InputLaw(Table):
-    """Set from outside while running (an FMU input); stays at `start_value` in a run of its own."""
+    """Set from outside while running (an FMU input); stays at `start_value` in a run without a host."""
 
     type: Literal["input"] = "input"
     start_value: Annotated[Real, about("value until it is set", "1")] = 0.0

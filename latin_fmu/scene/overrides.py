@@ -2,7 +2,7 @@
 
 The path follows the tables and names of the file; a number picks an item of a list
 (``substructure.bar.box.elements.2=100``). The value is read as TOML; a bare word is a text. A named
-table must exist; a key may be new, the scene itself then says whether it is known."""
+table must exist; a key may be new; whether it is known is checked with the scene."""
 
 from __future__ import annotations
 

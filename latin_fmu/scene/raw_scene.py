@@ -1,6 +1,6 @@
 """Tolerant views of a scene as it was written: whatever has the wrong shape is left out without an error.
 
-The checks between keys and tables look at these, so that a wrong field somewhere hides none of them."""
+The checks between keys and tables use these views, so that a wrong field does not hide other problems."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RawTable = Mapping[str, Any]
 CENTRAL = "central_difference"
 """Name of the scheme of the explicit propagator."""
 _DEPTH = 6  # of the deepest table a scene has
-_MAX_LEVELS = 50  # far deeper than any scene: stops at endless nesting
+_MAX_LEVELS = 50  # far deeper than any scene: stops at oversized nesting
 _MAX_BITS = 4096  # some 1200 digits; Python prints 4300
 
 
@@ -31,16 +31,16 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
     return tolist() if callable(tolist) else data
 
 
-def endless_numbers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
-    """Paths of the integers too long to be printed, which no library below could even complain about."""
+def oversized_integers(raw: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Paths of the integers that are too long to be printed."""
     if isinstance(raw, int) and raw.bit_length() > _MAX_BITS:
         yield path
     elif len(path) < _MAX_LEVELS and isinstance(raw, Mapping):
         for key, item in raw.items():
-            yield from endless_numbers(item, (*path, str(key)))
+            yield from oversized_integers(item, (*path, str(key)))
     elif len(path) < _MAX_LEVELS and isinstance(raw, (list, tuple)):
         for index, item in enumerate(raw):
-            yield from endless_numbers(item, (*path, index))
+            yield from oversized_integers(item, (*path, index))
 
 
 def named_tables(raw: Any, key: str) -> dict[str, RawTable]:
@@ -70,7 +70,7 @@ def chosen_type(table: RawTable, key: str) -> str | None:
 
 
 def is_explicit(raw: Any) -> bool:
-    """Whether a scene asks for central differences, by its scheme or by its propagator."""
+    """Whether a scene selects central differences, by its scheme or by its propagator."""
     kind = chosen_type(single_table(raw, "solver"), "propagator")
     return kind == "explicit" or chosen_type(single_table(raw, "time"), "scheme") == CENTRAL
 

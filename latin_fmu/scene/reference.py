@@ -132,8 +132,8 @@ Nothing holds  Without inertia a substructure that nothing holds has an equilibr
                of a rigid substructure. A load that is set from outside must be in balance by itself.
 Initial fields The initial values of a body add up: a uniform one, a spin, gradients G (u = G (x - mass centre)), and
                the fields of a file with a row x, y, z, u, v, w for every node of the mesh, in any order; rows of other
-               bodies may be there. Supports win over a field, with a warning. [initial_state] takes both fields from an
-               instant of a results file, of bodies with the same names and meshes; laws start anew at t = 0. Gaps and
+               bodies may be there. Supports override a field, with a warning. [initial_state] takes both fields from an
+               instant of a results file, of bodies with the same names and meshes; laws start again at t = 0. Gaps and
                tractions of bonds and layers follow from the fields; those of contacts do not, so that an instant at
                which a contact of these bodies is loaded is refused. newmark with gamma = 0.5, massless_contact and
                central_difference continue a vibration from its displacements and velocities as if it had not been

@@ -399,8 +399,8 @@ def static_problems(raw: Any) -> Iterator[Problem]:
     if scheme is not None and chosen_type(time, "scheme") != _AUTOMATIC:  # but for the default
         yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
     start = time.get("start")
-    asked = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
-    if asked and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
+    requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
+    if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
         yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):

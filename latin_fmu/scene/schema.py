@@ -16,7 +16,7 @@ from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of
 from .ports import Port
-from .raw_scene import endless_numbers, named_tables, plain
+from .raw_scene import named_tables, oversized_integers, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Solver, Time
@@ -126,7 +126,7 @@ class Scene(Table):
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
-    accuracy: Annotated[Accuracy, about("error estimate of a run, accuracy wanted")] = Accuracy()
+    accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
 
     _base_dir: Path = PrivateAttr(default=Path())
 
@@ -135,8 +135,8 @@ class Scene(Table):
     def _report_all_problems(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         """Field errors and contradictions between fields in one `SceneError`."""
         raw = plain(data)
-        if endless := [Problem(path_text(path), "too large for a number") for path in endless_numbers(raw)]:
-            raise SceneError(endless, _HEADING)
+        if oversized := [Problem(path_text(path), "too large for a number") for path in oversized_integers(raw)]:
+            raise SceneError(oversized, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         written, unreadable = _with_parts(raw, base_dir, info.context)
         try:

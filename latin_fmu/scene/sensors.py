@@ -113,7 +113,7 @@ def beyond_nyquist(where: str, what: str, frequency: float, step: float) -> Prob
         f"{what} lies beyond the Nyquist frequency of the run, 1 / (2 step) = {nyquist(step):.4g} Hz",
         f"{frequency:g} Hz",
         f"at most {nyquist(step):.4g} Hz",
-        f"a time step of at most {0.5 / frequency:.4g} s would do (it is {step:.4g} s)",
+        f"take a time step of at most {0.5 / frequency:.4g} s (it is {step:.4g} s)",
     )
 
 
@@ -132,10 +132,10 @@ def filter_problems(where: str, chosen: ChannelClass | LowPass, step: float, dur
         least = CFC_RATE * chosen.channel_class
         yield Problem(
             where,
-            f"SAE J211 asks for at least {least:g} samples a second for CFC {chosen.channel_class}",
+            f"SAE J211 requires at least {least:g} samples a second for CFC {chosen.channel_class}",
             f"{1 / step:.4g} samples a second",
             None,
-            f"a time step of at most {1 / least:.4g} s would do (it is {step:.4g} s)",
+            f"take a time step of at most {1 / least:.4g} s (it is {step:.4g} s)",
         )
     elif duration * chosen.cutoff < 1:
         yield Problem(
@@ -172,7 +172,7 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
     if time.get("quasi_static") is True:
         for key in ("filter", "spectrum"):
             if given(table, key):
-                what = "a quasi-static run has no acceleration, and its time is no time"
+                what = "a quasi-static run has no acceleration, and its time only orders the increments of load"
                 yield Problem(f"{where}.{key}", what, None, None, "remove it, or leave quasi_static out")
         return
     end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
@@ -181,8 +181,8 @@ def _processing_problems(where: str, table: RawTable, time: RawTable) -> Iterato
         return
     spectrum = table.get("spectrum")
     if isinstance(spectrum, dict):
-        asked = [number(spectrum, key) for key in ("lowest", "highest")]
-        yield from spectrum_problems(f"{where}.spectrum", [f for f in asked if f is not None], step)
+        requested = [number(spectrum, key) for key in ("lowest", "highest")]
+        yield from spectrum_problems(f"{where}.spectrum", [f for f in requested if f is not None], step)
     if isinstance(table.get("filter"), dict) and (chosen := _filter(table["filter"])) is not None:
         yield from filter_problems(f"{where}.filter", chosen, step, end)
 

@@ -140,7 +140,7 @@ class Time(Table):
 
 
 class Output(Table):
-    """Interface histories and convergence are always kept; the rest costs memory and is asked for."""
+    """Interface histories and convergence are always kept; the rest costs memory and is kept on request."""
 
     fields: Annotated[Flag, about("displacement and velocity history of the substructures")] = False
     stress: Annotated[Flag, about("mean stress of the elements of the substructures")] = False
@@ -226,7 +226,7 @@ class Accuracy(Table):
         ),
     ] = "impulse"
     target: Annotated[
-        Real | None, about("relative error wanted; mesh, time step and tolerance are then chosen", "1", gt=0, lt=1)
+        Real | None, about("target relative error; mesh, time step and tolerance are then chosen", "1", gt=0, lt=1)
     ] = None
 
 
@@ -358,7 +358,7 @@ class Solver(Table):
     max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
     acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = Anderson()
-    relaxation: Annotated[Real, about("1 is none, 1/2 is the safe one", "1", gt=0, le=1)] = 1.0
+    relaxation: Annotated[Real, about("1: none; 1/2: the most robust", "1", gt=0, le=1)] = 1.0
     window: Annotated[
         Window, about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1")
     ] = 1

@@ -1,4 +1,4 @@
-"""What a hard case is and how it runs: a promise, numbers that must stay below limits, and the laws of every run."""
+"""Hard cases: what is expected, measured numbers that must stay below limits, and laws that hold in every run."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Bench:
         return solution
 
     def converged(self, description: Description, counted: bool = True) -> Solution:
-        """Same; raises ArithmeticError with the status where the run did not converge."""
+        """As ``solve``; raises ArithmeticError with the status where the run did not converge."""
         solution = self.solve(description, counted)
         if not solution.converged:
             raise ArithmeticError(solution.status)
@@ -77,21 +77,21 @@ class Case:
     Attributes
     ----------
     name : family and parameters, e.g. "contrast E 1e4, bars". family : groups the rows of the report.
-    promise : what must hold, one sentence. check : solves and measures. quick : part of the quick suite.
+    expectation : what must hold, one sentence. check : solves and measures. quick : part of the quick suite.
     """
 
     name: str
     family: str
-    promise: str
+    expectation: str
     check: Check
     quick: bool = True
 
 
 def make_case(
-    family: str, name: str, promise: str, check: Callable[..., Any], *arguments: Any, quick: bool = True
+    family: str, name: str, expectation: str, check: Callable[..., Any], *arguments: Any, quick: bool = True
 ) -> Case:
     """A case that calls ``check`` with ``arguments`` and a bench."""
-    return Case(name, family, promise, partial(check, *arguments), quick)
+    return Case(name, family, expectation, partial(check, *arguments), quick)
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Row:
 
     case: str
     family: str
-    asked: str
+    expected: str
     measured: str
     passed: bool
     margin: float
@@ -129,7 +129,7 @@ def run_case(case: Case) -> Row:
     return Row(
         case=case.name,
         family=case.family,
-        asked=f"{case.promise}: {limits}" if limits else case.promise,
+        expected=f"{case.expectation}: {limits}" if limits else case.expectation,
         measured=failure or "; ".join(f"{m.value:.3g}" for m in measures),
         passed=bool(measures) and all(m.passed for m in measures),
         margin=max((m.margin for m in measures), default=math.inf),
@@ -160,7 +160,7 @@ def pressure_force(solution: Solution, interface: str = "meet") -> Array:
 
 
 def energies(solution: Solution) -> dict[str, Array]:
-    """Terms of the energy balance, (n_time,) each, of a scene that asks for it."""
+    """Terms of the energy balance, (n_time,) each, of a scene that requests it."""
     assert solution.energy is not None
     return solution.energy
 
@@ -206,7 +206,7 @@ def openings(force: Array, level: float) -> int:
 
 
 def laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
-    """What every run must obey: no tension, Coulomb's cone, energy balance to ``round_off``, no energy gained."""
+    """Laws that hold in every run: no tension, Coulomb's cone, energy balance to ``round_off``, no energy gained."""
     return [*contact_laws(solution), *energy_laws(solution, round_off)]
 
 

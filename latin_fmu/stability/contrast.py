@@ -32,11 +32,11 @@ def contrast_cases() -> Iterator[Case]:
     kinds = [(what, ratio) for what in ("E", "rho") for ratio in RATIOS]
     for what, ratio in kinds:
         yield case(f"bars, {what} ratio {ratio:g}", "stress Z1 Z2 v/(Z1+Z2), cost of contrast 1", _bars, what, ratio)
-    promise = "force of the same discrete problem at round-off, cost of contrast 1"
+    expectation = "force of the same discrete problem at round-off, cost of contrast 1"
     for friction in (0.0, 0.3):
         for what, ratio in kinds:
             name = f"blocks, {what} ratio {ratio:g}, mu {friction:g}"
-            yield case(name, promise, _blocks, what, ratio, friction)
+            yield case(name, expectation, _blocks, what, ratio, friction)
     for ratio in (1.0, 10.0, 100.0):
         name = f"bars, length ratio 1:{ratio:g}"
         yield case(name, "the short bar stops: impulse rho L v", _lengths, ratio, quick=ratio < 100)
@@ -113,23 +113,23 @@ def _unresolved(bench: Bench) -> list[Measure]:
 def shape_cases() -> Iterator[Case]:
     """Slivers, near incompressibility, symmetry, redundant and shared interfaces, floating bodies, stacks."""
     case = partial(make_case, "shape")
-    promise = "force of the same discrete problem at round-off"
+    expectation = "force of the same discrete problem at round-off"
     for aspect in (10.0, 100.0, 1000.0):
         for shape in ("thin", "long", "flat"):
-            yield case(f"{shape} elements, aspect {aspect:g}", promise, _sliver, shape, aspect)
+            yield case(f"{shape} elements, aspect {aspect:g}", expectation, _sliver, shape, aspect)
     for poisson in (-0.9, 0.45, 0.49, 0.499, 0.4999):
-        promise = "force of the problem at round-off; locking warned"
-        yield case(f"Poisson's ratio {poisson:g}", promise, _poisson, poisson)
+        expectation = "force of the problem at round-off; locking warned"
+        yield case(f"Poisson's ratio {poisson:g}", expectation, _poisson, poisson)
     for mu in (0.0, 0.1, 0.3, 1.0, 10.0):
         yield case(f"planes of symmetry across the interface, mu {mu:g}", "quarter model = full model", _symmetry, mu)
     for mu in (0.0, 0.3):
         yield case(f"interface declared twice, mu {mu:g}", "total force that of one interface", _twice, mu)
-        promise = "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept"
-        yield case(f"eight blocks around a point, mu {mu:g}", promise, _eight, mu)
+        expectation = "corner nodes of three interfaces, floating blocks: laws kept, symmetry kept"
+        yield case(f"eight blocks around a point, mu {mu:g}", expectation, _eight, mu)
     yield case("smallest interface: one element face", "stress of a wider bar", _smallest)
     for count in (16, 4):
-        promise = "converged, no flipping, separation of a tight run"
-        yield case(f"stack of {count} blocks, gap 0", promise, _stack, count, quick=count < 16)
+        expectation = "converged, no flipping, separation of a tight run"
+        yield case(f"stack of {count} blocks, gap 0", expectation, _stack, count, quick=count < 16)
 
 
 def _against_tight(bench: Bench, scene: Description, limit: float = 1e-2) -> list[Measure]:

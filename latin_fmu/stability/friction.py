@@ -18,18 +18,18 @@ def cases() -> Iterator[Case]:
     """From no friction to no slip: crushing, oblique impact, a corner of three walls."""
     case = partial(make_case, "friction")
     for mu in (0.0, 0.1, 0.3, 1.0, 10.0, 1e6):
-        promise = "same cost at any mu; stick and slip where they belong"
-        yield case(f"crushing, mu {mu:g}", promise, _crushing, mu)
+        expectation = "same cost at any mu; stick and slip where expected"
+        yield case(f"crushing, mu {mu:g}", expectation, _crushing, mu)
     for angle in (0, 15, 30, 45, 60, 73):
-        promise = "impulse on the cone and against the sliding, momentum exact"
-        yield case(f"oblique impact, {angle} degrees", promise, _oblique, angle)
+        expectation = "impulse on the cone and against the sliding, momentum exact"
+        yield case(f"oblique impact, {angle} degrees", expectation, _oblique, angle)
     for mu in (0.0, 0.1, 0.3, 1.0, 10.0):
-        promise = "a node of three interfaces: converged; total force unique for mu <= 0.3"
-        yield case(f"corner of three walls, mu {mu:g}", promise, _corner, mu)
+        expectation = "a node of three interfaces: converged; total force unique for mu <= 0.3"
+        yield case(f"corner of three walls, mu {mu:g}", expectation, _corner, mu)
     yield case("corner of three walls, no_slip", "converged where mu 1e6 is not", _no_slip_corner)
-    yield case("crushing, no_slip", "the answer of mu 1e6, same cost", _no_slip_crushing)
-    promise = "no convergence point by point: stops with a sentence, laws kept"
-    yield case("corner of three walls, mu 1e6", promise, _not_convergent)
+    yield case("crushing, no_slip", "the result of mu 1e6, same cost", _no_slip_crushing)
+    expectation = "no convergence point by point: stops with a message, laws kept"
+    yield case("corner of three walls, mu 1e6", expectation, _not_convergent)
 
 
 def _crushing(friction: float, bench: Bench) -> list[Measure]:
@@ -146,7 +146,7 @@ def _not_convergent(bench: Bench) -> list[Measure]:
     vague = solution.converged or not ("interface" in status and "friction" in status and "step" in status)
     finite = all(np.isfinite(h.traction).all() for h in solution.interfaces.values())
     return [
-        Measure("sentence without interface, friction and remedy", float(vague and not solution.converged), 0),
+        Measure("message without interface, friction and remedy", float(vague and not solution.converged), 0),
         Measure("numbers that are not finite", float(not finite), 0),
         Measure("iterations in a window", max(bench.iterations), 300),
         *contact_laws(solution),

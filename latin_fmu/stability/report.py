@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_KEYS = ("case", "asked", "measured", "passed", "iterations", "fallbacks", "seconds")
+_KEYS = ("case", "expected", "measured", "passed", "iterations", "fallbacks", "seconds")
 
 
 def as_json(rows: Sequence[Row]) -> str:
-    """One list of objects with the keys case, asked, measured, passed, iterations, fallbacks, seconds."""
+    """One list of objects with the keys case, expected, measured, passed, iterations, fallbacks, seconds."""
     lines = (json.dumps({key: _plain(getattr(row, key)) for key in _KEYS}, allow_nan=False) for row in rows)
     return "[\n  " + ",\n  ".join(lines) + "\n]"
 
@@ -50,7 +50,7 @@ def as_markdown(rows: Sequence[Row], schemes: str, figure: str | None) -> str:
         "scaling, a symmetry, a balance, or the same discrete problem iterated to round-off. Iterations: largest in",
         "a window and mean; fall-backs: windows in which one was used.",
         "",
-        "| case | asked | measured | holds | iterations | fall-backs | s |",
+        "| case | expected | measured | holds | iterations | fall-backs | s |",
         "|---|---|---|---|---|---|---|",
     ]
     family = ""
@@ -58,8 +58,9 @@ def as_markdown(rows: Sequence[Row], schemes: str, figure: str | None) -> str:
         if row.family != family:
             family = row.family
             parts.append(f"| **{family}** | | | | | | |")
+        holds = "yes" if row.passed else "**no**"
         parts.append(
-            f"| {_cell(row.case)} | {_cell(row.asked)} | {_cell(row.measured)} | {'yes' if row.passed else '**no**'} "
+            f"| {_cell(row.case)} | {_cell(row.expected)} | {_cell(row.measured)} | {holds} "
             f"| {row.iterations} ({row.mean_iterations:.1f}) | {row.fallbacks} | {row.seconds:.1f} |"
         )
     return "\n".join([*parts, "", schemes]) + "\n"

@@ -1,6 +1,6 @@
 """Scenes as nested tables: boxes on top of each other, and the problems that hard cases are made of.
 
-``column`` makes any stack of boxes; the tables it returns may be changed before ``scene_from_dict`` reads them.
+``column`` makes any stack of boxes, ``placed`` any boxes; tables may be changed before ``scene_from_dict`` reads them.
 """
 
 from __future__ import annotations
@@ -80,18 +80,26 @@ def column(
     bodies : boxes by name, from below. interfaces : further keys of each interface by name, from below.
     time : table of the time. gap : between neighbours, m. tables : further tables, e.g. ``load``, or ``name``.
     """
-    height, origins = 0.0, {}
+    height, stacked = 0.0, dict[str, tuple[Box, Triple]]()
     for name, box in bodies.items():
-        origins[name] = (0.0, 0.0, height)
+        stacked[name] = (box, (0.0, 0.0, height))
         height += float(box.size[2]) + gap
     pairs = zip(pairwise(bodies), interfaces.items(), strict=True)
+    contacts = {name: {"sides": [f"{low}.zmax", f"{up}.zmin"], **keys} for (low, up), (name, keys) in pairs}
+    return placed(stacked, time, **{"name": "column", "interface": contacts, "boundary": {}, "load": {}, **tables})
+
+
+def placed(bodies: Mapping[str, tuple[Box, Triple]], time: Mapping[str, Any], **tables: Any) -> Description:
+    """Boxes with their lowest corners at given places.
+
+    Parameters
+    ----------
+    bodies : boxes and places, m, by name. time : table of the time. tables : further tables, e.g. ``interface``.
+    """
     return {
-        "name": "column",
-        "material": {box.material.name: box.material.table() for box in bodies.values()},
-        "substructure": {name: box.table(origins[name]) for name, box in bodies.items()},
-        "interface": {name: {"sides": [f"{low}.zmax", f"{up}.zmin"], **keys} for (low, up), (name, keys) in pairs},
-        "boundary": {},
-        "load": {},
+        "name": "boxes",
+        "material": {box.material.name: box.material.table() for box, _ in bodies.values()},
+        "substructure": {name: box.table(origin) for name, (box, origin) in bodies.items()},
         "time": dict(time),
         **tables,
     }

@@ -1,4 +1,4 @@
-"""Settings that must change the cost and never the answer, and input that must be refused, every problem at once."""
+"""Settings that may change the cost but not the result, and input that must be refused, every problem at once."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ UNITS: Final = {
 
 
 def setting_cases() -> Iterator[Case]:
-    """Search directions, windows, units and steps that must not change the answer."""
+    """Search directions, windows, units and steps that must not change the result."""
     case = partial(make_case, "settings")
     for kind in ("automatic", "impedance"):
         for factor in (1e-2, 0.1, 10.0, 1e2):
-            yield case(f"k {kind} x {factor:g}", "the answer of k x 1", _direction, kind, factor)
+            yield case(f"k {kind} x {factor:g}", "the result of k x 1", _direction, kind, factor)
     for window in (2, 5, 10, "whole"):
         for ratio in (1.0, 1e4):
             name = f"windows of {window}, E ratio {ratio:g}"
-            yield case(name, "the answer of one-step windows", _window, window, ratio)
+            yield case(name, "the result of one-step windows", _window, window, ratio)
     for name, units in UNITS.items():
         yield case(f"units {name}", "SI after scaling, same iterations", _units, units)
     for transits in (1e-6, 1e-3, 1.0, 1e2, 1e4):
-        promise = "converged, laws kept, penetration bounded"
-        yield case(f"step of {transits:g} transits", promise, _step, transits)
+        expectation = "converged, laws kept, penetration bounded"
+        yield case(f"step of {transits:g} transits", expectation, _step, transits)
 
 
 def _scene(ratio: float = 3.0, step: float = 0.2, **solver: Any) -> Description:
@@ -100,12 +100,12 @@ DAMAGES: Final[dict[str, tuple[str, Any, str]]] = {
     "unknown face": ("interface.meet.sides", ["low.top", "up.zmin"], ""),
     "no elements": ("substructure.low.box.elements", [3, 0, 3], ""),
     "faces with nothing in common": ("substructure.low.box.origin", [0.03, 0.0, 0.0], "interface.meet.sides"),
-    "faces that look away": ("interface.meet.sides", ["low.zmin", "up.zmin"], ""),
+    "faces turned away from each other": ("interface.meet.sides", ["low.zmin", "up.zmin"], ""),
 }
 
 
 def bad_input_cases() -> Iterator[Case]:
-    """One case per damage, and all that the reader can see at once."""
+    """One case per kind of mistake, and one with all that can be found at once."""
     case = partial(make_case, "bad input")
     for name, (key, value, place) in DAMAGES.items():
         yield case(name, "refused before solving, place named", _refused, key, value, place or key)
@@ -127,7 +127,7 @@ def _refused(key: str, value: Any, place: str, bench: Bench) -> list[Measure]:
         bench.solve(changed(press(0.3), key, value))
     except SceneError as error:
         return [Measure("place not named", float(place not in str(error)), 0)]
-    return [Measure("solved in silence", 1.0, 0)]
+    return [Measure("solved without an error", 1.0, 0)]
 
 
 def _all_at_once(bench: Bench) -> list[Measure]:
@@ -140,4 +140,4 @@ def _all_at_once(bench: Bench) -> list[Measure]:
         bench.solve(scene)
     except SceneError as error:
         return [Measure("problems not in the message", 5 - len(error.problems), 0)]
-    return [Measure("solved in silence", 1.0, 0)]
+    return [Measure("solved without an error", 1.0, 0)]

@@ -126,7 +126,7 @@ class TimeScheme(Protocol):
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:
         """Opening and its acceleration at the new instant from those of the old one and the ``new`` opening velocity;
-        gap + dt * new unless a scheme says else."""
+        gap + dt * new unless a scheme overrides it."""
         return gap + dt * new, a
 
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
@@ -137,7 +137,7 @@ class TimeScheme(Protocol):
         """Weights of forces at (n-1, n, n+1) and of accelerations at (n, n+1) in the work over one step."""
 
     def traction_weights(self) -> tuple[float, float, float]:
-        """The same weights for the interface tractions."""
+        """Weights of the interface tractions at (n-1, n, n+1) in the work over one step."""
         return self.energy_weights()[0]
 
     @property

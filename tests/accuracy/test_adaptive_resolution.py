@@ -35,7 +35,7 @@ def test_the_true_error_is_below_the_target(quantity: str, target: float) -> Non
     assert choice.solution is not None
     assert choice.solution.estimate is not None
     assert choice.solution.estimate[f"wall.{quantity}"].error == choice.error
-    assert choice.solution.outcome.energy is not None  # the output the scene asks for
+    assert choice.solution.outcome.energy is not None  # the output that the scene requests
     assert choice.resolution.mesh < 1.5
 
 
@@ -54,19 +54,21 @@ def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
     [thrown_bars, partial(thrown_on_wall, 0.2, 2.37), partial(thrown_on_wall, 1.0, 1.13)],
     ids=["bars", "wall 0.2", "wall 1"],
 )
-def test_what_is_promised_of_landing_bars_is_kept(made: Callable[[], Known], quantity: str, target: float) -> None:
+def test_the_accuracy_guaranteed_for_landing_bars_is_reached(
+    made: Callable[[], Known], quantity: str, target: float
+) -> None:
     """Within six runs; the raw peak carries its floor of 12 %."""
     known = made()
     output = known.scene.output.model_copy(update={"energy": False})
     accuracy = known.scene.accuracy.model_copy(update={"quantity": quantity})
-    told: list[str] = []
+    lines: list[str] = []
     scene = known.scene.model_copy(update={"output": output, "accuracy": accuracy})
-    choice = choose(scene, target, 60.0, told.append)
+    choice = choose(scene, target, 60.0, lines.append)
     assert choice.reached
     assert choice.solution is not None
     measured, owner = measure_solution(scene, choice.solution), choice.quantity.partition(".")[0]
     assert max(measured.error(choice.quantity, known.exact), choice.error) <= target
-    assert sum(" s  mesh x" in line for line in told) <= 6
+    assert sum(" s  mesh x" in line for line in lines) <= 6
     assert choice.solution.estimate is not None
     raw = choice.solution.estimate[f"{owner}.peak_force_raw"].error
     assert max(0.12, measured.error(f"{owner}.peak_force_raw", known.exact)) <= raw
@@ -122,16 +124,16 @@ def test_two_runs_and_the_one_across_make_a_bound() -> None:
 
 
 def searched(settings: list[str]) -> tuple[Choice, list[str]]:
-    """What is chosen for 5 % on the impulse of the impact bar, and the runs told."""
-    told: list[str] = []
+    """What is chosen for 5 % on the impulse of the impact bar, and the lines about runs."""
+    lines: list[str] = []
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", settings)
-    choice = choose(scene, 0.05, 60.0, told.append)
-    return choice, [line for line in told if " s  mesh x" in line]
+    choice = choose(scene, 0.05, 60.0, lines.append)
+    return choice, [line for line in lines if " s  mesh x" in line]
 
 
 def test_the_search_makes_no_run_twice() -> None:
     """Two coarse runs and the one across are enough for 5 %; where the scene requests no output the finer one is the
-    answer, else it is made once more with its output."""
+    result, else it is made once more with its output."""
     bare, runs = searched(["output.energy=false", "output.fields=false"])
     assert bare.reached
     assert len(runs) == 3
@@ -146,11 +148,11 @@ def test_the_search_makes_no_run_twice() -> None:
 
 def test_the_search_grows_towards_a_sharper_target() -> None:
     """Runs with their halves and those across, none twice; all others cost at most three times the finest."""
-    told: list[str] = []
+    lines: list[str] = []
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"])
-    choice = choose(scene, 0.005, 60.0, told.append)
+    choice = choose(scene, 0.005, 60.0, lines.append)
     assert choice.reached
-    at = [line.split("mesh x ")[1].split(", with")[0].split(", steps x ") for line in told if " s  mesh x" in line]
+    at = [line.split("mesh x ")[1].split(", with")[0].split(", steps x ") for line in lines if " s  mesh x" in line]
     runs = [(float(mesh), float(steps)) for mesh, steps in at]
     assert len(set(runs)) == len(runs)
     assert max(runs)[0] == pytest.approx(choice.resolution.mesh, rel=1e-2)
@@ -161,14 +163,14 @@ def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str
     scene, out = str(MODELS / "impact_bar/scene.toml"), str(tmp_path / "a.nc")
     assert main(["run", scene, "-o", out, "--accuracy", "5%", "--json"]) == 0
     captured = capsys.readouterr()
-    told = json.loads(captured.out)
-    assert told["accuracy_target"]["reached"] is True
-    assert told["accuracy_target"]["estimated_error"] <= 0.05
-    assert told["interfaces"]["wall"]["impulse"][2] == pytest.approx(200.0, rel=0.05)
+    report = json.loads(captured.out)
+    assert report["accuracy_target"]["reached"] is True
+    assert report["accuracy_target"]["estimated_error"] <= 0.05
+    assert report["interfaces"]["wall"]["impulse"][2] == pytest.approx(200.0, rel=0.05)
     assert "mesh x" in captured.err
     settings = ["--set", "accuracy.target=0.001", "--max-cpu", "0.2"]
     assert main(["run", scene, "-o", out, *settings]) == 1
-    assert "cannot be promised" in capsys.readouterr().out
+    assert "cannot be guaranteed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["0", "100%", "little", "-1%", "nan"])

@@ -1,4 +1,4 @@
-"""The command ``latin-fmu cost``: what it writes, what it says, and that what fails is not hidden."""
+"""The command ``latin-fmu cost``: its files and its output; failures are listed."""
 
 from __future__ import annotations
 

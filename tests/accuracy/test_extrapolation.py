@@ -42,18 +42,18 @@ def test_the_three_changes_add_up(front: bool) -> None:
     p = 1.0 if front else 2.0
     half, quarter = series(p, (2.0, 4.0))
 
-    def told(changes: Changes) -> float:
+    def error_for(changes: Changes) -> float:
         return estimated_error(IMPULSE, changes)[0] / IMPULSE.safety
 
-    assert told(Changes(half, 0.0, front=front)) == pytest.approx(0.01)
-    assert told(Changes(0.0, quarter, front=front)) == pytest.approx(0.0075)
-    assert told(Changes(0.0, 0.0, steps=0.01, front=front)) == pytest.approx(0.0075 / 2.0**p)
-    assert told(Changes(half, front=front)) == pytest.approx(0.0175)  # without a third run: the same again
-    assert told(Changes(half, quarter, steps=0.01, front=front)) == pytest.approx(0.0175 + 0.0075 / 2.0**p)
+    assert error_for(Changes(half, 0.0, front=front)) == pytest.approx(0.01)
+    assert error_for(Changes(0.0, quarter, front=front)) == pytest.approx(0.0075)
+    assert error_for(Changes(0.0, 0.0, steps=0.01, front=front)) == pytest.approx(0.0075 / 2.0**p)
+    assert error_for(Changes(half, front=front)) == pytest.approx(0.0175)  # without a third run: the same again
+    assert error_for(Changes(half, quarter, steps=0.01, front=front)) == pytest.approx(0.0175 + 0.0075 / 2.0**p)
 
 
 def test_an_error_of_the_courant_number_alone_is_met() -> None:
-    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not promised below it."""
+    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not guaranteed below it."""
     error, bound_only = estimated_error(PEAK_FORCE_RAW, Changes(half=0.0, quarter=0.0, steps=0.08))
     assert bound_only
     assert error >= 0.08

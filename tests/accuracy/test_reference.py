@@ -1,5 +1,5 @@
 """Quantities declared with models: valid for their scene, equal to the oracles or to runs of another scheme within the
-errors told, dropped when physics change."""
+errors stated, dropped when physics change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every run of the command line tells its estimated error: text, JSON, netCDF; and can be told not to."""
+"""Every run of the command line prints its estimated error: text, JSON, netCDF; an option leaves it out."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", scene, "-o", "a.nc", "--quiet", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["error_estimate"]
-    impulse = told["quantities"]["meet.impulse"]
+    estimate = json.loads(capsys.readouterr().out)["error_estimate"]
+    impulse = estimate["quantities"]["meet.impulse"]
     assert set(impulse) == {
         "value",
         "unit",
@@ -61,7 +61,7 @@ def test_no_estimate_where_none_is_wanted(scene: str, choice: list[str], capsys:
 
 
 def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that cannot be built and one that does not converge: told, and what is left is only a bound."""
+    """One that cannot be built and one that does not converge: reported, and the rest is only a bound."""
     scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
     solution = latin_fmu.solve(scene)
 

@@ -24,7 +24,7 @@ KNOWN = smooth_pulse(0.05)
 
 
 def with_law(known: Known, law: object) -> Scene:
-    """The scene of a known answer with another law of its load, and fields for its sensors."""
+    """The scene of a known solution with another law of its load, and fields for its sensors."""
     data = tomllib.loads(known.scene.text())
     data["load"]["push"]["law"] = law
     data["output"] = {"fields": True}
@@ -32,7 +32,7 @@ def with_law(known: Known, law: object) -> Scene:
 
 
 def pulse(times: np.ndarray) -> np.ndarray:
-    """Half a sine of two seconds: the load of the known answer."""
+    """Half a sine of two seconds: the load of the known solution."""
     return np.sin(np.pi * np.minimum(times / 2.0, 1.0)).round(15)
 
 
@@ -54,10 +54,10 @@ def check_true(estimate: ErrorEstimate, session: Session) -> None:
     assert {q.quantity for q in estimate.quantities} >= set(KNOWN.quantities)
     for quantity in KNOWN.quantities:
         owner, _, key = quantity.rpartition(".")
-        told = estimate[quantity]
+        estimated = estimate[quantity]
         if key not in ("force_history", "displacement"):
-            true = abs(told.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
-            assert max(told.error, FLOOR) >= true, quantity
+            true = abs(estimated.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
+            assert max(estimated.error, FLOOR) >= true, quantity
         assert owner in ("meet", *session.scene.sensor)
 
 
@@ -134,7 +134,7 @@ def test_what_is_not_known_is_not_estimated() -> None:
 
 
 def test_the_host_finds_the_estimate_in_the_results_file(tmp_path: Path) -> None:
-    """Asked for by a parameter; without a results file a warning says that there is no place for it."""
+    """Requested by a parameter; without a results file a warning reports that there is no place for it."""
     scene = with_law(KNOWN, "input")
     heard: list[str] = []
     instance = FmiInstance(table_of(scene), lambda: scene, lambda _, text: heard.append(text))

@@ -252,7 +252,7 @@ def test_pivot_that_is_not_positive_is_named(where: int, ranked: bool) -> None:
 
 
 def test_semidefinite_matrix_is_refused() -> None:
-    """A graph Laplacian less a little: the last pivot of the interface tells."""
+    """A graph Laplacian less a little: the last pivot of the interface is negative."""
     n = 40
     chain = sp.diags_array([-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1])
     with pytest.raises(SolverError, match=r"pivot of dof \d+ is not positive"):
@@ -290,7 +290,7 @@ def test_numba_is_not_imported_where_compilation_is_off() -> None:
 
 
 def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Factors beyond the cache are read row by row: same answer."""
+    """Factors beyond the cache are read row by row: same result."""
     matrix, rank = body((3, 4, 5))
     last = np.arange(20, 50)
     grouped = CholeskyFactor(matrix, last, rank)

@@ -69,8 +69,8 @@ def stepped(
 def derivatives(session: Session, knowns: list[str], seed: list[float]) -> np.ndarray:
     """Of all outputs, in their order; 0 of the instants of events, which have none."""
     names = [name for name in session.outputs if ".last" not in name]
-    told = dict(zip(names, session.derivative(names, knowns, seed), strict=True))
-    return np.array([told.get(name, 0.0) for name in session.outputs])
+    computed = dict(zip(names, session.derivative(names, knowns, seed), strict=True))
+    return np.array([computed.get(name, 0.0) for name in session.outputs])
 
 
 def difference(session: Session, scene: Scene, before: bytes, h: float, name: str, what: str, small: float) -> Any:
@@ -108,13 +108,13 @@ def test_derivatives_are_those_of_differences(case):
         # without inertia a value moves both ends of an increment: the velocity over it does not change
         for what in ("rate",) if case.startswith("static") else ("value", "rate"):
             size = abs(value) / (1.0 if what == "value" else h)
-            told = derivatives(session, [f"{_stem(name)}.{what}"], [1.0])
+            computed = derivatives(session, [f"{_stem(name)}.{what}"], [1.0])
             small = {"slip": 1e-4, "static slip": 1e-4, "layer": 1e-3, "landing": 1e-4, "explicit": 1e-3}.get(
                 case, 1e-2
             )  # some points slip there
             known, alike = difference(session, scene, before, h, name, what, small * size)
             assert alike, "the contact state changes: choose another case"
-            _compare(session, size * told, size * known, limit)
+            _compare(session, size * computed, size * known, limit)
     assert session.snapshot() == after
 
 
@@ -122,7 +122,7 @@ def _stem(name: str) -> str:
     return name if "." in name else f"load.{name}"
 
 
-def _compare(session: Session, told: np.ndarray, known: np.ndarray, limit: float) -> None:
+def _compare(session: Session, computed: np.ndarray, known: np.ndarray, limit: float) -> None:
     """Derivatives of all quantities of one unit, relative to the largest."""
     units = {v.name: v.unit for v in session.table}
     for unit in ("N", "N s", "m s-1", "m", "J", "1"):
@@ -130,14 +130,14 @@ def _compare(session: Session, told: np.ndarray, known: np.ndarray, limit: float
         size = np.abs(known[own]).max(initial=0.0)
         if unit == "m":  # gaps of closed points change by round-off of the coordinates alone
             size = max(size, 1e-5 * (10.0 if session.scene.name == "driven" else 0.02))
-        assert np.abs(told[own] - known[own]).max(initial=0.0) <= limit * size, (unit, told[own], known[own])
+        assert np.abs(computed[own] - known[own]).max(initial=0.0) <= limit * size, (unit, computed[own], known[own])
 
 
 @pytest.mark.parametrize("what", ["value", "rate"])
 def test_without_rates_a_value_turns_the_causal_line(what):
     scene, h = sliding(), 3e-6
     session, before = stepped(scene, {"press": 2.0, "push": 0.3}, h, growth=0.0)
-    told = derivatives(session, [f"load.press.{what}"], [1.0])
+    computed = derivatives(session, [f"load.press.{what}"], [1.0])
     line = derivatives(session, ["load.press.rate"], [1.0]) / h
     if what == "rate":  # a rate of its own takes the place of that of the line: the jump is no derivative
         rows, rate = [], (2.0 - 4.0 / 3.0) / h
@@ -150,12 +150,12 @@ def test_without_rates_a_value_turns_the_causal_line(what):
             assert other.step(session.time - h, h)
             rows.append(other.row.copy())
         known = (rows[0] - rows[1]) / (2e-2 * rate)
-        _compare(session, told / h, known / h, EXACT)
+        _compare(session, computed / h, known / h, EXACT)
         return
     known, alike = difference(session, scene, before, h, "press", what, 1e-2)
     assert alike
-    _compare(session, told, known, EXACT)
-    assert np.abs(line).max() > 0.1 * np.abs(told).max()
+    _compare(session, computed, known, EXACT)
+    assert np.abs(line).max() > 0.1 * np.abs(computed).max()
 
 
 def test_derivatives_leave_the_simulation_as_it_is():

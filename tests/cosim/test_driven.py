@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,10 @@ GROWTH, END, STEP = 10.0, 0.3, 0.005  # m/s2 of the driven face, s, s
 FACE = {"face": "upper.zmax", "components": ["z"]}
 
 
-def bars(law: Any, kind: str = "velocity", **changes: Any) -> Scene:
+def bars(law: Any, kind: str = "velocity", wall: Mapping[str, Any] = MappingProxyType({}), **changes: Any) -> Scene:
     """Two bars of 5 m bonded end to end, the upper end driven down, the lower end without reflection.
 
-    The ground moves up against the lower end instead, where ``kind`` is ``ground``.
+    The ground moves up against the lower end instead, where ``kind`` is ``ground``; ``wall`` : keys of that interface.
     """
     part = bar(Material(900.0), 5.0, 25)
     data = column(
@@ -34,7 +36,7 @@ def bars(law: Any, kind: str = "velocity", **changes: Any) -> Scene:
     if kind == "ground":
         data["boundary"] = {"far": {"type": "absorbing", "face": "upper.zmax"}}
         moving = {"direction": [0.0, 0.0, 1.0], "amplitude": 2.0, "law": law}
-        data["interface"]["wall"] = {"sides": ["lower.zmin", "ground"], "ground_velocity": moving}
+        data["interface"]["wall"] = {"sides": ["lower.zmin", "ground"], "ground_velocity": moving, **wall}
     else:
         data["boundary"]["end"] = {"type": kind, **FACE, "value": [-2.0], "law": law}
     return latin_fmu.scene_from_dict(data | changes)

@@ -17,6 +17,7 @@ from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.kernel_steps import KernelSteps
 from latin_fmu.cosim.variables import CAUSAL, LINE, RATE
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import half_sine
 
 from . import test_driven as driven
 from . import test_ports as ports
@@ -49,6 +50,12 @@ def wave_bar() -> Scene:
     return ports.bar(20, 400, port={"foot": port}, output={"energy": False})
 
 
+def on_layer(law: Any) -> Scene:
+    """A bar on moving ground with an elastic layer between, which starts from the acceleration of the ground."""
+    layer = {"behaviour": "elastic_layer", "normal_stiffness": 4500.0, "tangential_stiffness": 1500.0}
+    return driven.bars(law, "ground", layer)
+
+
 FREE: dict[str, Any] = {"load": {"press": {"face": "upper.zmax", "pressure": 100e6, "law": {"type": "input"}}}}
 WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
     "blocks": (lambda: blocks(time=LONG), PRESS, LIMIT),
@@ -58,6 +65,8 @@ WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
     "reduced": (lambda: blocks(time=LONG, solver={"propagator": {"type": "reduced", "modes": 20}}), PRESS, LIMIT),
     "explicit": (lambda: blocks(time={"end": 20e-6, "step": 0.1e-6}, solver={"propagator": "explicit"}), PRESS, LIMIT),
     "held": (held_blocks, PRESS, WITHOUT_INERTIA),
+    "layer": (lambda: on_layer({"type": "input"}), {"ground.wall": (0.0, 0.05)}, LIMIT),
+    "layer by law": (lambda: on_layer(half_sine(0.25)), {}, LIMIT),
     "wave": (wave_bar, {"port.foot.incident[3]": (-1.0, 1.0)}, LIMIT),
     **{
         kind: (lambda kind=kind: driven.bars({"type": "input"}, kind), {driven.name_of(kind): (0.0, 0.05)}, LIMIT)

@@ -44,7 +44,7 @@ def test_outputs_are_those_of_the_table():
 
 
 def test_windowed_equals_a_run_with_the_same_load():
-    """Steps that are multiples of the time step see the instants of the whole run."""
+    """Steps that are multiples of the time step have the instants of the whole run."""
     session = Session(blocks())
     session.initialize()
     rows = ramped(session, 6)

@@ -19,7 +19,7 @@ Writer = Callable[[Path, Array, Groups], None]
 
 
 def distorted(mesh: Mesh, amplitude: float, boundary: bool) -> Mesh:
-    """Nodes moved at random by a fraction of the element size; the boundary only where asked."""
+    """Nodes moved at random by a fraction of the element size; the boundary only on request."""
     rng = np.random.default_rng(11)
     step = SIZE / 3 * amplitude
     shift = rng.uniform(-1.0, 1.0, mesh.nodes.shape) * step

@@ -91,11 +91,11 @@ def warned(tables: dict[str, Any]) -> list[str]:
 def test_coarse_linear_meshes_are_warned_of(
     tmp_path: Path, cell_type: str, elements: tuple[int, int, int], stiffness: float
 ) -> None:
-    """From a file as for a box; the stiffness told is that of the tip to about a third."""
+    """From a file as for a box; the stiffness stated is that of the tip to about a third."""
     (remark,) = warned(beam(meshed(tmp_path, cell_type, elements)))
     assert "wall of 0.005 m" in remark
-    told = float(remark.split("about ")[1].split(" %")[0])
-    assert told == pytest.approx(stiffness, rel=0.35)
+    stated = float(remark.split("about ")[1].split(" %")[0])
+    assert stated == pytest.approx(stiffness, rel=0.35)
     assert ("bending_modes" in remark) == (cell_type == "hexahedron")
 
 

@@ -89,7 +89,7 @@ def test_dashpots_of_a_uniform_velocity_give_uniform_tractions(cell_type: str) -
 
 @pytest.mark.parametrize("cell_type", ["tetra10", "hexahedron20", "hexahedron27", "wedge", "mixed"])
 def test_explicit_march(tmp_path: Path, cell_type: str) -> None:
-    """Masses and lumped damping are positive, the step told as stable is, momentum is that of Newton."""
+    """Masses and lumped damping are positive, the step given as stable is stable, momentum is that of Newton."""
     tables = pulse(tmp_path, cell_type)
     tables["substructure"]["bar"] = box_file(tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (2, 1, 3))
     tables["material"] = steel(0.3, rayleigh_mass=2e3)
@@ -174,5 +174,5 @@ def test_explicit_march_of_twenty_nodes_is_remarked_on(tmp_path: Path) -> None:
         tables["substructure"]["bar"] = box_file(tmp_path / "bar.msh", cell_type, (SIDE, SIDE, LENGTH), (1, 1, 3))
         for scheme in ("central_difference", "hht"):
             tables["time"]["scheme"] = scheme
-            told = any("20-node" in r for r in discretise(scene_from_dict(tables)).remarks)
-            assert told == (scheme in schemes)
+            warned = any("20-node" in r for r in discretise(scene_from_dict(tables)).remarks)
+            assert warned == (scheme in schemes)

@@ -145,7 +145,7 @@ def arc(radius: float) -> Callable[[Array], Array]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_curved_faces_meet_to_the_chord(kind: str) -> None:
-    """Two meshes of one cylinder: what lies between them is of the order of the distance of chords, and it is told."""
+    """Two meshes of one cylinder: the distance between them is of the order of that of the chords, and reported."""
     owner, other = sheet(kind, 8, 2, shape_of=arc(1.0)), sheet(kind, 6, 3, shape_of=arc(1.0), up=False)
     coupling = mortar(owner, other)
     assert coupling is not None

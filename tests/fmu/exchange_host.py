@@ -1,4 +1,4 @@
-"""Hosts of a Model Exchange FMU on top of fmpy: CVode, and one that asks for single evaluations."""
+"""Hosts of a Model Exchange FMU on top of fmpy: CVode, and one for single evaluations."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def integrate(
 
 
 class ExchangeHost:
-    """One instance, evaluated where a test wants."""
+    """One instance, evaluated where a test needs it."""
 
     def __init__(self, fmu: Path) -> None:
         self.messages: list[tuple[int, str]] = []
@@ -84,7 +84,7 @@ class ExchangeHost:
         self.fmu.setContinuousStates((c_double * self.n_state)(*states), self.n_state)
 
     def look(self) -> np.ndarray:
-        """Everything that can be seen."""
+        """All values that a host can read."""
         values = self.fmu.getFloat64(list(self._references.values()))
         return np.array([*values, *self.derivatives()])
 

@@ -16,7 +16,7 @@ from fmpy.fmi3 import FMU3Slave
 
 
 def hosts_folder() -> Path | None:
-    """Where ``install_hosts.sh`` put other hosts; None where nobody says so."""
+    """Where ``install_hosts.sh`` put other hosts; None where none is named."""
     folder = os.environ.get("LATIN_FMU_HOSTS")
     return Path(folder) if folder else None
 

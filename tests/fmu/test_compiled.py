@@ -154,8 +154,8 @@ def test_the_command(tmp_path, capsys):
     with zipfile.ZipFile(tmp_path / "b.fmu") as archive:
         assert "crush.peak_force" in archive.read("documentation/index.html").decode()
     assert main(["explain", str(tmp_path / "scene.toml"), "--json", "--fmu", "6"]) == 0
-    told = json.loads(capsys.readouterr().out)["compiled_fmu_bytes"]
-    assert told == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
+    predicted = json.loads(capsys.readouterr().out)["compiled_fmu_bytes"]
+    assert predicted == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
     assert main(["explain", str(tmp_path / "scene.toml"), "--fmu", "-3"]) != 0
     assert "1 or more" in capsys.readouterr().err
     assert main([*reduced[:4], "0", *reduced[5:]]) != 0
@@ -173,14 +173,14 @@ def test_a_host_in_c_gets_the_forces_of_the_run(fmus, programs, tmp_path):
     values = [0.25 + 0.1 * i for i in range(given.time.n_step + 1)]
     rates = [*(np.diff(values) / DT), 0.0]
     rows = [f"{value!r} {float(rate)!r}" for value, rate in zip(values, rates, strict=True)]
-    told = []
+    printed = []
     for back in ("", "back "):
         steps = [f"{back if i % 4 == 3 else ''}{DT!r} {row}" for i, row in enumerate(rows[:-1])]
         done = ran(programs["steps"], *files, inputs, outputs, lines="\n".join([rows[0], *steps]))
         assert done.returncode == 0, done.stderr
-        told.append(done.stdout)
-    assert told[0] == told[1]
-    force = np.array([[float.fromhex(word) for word in line.split()] for line in told[0].splitlines()])
+        printed.append(done.stdout)
+    assert printed[0] == printed[1]
+    force = np.array([[float.fromhex(word) for word in line.split()] for line in printed[0].splitlines()])
     law = TableLaw(type="table", times=[0.0, given.time.end], values=[values[0], values[-1]])
     whole = solve(with_laws(given, {"press": law})).interfaces["crush"].force()
     assert np.abs(force - whole).max() <= LIMIT * np.abs(whole).max()

@@ -30,9 +30,9 @@ def test_equal_to_the_session(opened, fmi):
         assert host.step(i * H, H)
         assert session.step(i * H, H)
     for seed in ([1.0, 0.0], [0.3, 2e4]):
-        told = derivative(host, UNKNOWNS, KNOWNS, seed)
-        assert np.array_equal(told, session.derivative(UNKNOWNS, KNOWNS, seed))
-        assert (told != 0.0).all()
+        derivatives = derivative(host, UNKNOWNS, KNOWNS, seed)
+        assert np.array_equal(derivatives, session.derivative(UNKNOWNS, KNOWNS, seed))
+        assert (derivatives != 0.0).all()
     assert host.step(3 * H, H)
     assert session.step(3 * H, H)
     assert np.array_equal(host.read(session.outputs), session.row)

@@ -189,7 +189,7 @@ def test_arrays_of_a_windowed_step(opened):
 
 
 def test_a_host_without_arrays_reads_their_first_elements(opened):
-    """One number per variable is what pathsim-fmi asks for; any other count that does not fit is an error."""
+    """One number per variable is what pathsim-fmi reads; any other count that does not fit is an error."""
     host = opened("3")
     host.start()
     host.set(load__press__value=1.0)

@@ -1,4 +1,4 @@
-"""What goes wrong is told and discarded; the host lives and the state is as before."""
+"""Errors in a call: they are logged, the step is discarded, the host goes on and the state is as before."""
 
 from __future__ import annotations
 

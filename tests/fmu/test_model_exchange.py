@@ -152,9 +152,9 @@ def test_another_host_with_another_integrator(tmp_path):
 
 @pytest.mark.slow
 def test_fmutool_finds_nothing(pressed, tmp_path):
-    told = ran([tool("toolbox", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
-    assert "compliant with FMI-3.0" in told
-    assert "No semantic error" in told
+    output = ran([tool("toolbox", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
+    assert "compliant with FMI-3.0" in output
+    assert "No semantic error" in output
 
 
 def test_energies(pressed):
@@ -191,7 +191,7 @@ def test_stiffer_contact_penetrates_less(pressed):
 def test_an_input_drives_the_load(pressed):
     """A ramp given by value and rate is the ramp given by many values.
 
-    Tight tolerance: the host changes values between the steps of an integrator that does not know of these jumps."""
+    Tight tolerance: the host changes values between the steps of an integrator that is not informed of these jumps."""
     ramp = np.array([(0.0, 0.0), (6e-6, 1.0)], dtype=[("time", float), ("load.press.value", float)])
     by_values, _ = integrate(pressed, signals=ramp, tolerance=1e-8)
     by_rate, _ = integrate(pressed, {"load.press.value": 0.0, "load.press.rate": 1.0 / 6e-6}, tolerance=1e-8)
@@ -273,7 +273,7 @@ def test_states_that_are_no_numbers_leave_the_instance_alive(opened):
 
 
 def test_a_host_with_cvode_stops_on_a_bad_input(pressed):
-    """The integrator cannot converge on NaN, and says so."""
+    """The integrator cannot converge on NaN, with a message."""
     rows = [(0.0, 1.0), (2e-6, 1.0), (2.1e-6, np.nan)]
     signals = np.array(rows, dtype=[("time", float), ("load.press.value", float)])
     with pytest.raises(RuntimeError, match="CVode"):
@@ -291,7 +291,7 @@ def test_bad_parameters_are_refused(opened, name, value):
 
 
 def test_start_values_of_states_and_reset(opened):
-    """Another start is taken; a reset forgets it."""
+    """Another start is taken; a reset removes it."""
     host = opened()
     name = "modes.lower.velocity[1]"
     host.start(**{name: 3.0})
@@ -344,7 +344,7 @@ def test_command(tmp_path, capsys):
 
 
 def test_simulate(pressed, tmp_path, capsys):
-    """The command integrates, and says where and why an integration ends."""
+    """The command integrates, and prints where and why an integration ends."""
     out, loads = tmp_path / "out.csv", tmp_path / "loads.csv"
     loads.write_text("time,load.press.value\n0,0\n6e-6,1\n")
     asked = ["simulate", str(pressed), "-o", str(out), "--input", str(loads), "--step", "1e-6"]

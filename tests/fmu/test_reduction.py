@@ -41,18 +41,19 @@ def forces(inputs: Inputs) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("n_mode", [2, 20])
-def test_told_error_is_that_of_the_sessions(n_mode: int) -> None:
-    told = {e.quantity: e for e in reduction_errors(pressed(), pressed(n_mode))}
+def test_the_estimated_error_is_that_of_the_sessions(n_mode: int) -> None:
+    errors = {e.quantity: e for e in reduction_errors(pressed(), pressed(n_mode))}
     (full, h), (reduced, _) = forces(pressed()), forces(pressed(n_mode))
     impulse = [float(np.trapezoid(force, dx=h)) for force in (full, reduced)]
-    entry = told["crush.impulse"]
+    entry = errors["crush.impulse"]
     assert (entry.full, entry.reduced) == pytest.approx(impulse, rel=1e-3)
     assert entry.error == pytest.approx(abs(impulse[1] - impulse[0]) / impulse[0], rel=0.05, abs=1e-5)
-    apart = abs(reduced.max() - full.max()) / full.max()  # of the raw peak; told is that of a mean
-    assert told["crush.peak_force"].error == pytest.approx(apart, abs=0.5 * apart + 2e-3)
+    apart = abs(reduced.max() - full.max()) / full.max()  # of the raw peak; the error is that of a mean
+    assert errors["crush.peak_force"].error == pytest.approx(apart, abs=0.5 * apart + 2e-3)
     for name in ("crush.first_contact", "crush.separation"):
-        assert told[name].unit == "s"
-        assert abs(told[name].reduced - told[name].full) <= told[name].error * max(told[name].full, 8e-8) * (1 + 1e-9)
+        instant = errors[name]
+        assert instant.unit == "s"
+        assert abs(instant.reduced - instant.full) <= instant.error * max(instant.full, 8e-8) * (1 + 1e-9)
 
 
 def test_more_modes_less_error() -> None:

@@ -76,7 +76,7 @@ def test_units_have_their_exponents(package):
 
 
 def test_omsimulator_finds_its_master(package):
-    """Its version 2 reads the element of the master, version 3 the attributes; both want them last in the system."""
+    """Its version 2 reads the element of the master, version 3 the attributes; both require them last in the system."""
     system = tree_of(package(), "SystemStructure.ssd")
     first, experiment = system.iter(f"{OMS}SimulationInformation")
     assert first.getparent().getparent().get("type") == "org.openmodelica"

@@ -27,6 +27,7 @@ from latin_fmu.cosim import Session
 from latin_fmu.errors import LatinError
 from latin_fmu.latin.state_serialization import decode, encode, opened, sealed
 from latin_fmu.scene.laws import sampled_impulse_error
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 from ..cosim.scenes import blocks
 from ..fem.conftest import write_msh
@@ -39,7 +40,6 @@ Attempt = Callable[[Rng, Path], None]
 """Uses one damaged input in a folder; what is wrong with it is a ``LatinError``."""
 
 HERE = Path(__file__).parent
-MATERIAL = {"steel": {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}}
 LAW = b"# a law\ntime, value\n0, 0\n1e-4, 1\n2e-4, 0.5\n1e-3, 0\n"
 COLUMNS = b"time,load.press.value\n0,0\n1e-6,1\n1e-3,0.5\n"
 
@@ -93,20 +93,15 @@ def read_mesh(path: Path) -> None:
     """All parts of a mesh file as substructures of a scene."""
     time = {"end": 2e-6, "instants": 2}
     mesh = {"m": {"file": path.name, "material": "steel"}}
-    solved({"name": "parts", "material": MATERIAL, "mesh": mesh, "time": time}, path.parent)
+    solved({"name": "parts", "material": {"steel": STEEL.table()}, "mesh": mesh, "time": time}, path.parent)
 
 
 def read_law(path: Path) -> None:
     """A table as inputs of an FMU, and as the law of a load."""
     with suppress(LatinError):
         read_columns(path)
-    tables = {
-        "name": "law",
-        "material": MATERIAL,
-        "substructure": {"a": {"material": "steel", "box": {"size": [1.0, 1.0, 1.0], "elements": [1, 1, 1]}}},
-        "load": {"push": {"face": "a.zmax", "pressure": 1e5, "law": {"type": "csv", "file": path.name}}},
-        "time": {"end": 1e-3, "instants": 3},
-    }
+    load = {"push": {"face": "a.zmax", "pressure": 1e5, "law": {"type": "csv", "file": path.name}}}
+    tables = column({"a": Box(STEEL, elements=(1, 1, 1))}, {}, {"end": 1e-3, "instants": 3}, load=load)
     scene = latin_fmu.scene_from_dict(tables, path.parent)
     sampled_impulse_error(scene.load["push"].law, np.linspace(0.0, 1e-3, 4))
     latin_fmu.check(scene)

@@ -2,7 +2,7 @@
 
 Prints one JSON line for each input that ends otherwise than with a result or an error of the project: another
 exception, no end after so many seconds of processor time, or anything written to the standard streams. The line
-``{"at": [format, seed]}`` before each input tells which one a crash of the process belongs to.
+``{"at": [format, seed]}`` before each input identifies the one that a crash of the process belongs to.
 """
 
 from __future__ import annotations

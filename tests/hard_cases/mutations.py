@@ -65,7 +65,7 @@ LAW = b"time,value\n0,0\n1e-4,1\n2e-4,0.5\n1e-3,0\n"
 
 @dataclass(frozen=True)
 class Result:
-    """What the command line did: exit code, what it said, files it left."""
+    """What the command line did: exit code, output, files it left."""
 
     code: int
     said: str

@@ -1,4 +1,4 @@
-"""Property: a random small scene converges with all laws kept, or says cleanly that it does not. No third outcome.
+"""Property: a random small scene converges with all laws kept, or reports that it does not. There is no third outcome.
 
 500 scenes and more: ``pytest -m slow tests/hard_cases/test_random_scenes.py`` (see CONTRIBUTING).
 """

@@ -71,7 +71,7 @@ def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, g
 
 
 def test_a_solution_is_a_fixed_point_for_any_search_direction(behaviour: Behaviour, solve: Solve, points: Any) -> None:
-    """Idempotence, also when k changes: the answer satisfies the relation, which knows nothing of k."""
+    """Idempotence, also when k changes: the result satisfies the relation, in which k does not appear."""
     first = points(behaviour)
     f_hat = solve(first)
     answer = replace(first, w=hat_velocities(first, f_hat), f=np.stack([f_hat, -f_hat]))

@@ -1,4 +1,4 @@
-"""Relaxation and Anderson acceleration on fixed points with known answers."""
+"""Relaxation and Anderson acceleration on fixed points with known solutions."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def iterate(method: Any, g: Map, q: np.ndarray, steps: int) -> np.ndarray:
 @pytest.mark.parametrize("size", [0.5, 0.99, 3.0])
 @pytest.mark.parametrize("relaxation", [1.0, 0.5])
 def test_anderson_ends_on_a_linear_map_in_as_many_steps_as_unknowns(size: float, relaxation: float) -> None:
-    """n differences span the space: n + 1 steps give the answer, contraction or not (finite termination)."""
+    """n differences span the space: n + 1 steps give the result, contraction or not (finite termination)."""
     for n, shape in ((1, (1, 1)), (5, (1, 5)), (6, (2, 3))):
         g, answer = linear_map(n, size)
         weight = np.random.default_rng(2).uniform(0.5, 2.0, shape[1])

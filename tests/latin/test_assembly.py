@@ -82,7 +82,7 @@ def test_areas_and_normals(units: list[InterfaceUnit]) -> None:
 
 
 def test_gather_and_scatter_round_trip(blocks_scene: Any, made: Any) -> None:
-    """Substructures see the flat vector through (channel, member) arrays; ground channels are nobody's."""
+    """Substructures use the flat vector through (channel, member) arrays; ground channels belong to none."""
     assembly = made(blocks_scene()).assembly
     rng = np.random.default_rng(6)
     values = [rng.normal(size=c.shape) for c in assembly.channels]

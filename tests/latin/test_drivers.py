@@ -359,7 +359,7 @@ def test_longer_windows_without_a_factor(length: Any) -> None:
     "change", [layers, massless_layers, landing_layers, explicit_layers], ids=lambda change: change.__name__
 )
 def test_segments_and_snapshots_of_layers(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
-    """Cut, taken back and gone through again, with both drivers: what layers remember is handed over."""
+    """Cut, taken back and gone through again, with both drivers: the state of layers is handed over."""
     ends: dict[tuple[bool, str], Any] = {}
     for compiled in (True, False):
         if not compiled:
@@ -403,7 +403,7 @@ def test_the_length_of_a_call_changes_nothing(
 
 
 def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:
-    """A tolerance below round-off: nothing converges in the kernels, and the run tells the fall-backs all the same."""
+    """A tolerance below round-off: nothing converges in the kernels, and the run still reports the fall-backs."""
     tables = stack(2, tolerance=1e-20, max_iterations=20)
     fast = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     python_driver()

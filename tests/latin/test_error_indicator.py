@@ -205,7 +205,7 @@ def test_shear_error_is_seen_beside_a_large_pressure(march: Any, assembly: Any) 
 
 @pytest.mark.parametrize("factor", [0.3, 4.0])
 def test_runs_stop_at_the_same_distance_from_the_answer_for_any_k(blocks_scene: Any, made: Any, factor: float) -> None:
-    """No choice of k makes a run look converged: the certified error bounds the true one alike."""
+    """No choice of k changes the measure of convergence: the certified error bounds the true one alike."""
     answer = run(made(blocks_scene(solver={"tolerance": 1e-9, "force_tolerance": 1e-8})))
     direction = {"type": "impedance", "factor": factor}
     rough = run(made(blocks_scene(solver={"tolerance": 1e-3, "search_direction": direction})))

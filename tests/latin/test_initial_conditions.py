@@ -19,7 +19,7 @@ LOADS: dict[str, dict[str, Any]] = {
 
 
 def cut(bars_scene: Any, bar_box: Any, case: str, pieces: int) -> dict[str, Any]:
-    """A held bar of length 3 in one piece or three joined ones, under what ``case`` asks for at t = 0."""
+    """A held bar of length 3 in one piece or three joined ones, under the initial conditions ``case``."""
     what = LOADS[case]
     names = "abc"[:pieces]
     tables: dict[str, Any] = bars_scene("perfect")

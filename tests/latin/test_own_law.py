@@ -1,4 +1,4 @@
-"""Laws written in NumPy, in the place of the compiled ones: called from Python, the same answer to round-off."""
+"""Laws written in NumPy, in the place of the compiled ones: called from Python, the same result to round-off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faces that fit and faces that do not: pairing of points, gaps, preloads; every refusal says what to do."""
+"""Faces that fit and faces that do not: pairing of points, gaps, preloads; every refusal has a remedy."""
 
 from __future__ import annotations
 
@@ -114,13 +114,13 @@ def test_faces_beside_each_other(bars_scene: Any, made: Any) -> None:
 def test_faces_that_look_the_same_way(bars_scene: Any, made: Any) -> None:
     tables = bars_scene()
     tables["interface"]["meet"]["sides"] = ["b.zmax", "c.zmax"]
-    refused(made, tables, "interface.meet.sides", "do not face each other", "b.zmax, c.zmax")
+    refused(made, tables, "interface.meet.sides", "are not turned towards each other", "b.zmax, c.zmax")
 
 
 def test_overlapping_bodies(bars_scene: Any, made: Any) -> None:
     tables = bars_scene()
     tables["substructure"]["c"]["box"]["origin"] = [0.0, 0.0, 1.97]
-    refused(made, tables, "interface.meet.sides", "overlap", "0.03 m", "move one of the meshes apart")
+    refused(made, tables, "interface.meet.sides", "overlap", "0.03 m", "move the meshes apart")
 
 
 def test_rounding_of_coordinates_is_neither_gap_nor_overlap(bars_scene: Any, made: Any) -> None:

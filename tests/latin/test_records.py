@@ -387,7 +387,7 @@ def test_constants_lie_in_their_block(tables: Tables, change: Callable[[Tables],
 
 
 def test_what_is_not_a_field_is_never_written_or_read() -> None:
-    """Numbers between the arrays are marked with NaN before a run: none of them changes, none gets into the answer."""
+    """Numbers between the arrays are marked with NaN before a run: none of them changes, none gets into the result."""
     for tables, change in (CASES[2], CASES[3], CASES[7], CASES[10]):
         if PLAIN and change is not plain:
             continue

@@ -1,4 +1,4 @@
-"""Search directions: values checked by hand on bars of one element, choices, and their absence from the answer."""
+"""Search directions: values checked by hand on bars of one element, choices, and their absence from the result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Substructures that are not solved for again: the same answers, fewer of them."""
+"""Substructures that are not solved for again: the same results, fewer of them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def forces(result: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_one_instant_at_a_time(compiled: bool, python_driver: Any) -> None:
-    """Fewer solves, and an answer that has moved by far less than tolerance."""
+    """Fewer solves, and a result that has moved by far less than tolerance."""
     if not compiled:
         python_driver()
     every, few = outcome(skip_unchanged=False), outcome(skip_unchanged=True)

@@ -193,7 +193,7 @@ def test_without_acceleration_the_given_relaxation_is_used() -> None:
 
 
 def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, python_driver: Any) -> None:
-    """A tolerance below round-off: relaxation, point by point, then the best iterate; the run goes on and says so."""
+    """A tolerance below round-off: relaxation, point by point, then the best iterate; the run reports it."""
     python_driver()  # whose windows are solved with the fall-backs, from the first iteration
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20})))
     run.all()
@@ -201,7 +201,7 @@ def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, 
     assert len(run.windows) == 12
     assert len(active) >= 10
     for window in active:
-        assert window.fallbacks == ["relaxation 1/2", "points one after the other"]
+        assert window.fallbacks == ["relaxation 1/2", "point by point"]
         assert window.iterations >= 2 * loop.PATIENCE
         assert not window.converged or window.final_error == 0.0  # point by point may hit the answer to the bit
     assert np.isfinite(run.f_hat).all()

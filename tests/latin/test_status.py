@@ -1,4 +1,4 @@
-"""Records of windows that are written out when somebody looks, against plain lists of records."""
+"""Records of windows that are written out on demand, against plain lists of records."""
 
 from __future__ import annotations
 

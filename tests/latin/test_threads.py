@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin import run_state
 from latin_fmu.latin.run_state import distributed
+from latin_fmu.stability.scenes import STEEL, Box, column, rubbing
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: one thread")
 
 Tables = dict[str, Any]
-STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
 
 
 @pytest.fixture(autouse=True)
@@ -33,26 +32,13 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def stack(blocks: int, elements: int, **solver: Any) -> Tables:
     """Blocks with friction on the ground, one on the other, pressed and sheared."""
-    names = [f"b{i}" for i in range(blocks)]
-    box = {"size": [0.01] * 3, "elements": [elements] * 3}
-    return {
-        "name": "stack",
-        "material": {"steel": STEEL},
-        "substructure": {
-            n: {"material": "steel", "box": box | {"origin": [0.0, 0.0, 0.01 * i]}} for i, n in enumerate(names)
-        },
-        "interface": {"floor": {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}}
-        | {
-            f"i{i}": {"sides": [f"{a}.zmax", f"{b}.zmin"], "friction_coefficient": 0.3}
-            for i, (a, b) in enumerate(pairwise(names))
-        },
-        "load": {
-            f"press_{n}": {"face": f"{n}.xmin", "traction": [5e6, 0.0, -2e7], "law": {"type": "step"}} for n in names
-        },
-        "time": {"end": 3e-6, "instants": 6},
-        "solver": solver,
-        "output": {"energy": True},
-    }
+    bodies = {f"b{i}": Box(STEEL, (0.01,) * 3, (elements,) * 3) for i in range(blocks)}
+    loads = {f"press_{n}": {"face": f"{n}.xmin", "traction": [5e6, 0.0, -2e7], "law": {"type": "step"}} for n in bodies}
+    contacts = {f"i{i}": {"friction_coefficient": 0.3} for i in range(blocks - 1)}
+    time = {"end": 3e-6, "instants": 6}
+    tables = column(bodies, contacts, time, load=loads, solver=solver, output={"energy": True})
+    tables["interface"] = {"floor": rubbing("b0.zmin", "ground", 0.3), **tables["interface"]}
+    return tables
 
 
 def exact(tables: Tables) -> None:
@@ -68,7 +54,7 @@ def single(tables: Tables) -> None:
 
 
 def damped(tables: Tables) -> None:
-    tables["material"]["steel"] = STEEL | {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
 
 
 def static(tables: Tables) -> None:

@@ -1,4 +1,4 @@
-"""Windows: hand-over, fall-back to windows of one instant, sequential start; settings never change the answer."""
+"""Windows: hand-over, fall-back to windows of one instant, sequential start; settings never change the result."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_bonded_rods_of_different_meshes_are_one_body():
 
 
 def test_contact_of_different_meshes_has_the_patches_of_matching_ones():
-    """Two patches of the points of the finer face; the static answer is that of the mesh (checked by the reduction)."""
+    """Two patches of the points of the finer face; the static response is that of the mesh (the reduction checks)."""
     whole = rods("contact").tables()
     whole["load"]["pull"]["traction"] = [0.0, 0.0, -3.0]
     whole["substructure"]["b"]["box"]["elements"] = [3, 2, 5]

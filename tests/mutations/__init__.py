@@ -1,1 +1,1 @@
-"""Mutants of the numerical sources: whether the tests notice a wrong expression."""
+"""Mutants of the numerical sources: whether the tests fail on a wrong expression."""

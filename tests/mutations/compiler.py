@@ -1,8 +1,8 @@
 """Process that compiles changed kernels of a copy of the package: ``python compiler.py``, in that copy.
 
 It lowers all kernels once. For each request, ``{"file": ..., "function": ...}`` on a line, a child of it takes the
-function from the file as it is now, lowers it and what calls it, optimises and links the library anew; the answer is a
-line of JSON, empty where the library is there, else what the compiler said. A third of the time of a whole build.
+function from the file as it is now, lowers it and what calls it, optimises and links the library anew; the result is a
+line of JSON, empty where the library is there, else the message of the compiler. A third of the time of a whole build.
 """
 
 from __future__ import annotations

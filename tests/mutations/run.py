@@ -78,7 +78,7 @@ class Copy:
         self._compiled = {source.as_posix() for source in library.sources_of(package)}
 
     def build(self, mutant: Mutant) -> str:
-        """Compile the kernels with a mutant; what the compiler said where it refuses."""
+        """Compile the kernels with a mutant; the message of the compiler where it fails."""
         self._compiler = self._compiler or self._started()
         request = {"file": mutant.file, "function": mutant.function}
         assert self._compiler.stdin is not None

@@ -1,4 +1,4 @@
-"""The generator of mutants repeats itself and changes one expression; tests notice one mutant of each kind."""
+"""The generator of mutants repeats itself and changes one expression; tests fail on one mutant of each kind."""
 
 from __future__ import annotations
 

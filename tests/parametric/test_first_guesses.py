@@ -1,4 +1,4 @@
-"""First guesses of windows from neighbouring points of a study: fewer iterations, the same answers."""
+"""First guesses of windows from neighbouring points of a study: fewer iterations, the same results."""
 
 from __future__ import annotations
 

@@ -230,13 +230,13 @@ def test_an_interrupted_study_continues_where_it_stopped(tmp_path: Path, solved:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        sweep(SCENE, vary, output, settings=TINY, tell=interrupt)
+        sweep(SCENE, vary, output, settings=TINY, log=interrupt)
     assert len(solved) == 3
     assert not output.exists()
-    told: list[str] = []
-    study = sweep(SCENE, vary, output, settings=TINY, tell=told.append)
+    lines: list[str] = []
+    study = sweep(SCENE, vary, output, settings=TINY, log=lines.append)
     assert len(solved) == len(set(solved)) == 8
-    assert told[0] == "3 of 8 points were done before"
+    assert lines[0] == "3 of 8 points were done before"
     assert [path.name for path in tmp_path.iterdir()] == ["study.nc"]
     whole = sweep(SCENE, vary, settings=TINY)
     written = xr.open_dataset(output)
@@ -254,7 +254,7 @@ def test_points_of_another_scene_are_refused_and_more_values_continue(tmp_path: 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        sweep(SCENE, {FRICTION: [0.0, 0.1, 0.2]}, output, settings=TINY, tell=interrupt)
+        sweep(SCENE, {FRICTION: [0.0, 0.1, 0.2]}, output, settings=TINY, log=interrupt)
     for settings, vary in (((*TINY, "time.end=20e-6"), FRICTION), (TINY, PRESSURE)):
         with pytest.raises(InputError, match=r"another scene.*remove this folder"):
             sweep(SCENE, {vary: [0.0, 0.1]}, output, settings=settings)
@@ -307,9 +307,9 @@ def test_processes_that_never_answer_end_the_study(monkeypatch: pytest.MonkeyPat
 # -- processes, clusters ----------------------------------------------------------------------------------------------
 def test_two_processes_give_the_bits_of_one() -> None:
     vary = {FRICTION: [0.0, 0.1, 0.2], PRESSURE: [1e8, 2e8]}
-    told: list[str] = []
-    one, two = (sweep(SCENE, vary, settings=TINY, jobs=jobs, tell=told.append) for jobs in (1, 2))
-    assert [text.partition(" ")[0] for text in told] == 2 * [str(i) for i in range(1, 7)]  # each point once
+    lines: list[str] = []
+    one, two = (sweep(SCENE, vary, settings=TINY, jobs=jobs, log=lines.append) for jobs in (1, 2))
+    assert [text.partition(" ")[0] for text in lines] == 2 * [str(i) for i in range(1, 7)]  # each point once
     for name in ("peak_force", "impulse", "energy", "iterations", "state", "message"):
         np.testing.assert_array_equal(one[name], two[name])
 
@@ -371,10 +371,10 @@ def test_the_command_writes_a_study_that_can_be_drawn(tmp_path: Path, capsys: py
     scene = ("sweep", SCENE, *(word for setting in TINY for word in ("--set", setting)), "--jobs", "1", "-o", output)
     vary = "--vary", f"{FRICTION}=0:0.6:3", "--vary", f"{PRESSURE}=1e8,2e8"
     assert run(*scene, *vary) == 0
-    told = capsys.readouterr()
-    assert told.out == f"study: {output} (6 converged)\n"
-    assert f"2 of 6: {FRICTION} = 0" in told.err
-    assert "s left" in told.err
+    printed = capsys.readouterr()
+    assert printed.out == f"study: {output} (6 converged)\n"
+    assert f"2 of 6: {FRICTION} = 0" in printed.err
+    assert "s left" in printed.err
     assert run("plot", output) == 0
     assert output.with_suffix(".png").stat().st_size > 10_000
     assert run("plot", output, "--quantity", "impulse", "-o", tmp_path / "one.svg") == 0

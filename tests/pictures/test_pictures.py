@@ -1,4 +1,4 @@
-"""Pictures of bodies: what is in front is seen, faces have their colours, every file is refused or drawn."""
+"""Pictures of bodies: what is in front is visible, faces have their colours, every file is refused or drawn."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_skin_of_a_box() -> None:
 
 
 def test_sharp_edges_of_a_box() -> None:
-    """From a corner three faces are seen: 9 edges of the box, each of three pieces, are strong."""
+    """From a corner three faces are visible: 9 edges of the box, each of three pieces, are strong."""
     skin = block([0, 0, 0], [1, 1, 1], 3, RED)
     edges, strength = edges_of(skin, View.at(-45.0, 35.0))
     assert (strength == 1.0).sum() == 9 * 3
@@ -105,10 +105,10 @@ def texts(figure: Figure) -> str:
 
 def test_assembly_names_what_it_draws() -> None:
     warnings: list[str] = []
-    told = texts(assembly_figure(scene_from_dict(tower()), warnings))
+    labels = texts(assembly_figure(scene_from_dict(tower()), warnings))
     assert warnings == []
     for words in ("a (steel)", "ab: contact, 9 points", "fixed: bed", "press\n1.00 MPa", "x (mm)", "from below"):
-        assert words in told
+        assert words in labels
 
 
 def test_bodies_move_apart_along_the_normals() -> None:
@@ -122,10 +122,10 @@ def test_a_scene_that_does_not_build_is_drawn_all_the_same() -> None:
     data = tower()
     data["substructure"]["c"]["box"]["origin"] = [1.0, 0.0, 0.02]
     warnings: list[str] = []
-    told = texts(assembly_figure(scene_from_dict(data), warnings))
+    labels = texts(assembly_figure(scene_from_dict(data), warnings))
     assert len(warnings) == 1
     assert "interface.bc" in warnings[0]
-    assert "bc: contact" in told
+    assert "bc: contact" in labels
 
 
 @pytest.fixture(scope="module")
@@ -134,9 +134,9 @@ def results() -> Any:
 
 
 def test_bodies_of_results(results: Any) -> None:
-    told = texts(result_figure(results, "bc"))
-    assert "bc: pressure on b" in told
-    assert "times as large" in told
+    labels = texts(result_figure(results, "bc"))
+    assert "bc: pressure on b" in labels
+    assert "times as large" in labels
     assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
 
 

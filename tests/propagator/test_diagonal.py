@@ -1,4 +1,4 @@
-"""The factor of a diagonal matrix against the Cholesky factor, and what channels see of it."""
+"""The factor of a diagonal matrix against the Cholesky factor, and its effect on the channels."""
 
 from __future__ import annotations
 

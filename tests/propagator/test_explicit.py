@@ -86,7 +86,7 @@ def test_admittance_is_the_velocity_of_one_instant(kind: str, model: Make, admit
 
 
 def test_respond_is_a_march_with_dashpots(kind: str, model: Make, tractions: Make) -> None:
-    """W = W_0 + Y q, and commit(q - k W) ends where W says."""
+    """W = W_0 + Y q, and commit(q - k W) ends with the velocity W."""
     m = model(kind)
     propagator = started([m])
     k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)

@@ -1,4 +1,4 @@
-"""Dense matrices of the interface against NumPy: what channels see, with and without dashpots, and whole faces."""
+"""Dense matrices of the interface against NumPy: compliance of the channels, with and without dashpots; whole faces."""
 
 from __future__ import annotations
 
@@ -87,5 +87,5 @@ def test_resistance_of_a_face() -> None:
 
 
 def test_resistance_of_points_that_move_together() -> None:
-    """A singular block (two channels on one dof) still answers a uniform velocity."""
+    """A singular block (two channels on one dof) still has a response to a uniform velocity."""
     assert resistance(np.array([[2.0, 2.0], [2.0, 2.0]]), np.arange(2)) == pytest.approx(0.5)

@@ -1,4 +1,4 @@
-"""Reduced substructures: frequencies of bars, static answers, and the identities of Ritz vectors."""
+"""Reduced substructures: frequencies of bars, static responses, and the identities of Ritz vectors."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_rigid_start_is_kept():
 
 @pytest.mark.parametrize("kind", ["free", "held", "damped", "driven", "periodic", "everything"])
 def test_ritz_identities(kind):
-    """B^T M B = 1, B^T K B = diag(eigenvalues), and every channel's static answer is inside."""
+    """B^T M B = 1, B^T K B = diag(eigenvalues), and every channel's static response is inside."""
     model = make_model(kind).model
     reduced = reduce_model(model, 6)
     b = reduced.basis

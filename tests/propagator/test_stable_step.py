@@ -93,7 +93,7 @@ def test_symmetric_matrices_of_any_sign(n: int, density: float) -> None:
 
 
 def test_lagged_damping() -> None:
-    """dt^2 K + 2 dt R <= 4 M for the step told, by all eigenvalues; with a margin for the bounds of both."""
+    """dt^2 K + 2 dt R <= 4 M for the step returned, by all eigenvalues; with a margin for the bounds of both."""
     masses, stiff = box((3, 3, 3), (1, 1, 1), 0.3, True)
     lagged = sp.csr_array(2e-9 * stiff)
     step = StableStep(masses, stiff, lagged)

@@ -20,7 +20,7 @@ def crushing() -> Solution:
 
 @pytest.fixture
 def bars() -> Solution:
-    """Joint and frictionless contact, one window, nothing asked for."""
+    """Joint and frictionless contact, one window, no further output."""
     return Solution(synthetic.bars(), 'name = "bars"\n[solver]\ntolerance = 1e-3', "bars")
 
 

@@ -86,7 +86,7 @@ def block(name: str, time: Array, every: int = 2, level: float = 0.0) -> Substru
 
 
 def silent_block(name: str, time: Array) -> SubstructureHistory:
-    """A substructure of which nothing was asked."""
+    """A substructure without requested output."""
     full = block(name, time)
     nothing = {"displacement": None, "velocity": None, "stress": None, "energy": None}
     return SubstructureHistory(**full.__dict__ | nothing)
@@ -118,7 +118,7 @@ def windows(n_time: int, length: int, n_iteration: int = 4) -> list[WindowRecord
 
 
 def crushing(n_time: int = 201, window: int = 1, friction: float = 0.1) -> Outcome:
-    """Two blocks, one frictional contact, energy terms, one-step windows unless told otherwise."""
+    """Two blocks, one frictional contact, energy terms, one-step windows by default."""
     time = np.linspace(0.0, 30e-6, n_time)
     history = contact("crush", time, 3e-6, 16.8e-6, 4e8, friction)
     energy = {**_energy(time), "friction_dissipation": 0.1 * _energy(time)["work_of_loads"]}

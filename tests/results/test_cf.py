@@ -1,6 +1,6 @@
 """Every group against a CF checker, where one is installed.
 
-Checkers look at the root of a file only, so each group is written as a file of its own.
+Checkers read the root of a file only, so each group is written as a file of its own.
 """
 
 from __future__ import annotations

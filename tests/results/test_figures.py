@@ -37,7 +37,7 @@ def lightness(colour: object) -> float:
 
 
 def alike_in_grey(figure: Figure) -> list[tuple[str, str]]:
-    """Pairs of curves of one panel that have names, and that grey print does not tell apart."""
+    """Pairs of curves of one panel that have names, and that are equal in grey print."""
     pairs = []
     for axis in [axis for part in (figure, *figure.subfigs) for axis in part.axes]:
         named = [line for line in axis.lines if not str(line.get_label()).startswith("_")]

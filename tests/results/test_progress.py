@@ -16,7 +16,7 @@ MODELS = Path(__file__).parents[2] / "models"
 
 
 class Clock:
-    """A clock that is told the time."""
+    """A clock that the test sets."""
 
     def __init__(self) -> None:
         self.now = 100.0

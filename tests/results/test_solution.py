@@ -1,4 +1,4 @@
-"""What a solution tells: forwarded attributes, report for programs, summary for people."""
+"""Access to a solution: forwarded attributes, report for programs, summary for people."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def tree(other: bool) -> xr.DataTree:
 
 
 def compare(si: xr.Dataset, other: xr.Dataset, where: str) -> Iterator[str]:
-    """Variables whose numbers do not change as their unit says, or that have numbers without a unit."""
+    """Variables whose numbers do not change as their unit requires, or that have numbers without a unit."""
     for name, variable in si.variables.items():
         values, changed = np.asarray(variable.values), np.asarray(other[name].values)
         if values.dtype.kind != "f" or BY_CLOCK.search(str(name)):

@@ -24,6 +24,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("description", "\ud800", "description", ["not valid text"]),
     ("materials", {}, "materials", ["unknown key", "did you mean 'material'"]),
     ("a.b", 1, "a", ["unknown key", "{'b': 1}"]),
+    ("loads", {f"press{i}": {"face": "bar.zmax", "pressure": 1.0} for i in range(9)}, "loads", ["a table with 9 keys"]),
     ("material", {}, "material", ["at least one"]),
     ("material", [], "material", ["must be a table"]),
     ("substructure", GONE, "substructure", ["missing"]),

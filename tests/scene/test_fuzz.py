@@ -1,4 +1,4 @@
-"""Whatever is written into a scene, the answer is a scene or a SceneError."""
+"""Whatever is written into a scene, the outcome is a scene or a SceneError."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import datetime
 import math
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,22 @@ from hypothesis import strategies as st
 from latin_fmu.errors import SceneError
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 MODELS = Path(__file__).parents[2] / "models"
 LARGE = {"n08", "n16", "bolted_beam"}
 PATHS = [path for path in sorted(MODELS.glob("*/*.toml")) if not {path.stem, path.parent.name} & LARGE]
 SOURCES = [(path.parent, tomllib.loads(path.read_text(encoding="utf-8"))) for path in PATHS]
-BOLTED = {
-    "name": "bolted",
-    "material": {"steel": {"young_modulus": 2e11, "poisson_ratio": 0.3, "density": 7800.0, "yield_stress": 1e9}},
-    "substructure": {"bar": {"material": "steel", "box": {"size": [0.01, 0.01, 0.05], "elements": [2, 2, 7]}}},
-    "boundary": {end: {"type": "fixed", "face": f"bar.{end}"} for end in ("zmin", "zmax")},
-    "bolt": {
+BOLTED = column(
+    {"bar": Box(replace(STEEL, keys={"yield_stress": 1e9}), (0.01, 0.01, 0.05), (2, 2, 7))},
+    {},
+    {"end": 1.0, "instants": 2, "quasi_static": True},
+    boundary={end: {"type": "fixed", "face": f"bar.{end}"} for end in ("zmin", "zmax")},
+    bolt={
         "b": {"substructure": "bar", "axis": [0, 0, 1], "force": 1e3, "point": [0.005, 0.005, 0.02], "order": 2},
         "c": {"substructure": "bar", "axis": [0, 0, 1], "shortening": 1e-5},
     },
-    "time": {"end": 1.0, "instants": 2, "quasi_static": True},
-}
+)
 SOURCES.append((MODELS, BOLTED))
 WORDS = [
     "steel",

@@ -27,6 +27,7 @@ from latin_fmu.scene.laws import (
     sampled_impulse_error,
 )
 from latin_fmu.scene.number_files import factor
+from latin_fmu.stability.scenes import Box, column
 
 LAWS: list[TimeLaw] = [
     ConstantLaw(),
@@ -240,14 +241,12 @@ def test_a_law_comes_from_a_regular_file_and_is_not_quoted(tmp_path: Path, name:
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "secret.csv").write_text("user:hunter2\nroot:swordfish\n")
     (tmp_path / "inf.csv").write_text("0 1\n1 inf\n")
-    scene = {
-        "name": "bar",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {"bar": {"material": "steel", "box": {"size": [1.0, 1.0, 1.0], "elements": [1, 1, 1]}}},
-        "interface": {"wall": {"sides": ["bar.zmin", "ground"]}},
-        "load": {"push": {"face": "bar.zmax", "pressure": 1.0, "law": {"type": "csv", "file": name}}},
-        "time": {"end": 1e-5, "instants": 2},
-    }
+    scene = column(
+        {"bar": Box(elements=(1, 1, 1))},
+        {},
+        {"end": 1e-5, "instants": 2},
+        load={"push": {"face": "bar.zmax", "pressure": 1.0, "law": {"type": "csv", "file": name}}},
+    )
     with pytest.raises(SceneError) as caught:
         latin_fmu.scene_from_dict(scene, tmp_path)
     assert words in str(caught.value)

@@ -1,4 +1,4 @@
-"""[mesh.NAME]: one file, many parts; and what ``check`` tells of bodies and of files that cannot be read."""
+"""[mesh.NAME]: one file, many parts; and what ``check`` prints about bodies and of files that cannot be read."""
 
 from __future__ import annotations
 

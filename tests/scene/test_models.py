@@ -1,4 +1,4 @@
-"""The shipped scenes are what their READMEs and the definitions of the cases say."""
+"""The shipped scenes agree with their READMEs and the definitions of the cases."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def check_quarter_symmetry(scene: Scene) -> None:
 
 
 def test_mesh_of_punched_plates() -> None:
-    """The groups the scene speaks of survive meshio; facing groups have nodes at the same places."""
+    """The groups that the scene uses are kept by meshio; facing groups have nodes at the same places."""
     scene = load_scene(MODELS / "punched_plates" / "scene.toml")
     mesh = meshio.read(scene.base_dir / "plates.msh")
     groups = {name: tag for name, (tag, _) in mesh.field_data.items()}

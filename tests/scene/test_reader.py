@@ -81,7 +81,7 @@ def test_file_and_dictionary_agree(tmp_path: Path, small: dict[str, Any]) -> Non
 
 
 def test_text_round_trip(tmp_path: Path, small: dict[str, Any]) -> None:
-    """Everything optional, awkward texts and numbers survive; the CSV file is no longer needed."""
+    """Everything optional, awkward texts and numbers are kept; the CSV file is no longer needed."""
     (tmp_path / "law.csv").write_text("0,0\n1e-5,0.1\n2e-5,1\n")
     small["description"] = 'quotes " and \\ and\nlines\tand \x7f and \u20ac and \U0001f600'
     small["load"]["push"]["law"] = {"type": "csv", "file": "law.csv"}

@@ -1,4 +1,4 @@
-"""The reference says everything about every key, and its example works."""
+"""The reference describes every key, and its example works."""
 
 from __future__ import annotations
 

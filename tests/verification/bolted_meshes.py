@@ -1,8 +1,8 @@
 """Meshes of bolted plates on one lattice of rings and layers about the z axis, so that nodes of neighbours match.
 
 The lattice is a square core of cells, rings from there to the circle of the shank, and circular rings beyond it. A part
-is made of the cells between two radii in some layers; its faces are the pieces of its boundary that are told apart by
-their normal and their place.
+is made of the cells between two radii in some layers; its faces are the pieces of its boundary, distinguished by their
+normal and their place.
 """
 
 from __future__ import annotations

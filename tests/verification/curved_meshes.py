@@ -23,7 +23,7 @@ def about_zero(element: float, fine: int, far: float, growth: float) -> Array:
 
 
 def outwards(element: float, far: float, growth: float) -> Array:
-    """Coordinates from 0 to far, the first element about as long as asked for, each longer than the one before."""
+    """Coordinates from 0 to far, the first element about as long as requested, each longer than the one before."""
     steps = [element]
     while sum(steps) < far:
         steps.append(growth * steps[-1])

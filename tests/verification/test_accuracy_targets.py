@@ -1,7 +1,7 @@
-"""``--accuracy`` against the truth: what is promised is reached, and what cannot be promised is refused.
+"""``--accuracy`` against the truth: a guaranteed accuracy is reached, others are refused.
 
 Impulse and contact instant of four models; exact solutions for the bars, for the crushing of two specimens the
-reference from finer runs of another scheme, its own error granted. What the search costs is told by
+reference from finer runs of another scheme, its own error granted. The cost of the search is printed by
 ``examples/price_of_accuracy.py``.
 """
 
@@ -29,7 +29,7 @@ QUANTITIES = [
 
 
 def chosen(model: str, quantity: str, target: float, limit: float = 120.0) -> tuple[Choice, float, Reference]:
-    """What is chosen, its true error, and the reference that tells."""
+    """What is chosen, its true error, and the reference for it."""
     scene = shipped(model)
     reference = declared(scene)
     assert reference is not None
@@ -63,13 +63,13 @@ def test_the_sharpest_target_is_kept_or_refused(model: str, quantity: str) -> No
     """The contact layer is viscous: an impulse within 0.2 % takes some thousand elements, above the limit."""
     choice, true, reference = chosen(model, quantity, 0.002, limit=20.0)
     known = 0.0 if reference.own_error is None else reference.own_error[quantity].error
-    assert true <= 0.002 + known if choice.reached else "cannot be promised" in choice.sentence
+    assert true <= 0.002 + known if choice.reached else "cannot be guaranteed" in choice.sentence
 
 
 def test_what_has_no_order_is_not_promised() -> None:
     """The specimens of the crushing touch from the start: their first contact converges too slowly for 1 %."""
     choice, true, _ = chosen("two_specimen_crushing", "crush.first_contact", 0.01, limit=4.0)
     assert not choice.reached
-    assert "cannot be promised" in choice.sentence
+    assert "cannot be guaranteed" in choice.sentence
     assert choice.error > 0.01
     assert true <= choice.error

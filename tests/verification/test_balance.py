@@ -100,8 +100,8 @@ def _shift(history):
 
 @pytest.mark.parametrize("model", SHIPPED)
 def test_interface_work_is_what_friction_impacts_and_ground_take(model):
-    """At every instant: work of the marched tractions against the losses told by the local-stage fields, within a
-    stated multiple of sqrt(eta) of the largest term."""
+    """At every instant: work of the marched tractions against the losses by the local-stage fields, within a stated
+    multiple of sqrt(eta) of the largest term."""
     solution = solved(model)
     energy = solution.energy
     losses = energy["friction_dissipation"] + energy["contact_dissipation"] - energy.get("ground_work", 0.0)
@@ -123,8 +123,8 @@ def test_impact_losses_vanish_under_refinement():
         energy = solve(scene).energy
         total = energy["kinetic"] + energy["elastic"]
         lost = total[0] - total[-1]
-        told = energy["contact_dissipation"][-1] + energy["scheme_dissipation"][-1]
-        assert told == pytest.approx(lost, rel=1e-6)
+        dissipated = energy["contact_dissipation"][-1] + energy["scheme_dissipation"][-1]
+        assert dissipated == pytest.approx(lost, rel=1e-6)
         losses.append(lost / total[0])
     assert losses[1] < 0.7 * losses[0]
 
@@ -188,7 +188,7 @@ def _lumped(nodes):
 
 
 def test_drift_of_a_bond_is_told():
-    """Loose tolerance, long ring-down: the sides of a joint stand apart and the run says so; tight: it does not."""
+    """Loose tolerance, long ring-down: the sides of a joint stand apart and the run reports it; tight: it does not."""
     scene = stack(2, "perfect", tolerance=0.3, force_tolerance=3.0, bonds="iterate")
     scene["time"] = {"end": 2e-4, "instants": 1000}
     assert any("drifted apart" in w for w in solve(scene).warnings)

@@ -66,7 +66,7 @@ def test_the_ball_deforms_without_waves() -> None:
 
 
 def test_gap_to_the_plane() -> None:
-    """That of the sphere at its vertices; facets that look away from the plane take no part."""
+    """That of the sphere at its vertices; facets turned away from the plane take no part."""
     geometry = discretise(latin_fmu.scene_from_dict(ball())).units[0].geometry
     radius = np.hypot(*geometry.points[:, :2].T)
     assert geometry.gap == pytest.approx(R - np.sqrt(R**2 - radius**2), abs=0.02 * R)

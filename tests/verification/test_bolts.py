@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,14 @@ from latin_fmu.fem.mesh import Mesh
 from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.parametric.study import sweep
 from latin_fmu.results.solution import Solution
+from latin_fmu.stability.scenes import Box, Material, column, placed
 
 from .bolted_meshes import SHANK_AREA, write_joint
 from .typed_meshes import turned, typed_box, write_mesh
 
 Array = np.ndarray
 E = 200e9
+STEEL = Material(E, 7800.0, 0.3, "steel")
 PRELOAD = 5000.0
 RING = np.pi * (16e-3**2 - 11e-3**2)  # of the outer faces of the plates that are pulled, about
 
@@ -42,16 +45,15 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def bar(held: list[str], bolt: dict[str, Any], poisson: float = 0.3, **other: Any) -> dict[str, Any]:
     """A bar of 10 x 10 x 50 mm with the faces ``held`` fixed and one bolt."""
-    return {
-        "name": "bar",
-        "material": {"steel": {"young_modulus": E, "poisson_ratio": poisson, "density": 7800.0}},
-        "substructure": {"bar": {"material": "steel", "box": {"size": [0.01, 0.01, 0.05], "elements": [2, 2, 7]}}},
-        "boundary": {face: {"type": "fixed", "face": f"bar.{face}"} for face in held},
-        "bolt": {"b": {"substructure": "bar", "axis": [0, 0, 1], **bolt}},
-        "time": {"end": 1.0, "instants": 2, "quasi_static": True},
-        "output": {"stress": True, "every": 1, "fields": True},
-        **other,
-    }
+    made = column(
+        {"bar": Box(replace(STEEL, poisson=poisson), (0.01, 0.01, 0.05), (2, 2, 7))},
+        {},
+        {"end": 1.0, "instants": 2, "quasi_static": True},
+        boundary={face: {"type": "fixed", "face": f"bar.{face}"} for face in held},
+        bolt={"b": {"substructure": "bar", "axis": [0, 0, 1], **bolt}},
+        output={"stress": True, "every": 1, "fields": True},
+    )
+    return made | other
 
 
 def joint(files: dict[str, Path], pull: float = 0.0, mu: float = 0.8, **other: Any) -> dict[str, Any]:
@@ -211,25 +213,20 @@ BODIES = {"left": 0.0, "middle": 25e-3, "right": 50e-3}
 
 def frame(bolts: dict[str, dict[str, Any]], **other: Any) -> dict[str, Any]:
     """Two beams of 60 mm on three columns of 50 mm, all bonded; ``bolts`` by column."""
-
-    def box(x: float, z: float, size: list[float], elements: list[int]) -> dict[str, Any]:
-        return {"material": "steel", "box": {"origin": [x, 0, z], "size": size, "elements": elements}}
-
-    beam = [60e-3, 10e-3, 10e-3], [12, 2, 2]
-    columns = {name: box(x, 10e-3, [10e-3, 10e-3, 50e-3], [2, 2, 5]) for name, x in BODIES.items()}
+    beam, part = Box(STEEL, (60e-3, 10e-3, 10e-3), (12, 2, 2)), Box(STEEL, (10e-3, 10e-3, 50e-3), (2, 2, 5))
+    bodies = {"lower": (beam, (0.0, 0.0, 0.0)), "upper": (beam, (0.0, 0.0, 60e-3))}
+    bodies |= {name: (part, (x, 0.0, 10e-3)) for name, x in BODIES.items()}
     bonds = {f"{name}_foot": ["lower.zmax", f"{name}.zmin"] for name in BODIES}
     bonds |= {f"{name}_top": [f"{name}.zmax", "upper.zmin"] for name in BODIES}
-    return {
-        "name": "frame",
-        "material": {"steel": {"young_modulus": E, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {"lower": box(0.0, 0.0, *beam), "upper": box(0.0, 60e-3, *beam), **columns},
-        "interface": {name: {"sides": sides, "behaviour": "perfect"} for name, sides in bonds.items()},
-        "boundary": {"hold": {"type": "fixed", "face": "lower.zmin"}},
-        "bolt": {name: {"substructure": name, "axis": [0, 0, 1], **table} for name, table in bolts.items()},
-        "time": {"end": 1.0, "instants": 1, "quasi_static": True},
-        "solver": {"tolerance": 1e-8},
-        **other,
-    }
+    made = placed(
+        bodies,
+        {"end": 1.0, "instants": 1, "quasi_static": True},
+        interface={name: {"sides": sides, "behaviour": "perfect"} for name, sides in bonds.items()},
+        boundary={"hold": {"type": "fixed", "face": "lower.zmin"}},
+        bolt={name: {"substructure": name, "axis": [0, 0, 1], **table} for name, table in bolts.items()},
+        solver={"tolerance": 1e-8},
+    )
+    return made | other
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Interfaces found between boundaries: which pairs, where, what is told; refusals with numbers."""
+"""Interfaces found between boundaries: which pairs, where, what is printed; refusals with numbers."""
 
 from __future__ import annotations
 
@@ -13,25 +13,20 @@ from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.face_pairs import completed
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
+from latin_fmu.stability.scenes import STEEL, Box, placed
 
-BLOCKS = {  # origin, size, elements: a plate, a block on it, a lid 2e-5 above the block, a lid out of reach
-    "plate": ([0.0, 0.0, 0.0], [0.04, 0.04, 0.01], [4, 4, 1]),
-    "block": ([0.01, 0.01, 0.01], [0.02, 0.02, 0.02], [3, 3, 2]),
-    "lid": ([0.0, 0.0, 0.03002], [0.04, 0.04, 0.01], [5, 5, 1]),
-    "far": ([0.0, 0.0, 0.06], [0.04, 0.04, 0.01], [2, 2, 1]),
+PLATE = (0.04, 0.04, 0.01)
+BLOCKS = {  # a plate, a block on it, a lid 2e-5 above the block, a lid out of reach
+    "plate": (Box(STEEL, PLATE, (4, 4, 1)), (0.0, 0.0, 0.0)),
+    "block": (Box(STEEL, (0.02, 0.02, 0.02), (3, 3, 2)), (0.01, 0.01, 0.01)),
+    "lid": (Box(STEEL, PLATE, (5, 5, 1)), (0.0, 0.0, 0.03002)),
+    "far": (Box(STEEL, PLATE, (2, 2, 1)), (0.0, 0.0, 0.06)),
 }
 
 
 def tables(**search: Any) -> dict[str, Any]:
-    return {
-        "name": "found",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            n: {"material": "steel", "box": {"origin": o, "size": s, "elements": e}} for n, (o, s, e) in BLOCKS.items()
-        },
-        "contact": {"all": {"search": 1e-4, "friction_coefficient": 0.15, **search}},
-        "time": {"end": 1e-6, "instants": 2},
-    }
+    contact = {"all": {"search": 1e-4, "friction_coefficient": 0.15, **search}}
+    return placed(BLOCKS, {"end": 1e-6, "instants": 2}, contact=contact)
 
 
 def units(data: dict[str, Any]) -> dict[str, Any]:

@@ -11,28 +11,24 @@ import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.location import MeanMotion
+from latin_fmu.stability.scenes import Box, Material, placed
 
 E, RHO, EDGE = 210e9, 7800.0, 0.1
-STEEL = {"young_modulus": E, "poisson_ratio": 0.3, "density": RHO}
+STEEL = Material(E, RHO, 0.3, "steel")
 STATIC = {"end": 1.0, "instants": 2, "quasi_static": True}
 
 
 def cubes(coupling: dict[str, Any], far: float = 2.0, rigid: tuple[bool, ...] = (False, False), **tables: Any) -> Any:
     """Two cubes along x, `far` edges apart from centre to centre; the first stands on a wall."""
-    bodies = {}
-    for i, undeformable in enumerate(rigid):
-        box = {"origin": [far * EDGE * i, 0.0, 0.0], "size": [EDGE] * 3, "elements": [2, 3, 2]}
-        bodies[f"b{i}"] = {"material": "steel", "rigid": undeformable, "box": box}
-    data: dict[str, Any] = {
-        "name": "cubes",
-        "material": {"steel": STEEL},
-        "substructure": bodies,
-        "boundary": {"wall": {"type": "fixed", "face": "b0.xmin"}},
-        "coupling": {"c": coupling},
-        "time": STATIC,
-        "solver": {"tolerance": 1e-9},
-        "output": {"fields": True},
-    }
+    cube = {undeformable: Box(STEEL, (EDGE,) * 3, (2, 3, 2), keys={"rigid": undeformable}) for undeformable in rigid}
+    data = placed(
+        {f"b{i}": (cube[undeformable], (far * EDGE * i, 0.0, 0.0)) for i, undeformable in enumerate(rigid)},
+        STATIC,
+        boundary={"wall": {"type": "fixed", "face": "b0.xmin"}},
+        coupling={"c": coupling},
+        solver={"tolerance": 1e-9},
+        output={"fields": True},
+    )
     return latin_fmu.scene_from_dict(data | tables)
 
 

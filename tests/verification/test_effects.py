@@ -1,4 +1,4 @@
-"""What a scene does not call for is absent: same answer as with the effect there but idle, nothing counted for it."""
+"""Effects that a scene does not use are absent: same result as with the effect idle, nothing counted for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The converged answer is that of the discrete problem, whatever the windows and the search direction."""
+"""The converged result is that of the discrete problem, whatever the windows and the search direction."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_windows_do_not_change_the_answer(window, tight):
 @pytest.mark.parametrize("acceleration", ["anderson", "none"])
 @pytest.mark.parametrize("kind", ["automatic", "impedance", "row", "diagonal"])
 def test_search_directions_do_not_change_the_answer(kind, acceleration, tight):
-    """Every choice of k, plain or accelerated, ends in one answer."""
+    """Every choice of k, plain or accelerated, ends in one result."""
     scene = stack(
         3, "contact", 0.2, search_direction=kind, acceleration=acceleration, tolerance=1e-4, max_iterations=2000
     )
@@ -150,7 +150,7 @@ def test_merged_body_of_non_matching_meshes(elements):
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_identical_blocks_may_have_a_factor_each(friction):
-    """Shared or not: the same answer to the accuracy of the iteration, only classes differ."""
+    """Shared or not: the same result to the accuracy of the iteration, only classes differ."""
     forces, classes = [], []
     for share in (True, False):
         scene = stack(5, "contact", friction, share_identical=share, tolerance=1e-9, force_tolerance=1e-9)

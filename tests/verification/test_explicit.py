@@ -1,4 +1,4 @@
-"""Explicit propagator on whole scenes: exact bars, the implicit answer, the merged body, energy, no penetration."""
+"""Explicit propagator on whole scenes: exact bars, the implicit solution, the merged body, energy, no penetration."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _advice(scene) -> str:
 
 
 def test_scheme_and_propagator_go_together():
-    """Each asks for the other where it is left out; anything else is refused; the effective scene can be read back."""
+    """Each selects the other where it is left out; anything else is refused; the effective scene can be read back."""
     scene = latin_fmu.scene_from_dict(stack(2, "contact", propagator="explicit"))
     assert scene.time.scheme.type == "central_difference"
     again = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["time.scheme=central_difference"])
@@ -160,7 +160,7 @@ def test_scheme_and_propagator_go_together():
 
 
 def test_a_rigid_body_among_elastic_ones():
-    """A rigid upper block: its face moves as one, D is no longer diagonal; the answer is the implicit one."""
+    """A rigid upper block: its face moves as one, D is no longer diagonal; the result is the implicit one."""
     scenes = [stack(2, "contact", 0.3, **solver) for solver in ({}, {"propagator": "explicit"})]
     for scene in scenes:
         scene["substructure"]["b2"]["rigid"] = True

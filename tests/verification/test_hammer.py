@@ -1,4 +1,4 @@
-"""models/hammer_on_plate: what its README says, on the shipped mesh."""
+"""models/hammer_on_plate: the numbers of its README, on the shipped mesh."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def apart(first: latin_fmu.Solution, second: latin_fmu.Solution) -> tuple[float,
 # -- the count ----------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("behaviour", ["perfect", "contact"])
 def test_eight_bodies_of_which_the_wave_reaches_three(behaviour: str) -> None:
-    """Marched: below 45 % of all substructure-instants; the answer changes by less than a twentieth of tolerance."""
+    """Marched: below 45 % of all substructure-instants; the result changes by less than a twentieth of tolerance."""
     every, few = (solved(chain(behaviour=behaviour, elements=16, skip_at_rest=s)) for s in ("off", "tolerance"))
     assert every.outcome.marched == 1.0
     assert few.outcome.marched < 0.45

@@ -151,8 +151,8 @@ def test_supports_win_over_a_field_and_say_so():
     wall = nodes[:, 0] == nodes[:, 0].min()
     assert not velocity[:, wall].any()
     assert velocity[0, ~wall, 0].max() == pytest.approx(100.0 * LENGTH / 2)
-    told = "conditions win over the initial velocity field at 4 nodes; the largest change is 5 m/s"
-    assert any(told in warning for warning in solution.warnings)
+    text = "conditions override the initial velocity field at 4 nodes; the largest change is 5 m/s"
+    assert any(text in warning for warning in solution.warnings)
 
 
 def test_a_field_disturbs_its_body_at_once():
@@ -209,7 +209,7 @@ def test_what_cannot_be_is_refused(tmp_path, keys, change, text, words):
 
 
 def test_a_torn_bond_and_an_overlap_are_refused():
-    for behaviour, words in (("perfect", "tear a bonded interface"), ("contact", "the sides overlap at the start")):
+    for behaviour, words in (("perfect", "separate a bonded interface"), ("contact", "the sides overlap at the start")):
         scene = bar(4, 50, **SHAPED)
         box = {**scene["substructure"]["bar"]["box"], "origin": [0.4, 0.0, 0.0]}
         scene["substructure"]["still"] = {"material": "stuff", "box": box}

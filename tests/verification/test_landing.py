@@ -16,6 +16,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.effects.explanation import explain
+from latin_fmu.stability.scenes import Box, Material, placed
 
 Array = np.ndarray
 COURANT = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
@@ -49,28 +50,23 @@ class Bars:
         speeds = 1.0 if self.other is None else 2.0
         gap, n = speeds * self.phase * self.step, self.section
 
-        def bar(bottom: float, elements: int, speed: float, material: str) -> dict[str, Any]:
-            box = {"origin": [0.0, 0.0, bottom], "size": [0.1, 0.1, 1.0], "elements": [n, n, elements]}
-            return {"material": material, "box": box, "initial_velocity": [0.0, 0.0, speed]}
+        def bar(elements: int, speed: float, material: Material, **keys: Any) -> Box:
+            return Box(material, (0.1, 0.1, 1.0), (n, n, elements), (0.0, 0.0, speed), keys)
 
-        unit = {"young_modulus": 1.0, "poisson_ratio": self.nu, "density": 1.0}
-        tables: dict[str, Any] = {
-            "name": "landing",
-            "material": {"unit": unit},
-            "substructure": {"bar": bar(gap, self.elements, -1.0, "unit")},
-            "interface": {"meet": {"sides": ["bar.zmin", "ground"], "gap": gap}},
-            "time": {"end": round(self.end / self.step) * self.step, "step": self.step},
-            "output": {"energy": True},
-        }
+        unit = Material(poisson=self.nu, name="unit")
+        bodies = {"bar": (bar(self.elements, -1.0, unit, **dict(self.keys)), (0.0, 0.0, gap))}
         if self.other is not None:
             elements, young, density = self.other
-            tables["material"]["second"] = unit | {"young_modulus": young, "density": density}
-            tables["substructure"]["low"] = bar(-1.0, elements, 1.0, "second")
-            tables["interface"]["meet"]["sides"] = ["bar.zmin", "low.zmax"]
+            bodies["low"] = (bar(elements, 1.0, Material(young, density, self.nu, "second")), (0.0, 0.0, -1.0))
+        opposite = "ground" if self.other is None else "low.zmax"
+        tables = placed(
+            bodies,
+            {"end": round(self.end / self.step) * self.step, "step": self.step},
+            interface={"meet": {"sides": ["bar.zmin", opposite], "gap": gap}},
+            output={"energy": True},
+        )
         if self.scheme is not None:
             tables["time"]["scheme"] = self.scheme
-        for key, value in self.keys:
-            tables["substructure"]["bar"][key] = value
         return tables
 
 
@@ -261,40 +257,28 @@ def test_a_cut_bar_lands_like_a_whole_one(cut: str) -> None:
     """Oblique, with friction: perfect interfaces along and across the bar change nothing."""
     gap = 0.01
 
-    def force(parts: dict[str, tuple[list[float], list[float], list[int]]], bond: list[str] | None) -> Array:
+    def part(size: tuple[float, float, float], elements: tuple[int, int, int]) -> Box:
+        return Box(Material(poisson=0.25), size, elements, (0.3, 0.0, -1.0))
+
+    def force(parts: dict[str, tuple[Box, tuple[float, float, float]]], bond: list[str] | None) -> Array:
         contact = {"gap": gap, "friction_coefficient": 0.3}
-        lowest = [name for name, (origin, _, _) in parts.items() if origin[2] == gap]
+        lowest = [name for name, (_, origin) in parts.items() if origin[2] == gap]
         interfaces = {name: contact | {"sides": [f"{name}.zmin", "ground"]} for name in lowest}
         if bond is not None:
             interfaces["bond"] = {"sides": bond, "behaviour": "perfect"}
-        solution = latin_fmu.solve(
-            latin_fmu.scene_from_dict(
-                {
-                    "name": "cut",
-                    "material": {"m": {"young_modulus": 1.0, "poisson_ratio": 0.25, "density": 1.0}},
-                    "substructure": {
-                        name: {
-                            "material": "m",
-                            "box": {"origin": origin, "size": size, "elements": elements},
-                            "initial_velocity": [0.3, 0.0, -1.0],
-                        }
-                        for name, (origin, size, elements) in parts.items()
-                    },
-                    "interface": interfaces,
-                    "time": {"end": 1.2, "instants": 30, "scheme": "generalized_alpha"},
-                    "solver": {"tolerance": 1e-8, "max_iterations": 400},
-                }
-            )
-        )
+        time = {"end": 1.2, "instants": 30, "scheme": "generalized_alpha"}
+        solver = {"tolerance": 1e-8, "max_iterations": 400}
+        tables = placed(parts, time, interface=interfaces, solver=solver)
+        solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
         return np.sum([solution.interfaces[name].force() for name in lowest], axis=0)
 
-    whole = force({"a": ([0.0, 0.0, gap], [0.2, 0.1, 1.0], [4, 2, 10])}, None)
+    whole = force({"a": (part((0.2, 0.1, 1.0), (4, 2, 10)), (0.0, 0.0, gap))}, None)
     if cut == "along":
-        halves = {name: ([x, 0.0, gap], [0.1, 0.1, 1.0], [2, 2, 10]) for name, x in (("a", 0.0), ("b", 0.1))}
-        parts = force(halves, ["a.xmax", "b.xmin"])
+        half = part((0.1, 0.1, 1.0), (2, 2, 10))
+        parts = force({"a": (half, (0.0, 0.0, gap)), "b": (half, (0.1, 0.0, gap))}, ["a.xmax", "b.xmin"])
     else:
-        halves = {name: ([0.0, 0.0, z], [0.2, 0.1, 0.5], [4, 2, 5]) for name, z in (("a", gap), ("b", gap + 0.5))}
-        parts = force(halves, ["a.zmax", "b.zmin"])
+        half = part((0.2, 0.1, 0.5), (4, 2, 5))
+        parts = force({"a": (half, (0.0, 0.0, gap)), "b": (half, (0.0, 0.0, gap + 0.5))}, ["a.zmax", "b.zmin"])
     assert np.abs(parts - whole).max() <= 1e-6 * np.abs(whole).max()
 
 
@@ -322,9 +306,9 @@ def test_a_run_that_gains_energy_is_not_called_converged() -> None:
 )
 def test_unfit_schemes_are_told_when_chosen(scheme: str | None, courant: float, words: str | None) -> None:
     lines = latin_fmu.check(latin_fmu.scene_from_dict(Bars(20, courant, scheme=scheme).scene()))
-    told = [line for line in lines if "time.scheme" in line]
-    assert bool(told) == (words is not None)
-    assert words is None or words in told[0]
+    remarks = [line for line in lines if "time.scheme" in line]
+    assert bool(remarks) == (words is not None)
+    assert words is None or words in remarks[0]
 
 
 def test_the_scheme_is_chosen_by_the_bodies() -> None:

@@ -1,4 +1,4 @@
-"""Interfaces solved with by substitution against dense matrices: equal answers, whatever a scene has in it."""
+"""Interfaces solved with by substitution against dense matrices: equal results, whatever a scene has in it."""
 
 from __future__ import annotations
 
@@ -267,10 +267,10 @@ def test_forces_at_a_working_tolerance(tolerance: float) -> None:
 
 
 def test_the_form_is_chosen_by_cost_and_told() -> None:
-    told = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 28)]
-    assert told[0] == "dense matrices"
-    assert told[1].startswith("sparse tables, truncated at")
-    assert told[1].endswith("in lower, upper")
+    forms = [choices(Prediction(discretise(plates(m))))["interfaces"] for m in (8, 28)]
+    assert forms[0] == "dense matrices"
+    assert forms[1].startswith("sparse tables, truncated at")
+    assert forms[1].endswith("in lower, upper")
     forced = choices(Prediction(discretise(plates(8, interface_operator="exact"))))["interfaces"]
     assert forced.startswith("exact, by substitution through at most")
     large = [Prediction(discretise(plates(24, interface_operator=form))) for form in ("exact", "dense")]

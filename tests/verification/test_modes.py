@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,12 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.modes import Joints, vibration_modes
 from latin_fmu.cli import main
-from latin_fmu.stability.scenes import Box, Material, column
+from latin_fmu.stability.scenes import Box, Material, column, rubbing
 
 E, RHO, L, N = 210e9, 7800.0, 1.0, 20
 C = np.sqrt(E / RHO)
 SIDES = ("xmin", "xmax", "ymin", "ymax")
-MATERIAL = {"steel": {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}}
+STEEL = Material(E, RHO, name="steel")
 
 
 def bars(
@@ -29,22 +28,15 @@ def bars(
     ``interface`` between the pieces; ``ground`` below the first one; ``gap`` between the pieces.
     """
     total = sum(n for n, _ in pieces)
-    bodies, boundary, level = {}, {}, 0.0
-    for i, (n, across) in enumerate(pieces):
-        size = [0.1, 0.1, L * n / total]
-        box = {"origin": [0.0, 0.0, level], "size": size, "elements": [across, across, n]}
-        bodies[f"b{i}"] = {"material": "steel", "box": box}
-        boundary |= {f"b{i}{s}": {"type": "symmetry", "face": f"b{i}.{s}"} for s in SIDES}
-        level += size[2] + gap
-    names = list(bodies)
-    joints = {
-        f"cut{i}": {"sides": [f"{a}.zmax", f"{b}.zmin"], **(interface or {"behaviour": "perfect"})}
-        for i, (a, b) in enumerate(pairwise(names))
+    bodies = {
+        f"b{i}": Box(STEEL, (0.1, 0.1, L * n / total), (across, across, n)) for i, (n, across) in enumerate(pieces)
     }
+    joints = {f"cut{i}": interface or {"behaviour": "perfect"} for i in range(len(pieces) - 1)}
+    boundary = {f"{b}{s}": {"type": "symmetry", "face": f"{b}.{s}"} for b in bodies for s in SIDES}
+    data = column(bodies, joints, {"end": 1e-3, "instants": 10}, gap, boundary=boundary)
     if ground:
-        joints["base"] = {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}
-    data = {"name": "bars", "material": MATERIAL, "substructure": bodies, "boundary": boundary, "interface": joints}
-    return latin_fmu.scene_from_dict(data | {"time": {"end": 1e-3, "instants": 10}})
+        data["interface"]["base"] = rubbing("b0.zmin", "ground", 0.3)
+    return latin_fmu.scene_from_dict(data)
 
 
 def test_free_free_bar() -> None:
@@ -106,9 +98,8 @@ def test_an_interface_declared_twice_changes_nothing() -> None:
 
 
 def blocks(**joint: Any) -> latin_fmu.Scene:
-    """Two free blocks, one on the other, tilted out of the axes by nothing; ``joint``: keys of the interface."""
-    steel = MATERIAL["steel"]
-    block = Box(Material(steel["young_modulus"], steel["density"], 0.3), (1.0, 0.8, 0.5), (2, 2, 2))
+    """Two free blocks, one on the other; ``joint``: keys of the interface."""
+    block = Box(Material(E, RHO, 0.3), (1.0, 0.8, 0.5), (2, 2, 2))
     bodies, time = {"low": block, "up": block}, {"end": 1e-3, "instants": 10}
     return latin_fmu.scene_from_dict(column(bodies, {"joint": joint}, time))
 

@@ -244,7 +244,7 @@ def test_the_covered_face_gives_the_points() -> None:
 
 
 def test_two_searches_of_one_answer() -> None:
-    """Iteration and search direction leave the answer with friction alone."""
+    """Iteration and search direction leave the result with friction alone."""
     made = pressed_on_a_plate(0.4, 0.0, 4, "automatic")
     made["load"]["shear"] = {"face": "block.zmax", "traction": [2e5, 1e5, 0.0], "law": ramp((0, 0), (1, 1))}
     made["time"]["instants"] = 4

@@ -1,4 +1,4 @@
-"""The reference answers against closed forms: an oracle is trusted only once it has been checked itself."""
+"""The reference solutions against closed forms: each is checked before it is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reduced substructures on whole scenes: the answer of the mesh, the error stated, energy, restarts."""
+"""Reduced substructures on whole scenes: the result of the mesh, the error stated, energy, restarts."""
 
 from __future__ import annotations
 

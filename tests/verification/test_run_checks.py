@@ -59,13 +59,13 @@ def test_a_slip_without_contact_is_none() -> None:
     assert not remarks(made, "slip by")
 
 
-@pytest.mark.parametrize(("degrees", "told"), [(1.8, False), (2.2, True)])
-def test_a_rotation_beyond_two_degrees_is_told(degrees: float, told: bool) -> None:
+@pytest.mark.parametrize(("degrees", "warned"), [(1.8, False), (2.2, True)])
+def test_a_rotation_beyond_two_degrees_is_warned_of(degrees: float, warned: bool) -> None:
     made = column({"block": Box(STEEL, (0.02, 0.03, 0.04), (2, 3, 4))}, {}, {"end": 1e-4, "instants": 50})
     made["substructure"]["block"]["initial_spin"] = (np.radians(degrees) / 1e-4 * np.array([0.6, 0.0, 0.8])).tolist()
     found = remarks(made, "has turned by")
-    assert bool(found) is told
-    if told:
+    assert bool(found) is warned
+    if warned:
         assert f"block has turned by {degrees:.3g} degrees" in found[0]
 
 

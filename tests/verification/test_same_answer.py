@@ -1,4 +1,4 @@
-"""Whichever way the direct march is solved, the answer is the same; restarts are exact."""
+"""Whichever way the direct march is solved, the result is the same; restarts are exact."""
 
 from __future__ import annotations
 

@@ -138,6 +138,38 @@ def test_a_useless_table_is_left_for_the_exact_operator(monkeypatch: pytest.Monk
     assert apart(sparse, exact) <= 2e-4
 
 
+@pytest.mark.parametrize(
+    ("wrong", "left"),
+    [
+        ("none", {"normal", "tangential", "y"}),
+        ("y", {"normal", "tangential"}),
+        ("normal", {"y"}),
+        ("tangential", {"y"}),
+    ],
+)
+def test_an_inaccurate_table_is_left_out(wrong: str, left: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are verified by solutions: Y by a fifth too small, those of the force residual by half too large."""
+    probed, made, names = interface_probing._probed, search_direction.interface_tables, set[str]()
+    truncations = {rough: name for name, _, rough in interface_probing._OF_NORMS}
+
+    def spoiled_probe(solve: Any, points: Any, n: int, truncation: float, most: float) -> Table | None:
+        table, name = probed(solve, points, n, truncation, most), truncations.get(truncation, "y")
+        if table is None or name != wrong:
+            return table
+        return replace(table, values=table.values * np.float32(0.8 if name == "y" else 1.5))
+
+    def tables(*given: Any) -> dict[str, Table]:
+        own = made(*given)
+        names.update(own)
+        return own
+
+    monkeypatch.setattr(interface_probing, "_probed", spoiled_probe)
+    monkeypatch.setattr(search_direction, "interface_tables", tables)
+    solution = solved(plates(12, 3, tolerance=1e-4, force_tolerance=1e-3), "sparse")
+    assert names == left
+    assert (max(window.defect for window in solution.windows) > 0.0) == ("y" in left)
+
+
 def bodies(interface: Tables, **solver: Any) -> Tables:
     """Blocks of two classes, one with several members, on moving ground."""
     names = [f"b{i}" for i in range(4)]
@@ -247,12 +279,12 @@ def test_refused_over_longer_windows(change: Tables) -> None:
         solved(plates(4, 12), "sparse", **change)
 
 
-def test_truncation_and_reach_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``explain`` tells the distance that the tables of the run have, without a factor."""
+def test_truncation_and_reach_are_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``explain`` predicts the distance that the tables of the run have, without a factor."""
     scene = latin_fmu.scene_from_dict(plates(28, 1))
-    told = choices(Prediction(discretise(scene)))["interfaces"]
-    assert told.startswith("sparse tables, truncated at 0.0001 of the largest entry (points within ")
-    assert told.endswith("in lower, upper")
+    text = choices(Prediction(discretise(scene)))["interfaces"]
+    assert text.startswith("sparse tables, truncated at 0.0001 of the largest entry (points within ")
+    assert text.endswith("in lower, upper")
     made, radii = search_direction.interface_tables, list[float]()
 
     def tables(*given: Any) -> dict[str, Table]:
@@ -262,7 +294,7 @@ def test_truncation_and_reach_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(search_direction, "interface_tables", tables)
     latin_fmu.solve(scene)
-    assert abs(float(told.split("points within ")[1].split(" mm")[0]) / max(radii) - 1.0) < 0.2
+    assert abs(float(text.split("points within ")[1].split(" mm")[0]) / max(radii) - 1.0) < 0.2
 
 
 def test_colours_keep_their_distance() -> None:

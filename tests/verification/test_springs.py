@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,33 +12,29 @@ from scipy.optimize import brentq
 import latin_fmu
 from latin_fmu.cosim.variables import scalar_table
 from latin_fmu.errors import SceneError
-from latin_fmu.stability.scenes import Box, Material, column
+from latin_fmu.stability.scenes import Box, Material, column, placed
 
 E, RHO, EDGE = 210e9, 7800.0, 0.1
 MASS = RHO * EDGE**3
 OMEGA = 1e4
 STIFFNESS = MASS * OMEGA**2
 PERIOD = 2 * np.pi / OMEGA
-STEEL = {"young_modulus": E, "poisson_ratio": 0.0, "density": RHO}
+STEEL = Material(E, RHO, name="steel")
 MIDDLE = EDGE / 2
 
 
 def blocks(spring: dict[str, Any], *velocities: list[float], rigid: bool = True, **tables: Any) -> latin_fmu.Scene:
     """Cubes in a row along x, half an edge apart, with initial velocities, and one spring."""
-    bodies = {}
-    for i, velocity in enumerate(velocities):
-        box = {"origin": [1.5 * EDGE * i, 0.0, 0.0], "size": [EDGE] * 3, "elements": [2, 2, 2]}
-        bodies[f"b{i}"] = {"material": "steel", "rigid": rigid, "box": box, "initial_velocity": velocity}
-    data: dict[str, Any] = {
-        "name": "blocks",
-        "material": {"steel": STEEL},
-        "substructure": bodies,
-        "spring": {"s": spring},
-        "sensor": {n: {"face": f"{n}.xmax"} for n in bodies},
-        "time": {"end": PERIOD, "instants": 200},
-        "solver": {"tolerance": 1e-8},
-        "output": {"energy": True},
-    }
+    cube = Box(STEEL, (EDGE,) * 3, (2, 2, 2), keys={"rigid": rigid})
+    bodies = {f"b{i}": (replace(cube, velocity=v), (1.5 * EDGE * i, 0.0, 0.0)) for i, v in enumerate(velocities)}
+    data = placed(
+        bodies,
+        {"end": PERIOD, "instants": 200},
+        spring={"s": spring},
+        sensor={n: {"face": f"{n}.xmax"} for n in bodies},
+        solver={"tolerance": 1e-8},
+        output={"energy": True},
+    )
     return latin_fmu.scene_from_dict(data | tables)
 
 

@@ -25,7 +25,7 @@ def test_passes_do_not_grow_with_the_number_of_interfaces():
 
 
 def test_memory_of_sixteen_blocks(tmp_path):
-    """Interior history is not kept unless asked for: a run in a process of its own stays below 500 MB."""
+    """Interior history is not kept unless requested: a run in a process of its own stays below 500 MB."""
     scene = str(MODELS / "stacked_blocks/n16.toml")
     command = [sys.executable, "-m", "latin_fmu", "run", scene, "--json", "-o", str(tmp_path / "out.nc")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=MODELS.parent)

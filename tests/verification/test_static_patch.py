@@ -162,7 +162,7 @@ def test_ground_drags_a_layer():
 @pytest.mark.parametrize(("slope", "holds"), [(0.99, True), (1.05, False)])
 def test_block_on_an_incline(slope: float, holds: bool):
     """Weight along the plane below mu times the weight across it: friction carries it all; above: no equilibrium, and
-    the run says so instead of giving an answer."""
+    the run reports it instead of giving a result."""
     friction, weight = 0.5, 4e9
     made = scene(2, **(TIGHT if holds else {}))
     add_block(made, "block", (0.0, 0.0, 0.0), SIZE, ELEMENTS)

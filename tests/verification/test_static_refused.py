@@ -128,7 +128,7 @@ def test_held_by_one_node_less_than_needed_turns():
 
 
 def test_pulled_apart_is_no_equilibrium():
-    """A plate pulled off another: the run ends at the load it could follow, and says so."""
+    """A plate pulled off another: the run ends at the load it could follow, with a message."""
     made = small()
     del made["load"]["shear"]
     made["load"]["press"]["law"] = ramp((0, 0), (0.5, 1), (1, -1))

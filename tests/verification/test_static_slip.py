@@ -115,7 +115,7 @@ def test_energy_balance():
 
 
 def test_shipped_model():
-    """models/gripped_bar: what its README says."""
+    """models/gripped_bar: the numbers of its README."""
     solution = solved("gripped_bar/scene")
     top = PULL**2 / (2 * STIFFNESS * LOST)
     assert end(solution)[[10, 30, 50]] == pytest.approx([top, -top, top], rel=1e-3)
@@ -127,7 +127,7 @@ def test_shipped_model():
 
 
 def test_refining_the_increments_changes_little():
-    """Monotone loading: the answer does not depend on the number of increments, nor on the unit of time."""
+    """Monotone loading: the result does not depend on the number of increments, nor on the unit of time."""
     ends = [end(solve(gripped((0, 0), (t, 1), steps=n)))[-1] for n, t in ((1, 1.0), (4, 1e-6), (10, 1e6))]
     for one, other in pairwise(ends):
         assert one == pytest.approx(other, rel=2e-3)

@@ -101,7 +101,7 @@ def test_search_direction_does_not_change_the_answer(direction: dict[str, Any]):
 
 
 def test_unit_of_time_does_not_matter():
-    """The same increments over 1 s and over 1e-4 s: equal counts, equal answer."""
+    """The same increments over 1 s and over 1e-4 s: equal counts, equal result."""
     slow = plates(3, SIZE, ELEMENTS, pressure=PRESSURE, shear=0.2 * PRESSURE, steps=6)
     fast = copy.deepcopy(slow)
     fast["time"]["end"] = 1e-4
@@ -125,7 +125,7 @@ def test_forces_balance_on_every_plate():
 
 
 def test_shipped_plates():
-    """models/pressed_plates: what its README says."""
+    """models/pressed_plates: the numbers of its README."""
     solution = solved("pressed_plates/scene")
     for history in solution.interfaces.values():
         assert history.force()[-1] == pytest.approx([19.2e3, 0.0, -80e3], abs=1e-3 * 80e3)

@@ -400,12 +400,12 @@ def test_what_has_no_static_start_is_refused(change: Callable[[Tables], str]) ->
 
 
 def test_explain_tells_it() -> None:
-    told = {
+    effects = {
         start: next(e for e in explain(latin_fmu.scene_from_dict(stack(start))).effects if e.name == "static start")
         for start in ("static", "given")
     }
-    assert (told["static"].on, told["given"].on) == (True, False)
-    assert told["static"].memory > 0 == told["given"].memory
+    assert (effects["static"].on, effects["given"].on) == (True, False)
+    assert effects["static"].memory > 0 == effects["given"].memory
 
 
 def test_nothing_that_acts_is_no_start() -> None:

@@ -1,4 +1,4 @@
-"""What ``explain`` suggests and what warnings advise, followed: accepted, as cheap as predicted, and as said."""
+"""What ``explain`` suggests and what warnings advise, followed: as cheap as predicted, with the stated loss."""
 
 from __future__ import annotations
 

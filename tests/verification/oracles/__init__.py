@@ -1,4 +1,4 @@
-"""Reference answers that share no code with the package under test.
+"""Reference solutions that share no code with the package under test.
 
 ``bars``       exact travelling waves in bars and shear columns in series (contact, friction, gravity), on
                ``piecewise`` functions and ``connections``; ``balances`` their energy and momentum;

@@ -7,7 +7,7 @@ E to E'. The opening velocity is v = free + G r, with G the Delassus operator. L
     |r_T| <= mu r_N,  v_T = -lambda r_T, lambda >= 0, and lambda = 0 inside the cone
 
 Semi-smooth Newton on the projections, on the whole system; block Gauss-Seidel with an exact solution per
-point when Newton does not settle. Neither resembles alternating search directions. The answer is unique
+point when Newton does not settle. Neither resembles alternating search directions. The result is unique
 for small friction; with strong coupling and friction the problem itself may have several.
 """
 

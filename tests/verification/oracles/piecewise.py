@@ -1,7 +1,7 @@
 """Piecewise-linear functions of time with jumps: the arithmetic of the exact solutions.
 
 A function is a contiguous list of pieces [t0, t1] with a value just after t0 and a value just before t1.
-At a jump the value is the one *before* it, unless asked otherwise.
+At a jump the value is the one *before* it, unless stated otherwise.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ coarse again as the finest.
   bolts    two plates between two yokes, tightened by two bolts and sheared by a pulse: impulse and friction work
            between the plates
 
-Writes told_error.png and prints the table. A minute; coarse runs alone with --quick.
+Writes estimated_error.png and prints the table. A minute; coarse runs alone with --quick.
 """
 
 from __future__ import annotations
@@ -49,26 +49,26 @@ class Case:
     mesh: float
     seconds: float
     estimating: float
-    told: float
+    estimated: float
     true: float
     bound: bool
 
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Run, estimate, compare, draw; the checked numbers."""
-    said = options(argv, __doc__)
+    arguments = options(argv, __doc__)
     print("| scene, quantity | mesh | CPU of the run, s | of the estimate, s | estimated error, % | true error, % |")
     print("|---|---|---|---|---|---|")
     cases = []
     for name, scene in scenes().items():
-        meshes = MESHES[name][: 2 if said.quick else None]
+        meshes = MESHES[name][: 2 if arguments.quick else None]
         truth = reference(scene, FINER * meshes[-1])
         for mesh in meshes:
             for one in compared(name, scene, mesh, truth):
                 cases.append(one)
                 print(line(one), flush=True)
-    save(figure(cases), said.folder, "told_error")
-    return {f"{key}_{c.quantity}_{c.mesh:g}": getattr(c, key) for c in cases for key in ("told", "true")}
+    save(figure(cases), arguments.folder, "estimated_error")
+    return {f"{key}_{c.quantity}_{c.mesh:g}": getattr(c, key) for c in cases for key in ("estimated", "true")}
 
 
 def scenes() -> dict[str, Scene]:
@@ -156,8 +156,8 @@ def compared(name: str, scene: Scene, mesh: float, truth: Quantities) -> list[Ca
 
 def line(case: Case) -> str:
     """One row of the table."""
-    told = f"{100 * case.told:.2g}{', only a bound' if case.bound else ''}"
-    numbers = f"{case.seconds:.2g} | {case.estimating:.2g} | {told} | {100 * case.true:.2g}"
+    estimated = f"{100 * case.estimated:.2g}{', only a bound' if case.bound else ''}"
+    numbers = f"{case.seconds:.2g} | {case.estimating:.2g} | {estimated} | {100 * case.true:.2g}"
     return f"| {case.scene}, `{case.quantity}` | {case.mesh:g} | {numbers} |"
 
 
@@ -170,7 +170,7 @@ def figure(cases: Sequence[Case]) -> Figure:
         own = [c for c in cases if c.quantity == quantity]
         seconds = [c.seconds + c.estimating for c in own]
         label = f"{name}: {quantity.split('.')[1].replace('_', ' ')}"
-        axis.plot(seconds, [100 * c.told for c in own], f"{mark}--", color=colour, markerfacecolor="white")
+        axis.plot(seconds, [100 * c.estimated for c in own], f"{mark}--", color=colour, markerfacecolor="white")
         axis.plot(seconds, [100 * c.true for c in own], f"{mark}-", color=colour, label=label)
     axis.plot([], [], "o--", color="0.3", markerfacecolor="white", label="estimated")
     axis.plot([], [], "o-", color="0.3", label="true")
