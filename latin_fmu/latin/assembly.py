@@ -217,6 +217,19 @@ class Assembly:
         """Where the loads of a run without inertia lose their equilibrium, if that is known."""
         self.rigid = self._rigid_channels()
 
+    def take_interfaces(self, whole: Assembly, interfaces: Sequence[int], channels: Index) -> None:
+        """Make this copy of an assembly one of these of its interfaces, with these of its channels."""
+        numbers = {i: own for own, i in enumerate(interfaces)}
+        self._impedance = whole._impedance[channels]
+        self._ground_frames = {
+            own: (self.layout.channels(own, 1), whole._ground_frames[i][1])
+            for i, own in numbers.items()
+            if i in whole._ground_frames
+        }
+        for name in ("ground", "_travel", "ground_start", "start_tractions"):
+            setattr(self, name, {numbers[i]: values for i, values in getattr(whole, name).items() if i in numbers})
+        self.rigid = np.flatnonzero(np.isin(channels, whole.rigid))
+
     @property
     def swept(self) -> bool:
         """Whether interfaces of a substructure are solved with by substitution (``propagator.interface_sweeps``)."""
@@ -290,6 +303,19 @@ class Assembly:
         for channels, values in zip(self.channels, per_class, strict=True):
             flat[channels] = values
         return flat
+
+    def owners(self) -> Index:
+        """Of each channel (3, n_flat): number of its substructure, its class, its number among the live channels of the
+        class; -1 for ground, and for channels that cannot move."""
+        table = np.full((3, self.layout.n_flat), -1, dtype=np.int64)
+        first = 0
+        for c, (propagator, channels) in enumerate(zip(self.propagators, self.channels, strict=True)):
+            live = propagator.operators.compliance.diagonal() != 0
+            table[0][channels] = first + np.arange(channels.shape[1])
+            table[1][channels] = c
+            table[2][channels] = np.where(live, np.cumsum(live) - 1, -1)[:, None]
+            first += channels.shape[1]
+        return table
 
     # -- the ground -----------------------------------------------------------------------------------------------
     def _write_ground(self, flat: Array, of: Callable[[int], Array]) -> None:
@@ -392,7 +418,7 @@ inertia take it by products (``kernels.krylov``)."""
 def relative_operator(assembly: Assembly) -> dict[str, Any]:
     """Fields of the record of the run (``kernels.records``); ``n_matrix`` : numbers of the matrix where every point is
     active."""
-    layout, owner = assembly.layout, owners(assembly)
+    layout, owner = assembly.layout, assembly.owners()
     order, low, high = ordered_blocks(assembly, owner[0])
     groups, numbers, sizes, unknowns = [], [], [0], []
     for i in order:
@@ -410,26 +436,14 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
         "block_low": low,
         "block_high": high,
         "block_points": np.cumsum(sizes),
+        "n_place": sum(sizes),
         "point_group": np.concatenate([np.zeros(0, dtype=np.int64), *groups]),
         "point_number": np.concatenate([np.zeros(0, dtype=np.int64), *numbers]),
+        "point_owned": np.ones(sum(sizes), dtype=np.int64),
         "owner": owner[0],
         "owner_class": owner[1],
         "live_row": owner[2],
     }
-
-
-def owners(assembly: Assembly) -> Index:
-    """Of each channel (3, n_flat): number of its substructure, its class, its number among the live channels of the
-    class; -1 for ground, and for channels that cannot move."""
-    table = np.full((3, assembly.layout.n_flat), -1, dtype=np.int64)
-    first = 0
-    for c, (propagator, channels) in enumerate(zip(assembly.propagators, assembly.channels, strict=True)):
-        live = propagator.operators.compliance.diagonal() != 0
-        table[0][channels] = first + np.arange(channels.shape[1])
-        table[1][channels] = c
-        table[2][channels] = np.where(live, np.cumsum(live) - 1, -1)[:, None]
-        first += channels.shape[1]
-    return table
 
 
 def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, Index]:
