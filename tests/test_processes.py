@@ -212,15 +212,15 @@ def test_results_of_one_process(place: Path, n: int, variant: str) -> None:
 FAILS = """
 import sys
 from latin_fmu.kernels import entries
-from latin_fmu.latin import processes
-end, calls = processes.SharedStages.end_instant, [0]
+from latin_fmu.latin import shared_stages
+iterate = shared_stages.SharedStages._iterate
 
-def failing(self, instant, i=0):
-    if instant == 20 and self._exchange.processes.rank == 1:
+def failing(self, call):
+    if self.first == 20 and self._exchange.processes.rank == 1:
         raise OverflowError("numbers of substructure b3 overflow")
-    end(self, instant, i)
+    return iterate(self, call)
 
-processes.SharedStages.end_instant = failing
+shared_stages.SharedStages._iterate = failing
 from latin_fmu.cli import main
 sys.exit(main(["run", "scene.toml", "-o", "failed.nc"]))
 """
