@@ -22,9 +22,10 @@ import numpy as np
 from ..propagator.interface_matrices import resistance
 from ..propagator.interface_probing import ROUGH, Table, interface_tables, long_steps, truncation_of
 from ..propagator.static import StaticPropagator
-from .assembly import LARGEST, LARGEST_STATIC, Array, Assembly, relative_operator
+from .assembly import Array, Assembly
 from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
+from .relative_operator import LARGEST, LARGEST_STATIC, relative_operator
 from .settings import SearchDirection, Settings
 
 if TYPE_CHECKING:
