@@ -112,10 +112,21 @@ VARIANTS = {
     "explicit": ("--set", "solver.propagator.type=explicit", "--set", "time.scheme.type=central_difference"),
     "class": ("--set", "solver.tolerance=3e-2"),  # solves are reused often
     "class in windows": ("--set", "solver.window=10"),
+    "bonded": (),
+    "statics": (
+        "--set",
+        "time.quasi_static=true",
+        "--set",
+        "time.instants=12",
+        "--set",
+        "load.push.traction=[1e8, 1e6, 1e6]",
+        "--set",
+        "interface.i1.friction_coefficient=0.3",
+    ),
     "long steps": ("--set", "time.instants=6", "--set", "time.end=2.4e-4", "--set", "load.push.law.duration=2e-4"),
 }
-SCENES = {"class": "pillars.toml", "class in windows": "pillars.toml"}
-PILLARS = tuple(SCENES)
+SCENES = {"class": "pillars.toml", "class in windows": "pillars.toml", "bonded": "bonded.toml"}
+PILLARS = ("class", "class in windows")
 RESIDUES = ("passes", "force_mismatch", "error_indicator", "balance", "unbalanced_force", "unbalanced_moment")
 LIMIT = 1e-10
 
@@ -126,6 +137,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("row")
     blocks = "".join(BLOCK.format(i, 0.01 * i, 3 if i == 4 else 2) for i in range(5))
     (folder / "scene.toml").write_text(SCENE.format(blocks=blocks))
+    bonded = "\n".join(  # the same with perfect interfaces
+        line for line in SCENE.splitlines() if not line.startswith(("gap", "friction_coefficient", "behaviour"))
+    ).replace("sides =", 'behaviour = "perfect"\nsides =')
+    (folder / "bonded.toml").write_text(bonded.format(blocks=blocks))
     (folder / "pillars.toml").write_text(PLATE + "".join(PILLAR.format(i, 0.01 * i) for i in range(6)))
     return folder
 

@@ -280,8 +280,6 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         gather_fields(pools, a)
     elif action == SERVE:
         serve(pools, a)
-    elif action >= ADMIT:
-        return _call_of_shared_step(pools, action, a)
     elif action >= BEGIN_INSTANT:
         return _call_of_process(pools, action, a, b, c, d)
     elif action >= PROPOSE:
@@ -297,6 +295,8 @@ def _call_of_process(pools: Any, action: int, a: int, b: int, c: int, d: int) ->
     run = pools.run[0]
     if action == VERDICT:
         return verdict(pools, a, b, c, d)
+    if action >= ADMIT:
+        return _call_of_shared_step(pools, action, a)
     if action == LOCAL_PARTS:
         local_parts(pools, a, b, c)
     elif action == BEGIN_INSTANT:

@@ -16,11 +16,12 @@ from ..kernels import entries
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
+from .exchange import Exchange
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
 from .probes import Probes
-from .processes import Exchange, check_newton
+from .processes import check_newton
 from .record import Timings
 from .recorder import Recorder
 from .run_image import Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still

@@ -14,8 +14,9 @@ automatic   the static one without inertia; diagonal for windows of one instant;
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +28,6 @@ from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
 from .relative_operator import LARGEST, LARGEST_STATIC, relative_operator
 from .settings import SearchDirection, Settings
-
-if TYPE_CHECKING:
-    from .part import Part
 
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
@@ -205,11 +203,12 @@ class Direction:
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared. tables : ``interface_probing``, from ``bind``.
     newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
-    the size of their matrix. relative : fields of the record of the run that describe it. whole, part : of a part of
-    the assembly (``Part.direction``) that of the whole one, and the part; else the direction itself and None.
+    the size of their matrix. relative : fields of the record of the run that describe it. whole : of a part of the
+    assembly (``Part.direction``) that of the whole one, else the direction itself. own_coarse : of a part what makes
+    its coarse problem of that of the whole.
     """
 
-    part: Part | None = None
+    own_coarse: Callable[[CoarseProblem], CoarseProblem] | None = None
 
     def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
         self.assembly, self.whole, self._settings, self._n = assembly, self, settings, n
@@ -268,9 +267,9 @@ class Direction:
 
     def bind(self, exact: bool = False) -> None:
         """Condense the propagators on this direction; ``exact``: without tables of Y."""
-        if self.part is not None:
+        if self.own_coarse is not None:
             self.whole.bind(exact)
-            self.coarse = None if self.whole.coarse is None else self.part.coarse(self.whole.coarse)
+            self.coarse = None if self.whole.coarse is None else self.own_coarse(self.whole.coarse)
             return
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)

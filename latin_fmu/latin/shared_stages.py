@@ -10,8 +10,8 @@ from ..kernels.newton import ACTIVE
 from ..kernels.shared import FUSED, LONG, NEEDED, NEWTON
 from ..propagator.image import Image
 from .assembly import Array
+from .exchange import Exchange
 from .instant_solve import PerfectInterfaceSolve
-from .processes import Exchange
 from .run_image import Stages
 from .search_direction import Direction
 
