@@ -6,13 +6,16 @@ Stacks of cubes under a pressure that slides and presses them, friction 0.3, one
 n blocks, then 2 n; two processes solve 2 n; in turns. Seconds are of the processor: on a machine with other work the
 wall clock measures that work. The time in exchanges is printed apart: it contains the wait for the other process.
 
-From them the model of an instant with P processes, B blocks on each, N channels in all and i iterations:
+From them the model of an instant with P processes, B blocks on each, I interfaces in all, n channels on the two sides
+that a process has to its neighbours, and i iterations:
 
-    B own + i N common + (2 + i) (latency + 8 bytes N / bandwidth)
+    B own + calls + i I SUM + i (neighbour + gather) + 2 neighbour + gather'
+    neighbour = latency + 8 bytes n / bandwidth,    gather = latency log2 P + 8 bytes SUMS I / bandwidth
 
-``own`` : what a block costs its process; by one process, less its common part. ``common`` : what every process repeats
-for every channel and iteration (local stage, error indicator, acceleration, gaps), measured. LATENCY and BANDWIDTH are
-those of a network, assumed.
+``own`` : what a block costs one process. ``calls`` : what a process of two spends beyond that, measured: an interface
+that it shares with another, and the calls of kernels from Python. SUM : time in which a process adds the SUMS numbers
+of an interface to the sums over the assembly. SUM, LATENCY and BANDWIDTH, those of a network, are assumed; gather' is
+that of the norms of the forces.
 """
 
 from __future__ import annotations
@@ -33,8 +36,9 @@ from latin_fmu.api import solve
 
 INSTANTS = 60
 LATENCY, BANDWIDTH = 3e-5, 1e10  # s, bytes s-1
+SUMS, SUM = 13, 2e-8  # numbers of an interface in the sums of an iteration; s
 LARGE = 1e5, 0.08, 6534  # unknowns of a block of 32^3 elements, s of its sweeps and products, channels of two faces
-REPEATED = ("LOCAL_ERROR", "NEXT", "JUDGE", "END_INSTANT", "ACCEPT", "FIRST_GUESS", "RELATIVE_FORCES")
+LOCAL = 3e-8  # s for a channel and iteration in the local stage, the indicator and the acceleration, about
 
 
 def stack(blocks: int, elements: int) -> dict[str, Any]:
@@ -62,39 +66,29 @@ def stack(blocks: int, elements: int) -> dict[str, Any]:
 
 def measure(blocks: int, elements: int) -> dict[str, float]:
     """One run in this process, or in all that ``mpiexec`` has started; seconds of the processor per instant."""
-    from latin_fmu.kernels import entries
     from latin_fmu.latin import processes as module
-    from latin_fmu.propagator.image import Image
 
-    processes, waited, repeated, call = None, [0.0], [0.0], Image.call
-    actions = {getattr(entries, name) for name in REPEATED}
+    processes, waited = None, [0.0]
 
-    def called(self: Any, action: int, *given: int) -> int:
-        before = time.process_time()
-        done = call(self, action, *given)
-        repeated[0] += time.process_time() - before if action in actions else 0.0
-        return done
+    def timed(exchange: Any) -> Any:
+        def called(self: Any, *given: Any) -> None:
+            before = time.process_time()
+            exchange(self, *given)
+            waited[0] += time.process_time() - before
+
+        return called
 
     if int(os.environ.get("PMI_SIZE", "1")) > 1:
         from mpi4py import MPI
 
-        gather = module.Processes.gather
-
-        def timed(self: Any, *given: Any) -> Any:
-            before = time.process_time()
-            every = gather(self, *given)
-            waited[0] += time.process_time() - before
-            return every
-
-        module.Processes.gather, Image.call = timed, called  # type: ignore[method-assign]
-        processes = module.Processes(MPI.COMM_WORLD)
+        kind = module.Processes
+        kind._gather, kind._exchange = timed(kind._gather), timed(kind._exchange)  # type: ignore[method-assign]
+        processes = kind(MPI.COMM_WORLD)
     solution = solve(scene_from_dict(stack(blocks, elements)), processes=processes)
     assert solution.converged, solution.status
     iterations = sum(window.iterations for window in solution.windows) / INSTANTS
-    channels = 6 * len(solution.interfaces) * (elements + 1) ** 2
     cpu, wait = solution.timings.march / INSTANTS, waited[0] / INSTANTS
-    own = {"compute": cpu - wait, "exchange": wait, "iterations": iterations, "channels": float(channels)}
-    own["common"] = repeated[0] / INSTANTS / iterations / channels
+    own = {"compute": cpu - wait, "exchange": wait, "iterations": iterations}
     if processes is None:
         return own
     every = processes.collect(own)
@@ -110,15 +104,19 @@ def started(count: int, blocks: int, elements: int) -> dict[str, float]:
     return result
 
 
-def exchanged(p: int, alone: dict[str, float]) -> float:
-    """Seconds of the exchanges of an instant among p processes, each with the channels of ``alone``."""
-    once = LATENCY * math.ceil(math.log2(p)) + 8.0 * p * alone["channels"] / BANDWIDTH
-    return (2.0 + alone["iterations"]) * once
+def exchanged(p: int, blocks: int, channels: float, iterations: float) -> float:
+    """Seconds of the exchanges of an instant among p processes, each with so many blocks, and channels of its own on
+    interfaces with neighbours."""
+    interfaces, doublings = p * blocks, math.ceil(math.log2(p))
+    neighbour = LATENCY + 8.0 * channels / BANDWIDTH
+    gather, norms = (LATENCY * doublings + 8.0 * n * interfaces / BANDWIDTH for n in (SUMS, 4))
+    return iterations * (neighbour + gather) + 2.0 * neighbour + norms
 
 
-def modelled(p: int, blocks: int, own: float, common: float, alone: dict[str, float]) -> float:
+def modelled(p: int, blocks: int, own: float, calls: float, channels: float, iterations: float) -> float:
     """Weak scaling on p processes by the model of this file."""
-    return blocks * (own + common) / (blocks * own + p * blocks * common + exchanged(p, alone))
+    sums = iterations * p * blocks * SUM
+    return blocks * own / (blocks * own + calls + sums + exchanged(p, blocks, channels, iterations))
 
 
 def main() -> None:
@@ -147,17 +145,17 @@ def main() -> None:
         one, two, both = (least[case]["compute"] / least[case]["iterations"] for case in cases)
         measured = f"weak {one / both:.2f}, half of the larger stack {0.5 * two / both:.2f} (compute per iteration)"
         alone, pair = least[1, n], least[2, 2 * n]
-        common = pair["common"] * pair["iterations"] * alone["channels"] / n
-        own = alone["compute"] / n - common
-        shares = ", ".join(f"{modelled(p, n, own, common, alone):.2f} on {p}" for p in (2, 4, 8, 16, 64))
-        print(f"          {measured}; own {1e3 * own:.3f}, common {1e3 * common:.3f} ms a block; model: {shares}")
-    unknowns, own, channels = LARGE
-    large = {"iterations": pair["iterations"], "channels": float(channels)}
-    common = pair["common"] * pair["iterations"] * channels
-    print(f"one block of {unknowns:.0e} unknowns on each process: own {1e3 * own:.0f} ms, common {1e3 * common:.2f} ms")
-    for p in (2, 10, 100, 1000):
-        share, exchange = modelled(p, 1, own, common, large), exchanged(p, large)
-        parts = f"{1e3 * p * common:.1f} ms repeated, {1e3 * exchange:.2f} ms exchanges"
+        own, calls = alone["compute"] / n, max(pair["compute"] - alone["compute"], 0.0)
+        channels, iterations = 6.0 * (elements + 1) ** 2, pair["iterations"]
+        shares = ", ".join(f"{modelled(p, n, own, calls, channels, iterations):.2f} on {p}" for p in (2, 4, 8, 16, 64))
+        print(f"          {measured}; own {1e3 * own:.3f} ms a block, calls {1e3 * calls:.3f} ms; model: {shares}")
+    unknowns, sweeps, channels = LARGE
+    own = sweeps + iterations * channels * LOCAL
+    print(f"one block of {unknowns:.0e} unknowns on each process: {1e3 * own:.0f} ms")
+    for p in (2, 10, 100, 1000, 10000):
+        share = modelled(p, 1, own, calls, channels, iterations)
+        sums, exchange = iterations * p * SUM, exchanged(p, 1, channels, iterations)
+        parts = f"{1e3 * sums:.2f} ms sums, {1e3 * exchange:.2f} ms exchanges"
         print(f"  {p:5d} processes, {p * unknowns:.0e} unknowns: weak scaling {share:.2f}; {parts}")
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 

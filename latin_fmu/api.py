@@ -26,7 +26,8 @@ from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
 from .latin.outcome import InterfaceHistory, Outcome, Timings
-from .latin.processes import Processes, own_part
+from .latin.part import Part
+from .latin.processes import Processes
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent
 from .latin.windows import Run, WindowFields
@@ -151,8 +152,8 @@ def solve(
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    if processes is not None and (observer, behaviours, checkpoint, stream) != (None,) * 4:
-        raise ValueError("observers, laws in Python, checkpoints and streams take one process")
+    if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
+        raise ValueError("observers, laws in Python, checkpoints, streams and given first guesses take one process")
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept)
         prediction = Prediction(discretised)
@@ -224,7 +225,8 @@ def run(
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin = clock.process_time()
-    recorder = _recorder(problem, stream, assembly if processes is None else own_part(assembly, processes.rank))
+    part = None if processes is None else Part(assembly, processes)
+    recorder = _recorder(problem, stream, assembly if part is None else part.assembly)
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -240,7 +242,7 @@ def run(
             None if progress is None else progress.update,
             checkpoint,
             fields,
-            processes=processes,
+            part=part,
         )
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
@@ -256,7 +258,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     """Results of a run at its end."""
     assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
-    histories, balance = recorder.interfaces(), resultants(problem, march.f_hat)
+    histories, balance = recorder.interfaces(), resultants(problem, march.tractions)
     time = assembly.time[: recorder.n_kept]
     return Outcome(
         time=time,

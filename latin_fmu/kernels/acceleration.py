@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, kernel
+from .sums import add_parts
 
 Array = NDArray[np.float64]
 
@@ -56,13 +57,70 @@ def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array,
         x[a] /= size[a]
 
 
-@entry("f8[::1], f8[::1], i8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8")
+@kernel
+def take_differences(q: Array, residual: Array, last_q: Array, last_r: Array, own_q: Array, own_r: Array) -> None:
+    """Differences to the last iterate, which this one replaces."""
+    for j in range(len(q)):
+        own_q[j] = q[j] - last_q[j]
+        own_r[j] = residual[j] - last_r[j]
+        last_q[j], last_r[j] = q[j], residual[j]
+
+
+@kernel
+def weighted_products(metric: Array, old: Array, new: Array, rest: Array) -> tuple[float, float]:
+    """Sums of metric old new and of metric old rest."""
+    product, projection = 0.0, 0.0
+    for j in range(len(metric)):
+        weighted = metric[j] * old[j]
+        product += weighted * new[j]
+        projection += weighted * rest[j]
+    return product, projection
+
+
+@kernel
+def take_step(
+    q: Array,
+    residual: Array,
+    depth: int,
+    relaxation: float,
+    dq: Array,
+    dr: Array,
+    gram: Array,
+    least: Array,
+    count: int,
+    products: Array,
+) -> None:
+    """q (n,) := next iterate; ``products`` (2 depth,): of the last difference with all, and of r with all."""
+    n, row, kept = len(q), (count - 1) % depth, min(count, depth)
+    right, gamma = least[:depth], least[depth : 2 * depth]
+    for a in range(kept):
+        gram[row * depth + a] = products[2 * a]
+        gram[a * depth + row] = products[2 * a]
+        right[a] = products[2 * a + 1]
+    least_squares(gram, depth, right, kept, least[2 * depth :], gamma)
+    for j in range(n):
+        q[j] += relaxation * residual[j]
+    for a in range(kept):
+        if gamma[a] != 0.0:
+            past_q, past_r = dq[a * n : (a + 1) * n], dr[a * n : (a + 1) * n]
+            for j in range(n):
+                q[j] -= gamma[a] * (past_q[j] + relaxation * past_r[j])
+
+
+@kernel
+def relax(q: Array, residual: Array, relaxation: float, last_q: Array, last_r: Array) -> None:
+    """q := q + relaxation times r, the first step."""
+    for j in range(len(q)):
+        last_q[j], last_r[j] = q[j], residual[j]
+        q[j] += relaxation * residual[j]
+
+
+@entry("f8[::1], f8[::1], i8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8")
 def anderson(
     q: Array,
     residual: Array,
     depth: int,
     relaxation: float,
-    longest: float,
     metric: Array,
     last_q: Array,
     last_r: Array,
@@ -74,83 +132,126 @@ def anderson(
 ) -> None:
     """q (n,) := next iterate, with ``count`` steps made since the start; a negative count relaxes.
 
-    metric : (n_flat,) squared weights of the norm, the same at each instant. dq, dr : (depth, n) ring of differences,
-    gram : (depth, depth) their weighted products, least : ((depth + 3) depth,) scratch. longest : longest step, in
-    lengths of the residual. A body that slides back to where it sticks has the same residual iteration after iteration;
-    with differences of residuals close to zero the step would have any length.
+    metric : (n,) squared weights of the norm. dq, dr : (depth, n) ring of differences, gram : (depth, depth) their
+    weighted products, least : ((depth + 5) depth,) scratch.
     """
-    n, n_flat = len(q), len(metric)
     if depth == 0 or count <= 0:
-        for j in range(n):
-            last_q[j], last_r[j] = q[j], residual[j]
-            q[j] += relaxation * residual[j]
+        relax(q, residual, relaxation, last_q, last_r)
+        return
+    n, row, products = len(q), (count - 1) % depth, least[(depth + 3) * depth :]
+    own_r = dr[row * n : (row + 1) * n]
+    take_differences(q, residual, last_q, last_r, dq[row * n : (row + 1) * n], own_r)
+    for a in range(min(count, depth)):
+        old = dr[a * n : (a + 1) * n]
+        products[2 * a], products[2 * a + 1] = weighted_products(metric, old, own_r, residual)
+    take_step(q, residual, depth, relaxation, dq, dr, gram, least, count, products)
+
+
+@kernel
+def difference_parts(pools: Any, window: int, count: int) -> None:
+    """Differences to the last iterate of the window, and their products over each interface, into ``own_parts``, from
+    the fourth number on; none at the first of the steps."""
+    run, work = pools.run[0], pools.moving
+    depth, n_flat, wide = run.depth, run.n_flat, run.part_width
+    n = window * n_flat
+    if depth == 0 or count <= 0:
         return
     row, kept = (count - 1) % depth, min(count, depth)
-    own_q, own_r = dq[row * n : (row + 1) * n], dr[row * n : (row + 1) * n]
-    for j in range(n):
-        own_q[j] = q[j] - last_q[j]
-        own_r[j] = residual[j] - last_r[j]
-        last_q[j], last_r[j] = q[j], residual[j]
-    right, gamma = least[:depth], least[depth : 2 * depth]
-    for a in range(kept):
-        product, projection = 0.0, 0.0
-        for start in range(0, n, n_flat):
-            old, new = dr[a * n + start : a * n + start + n_flat], own_r[start : start + n_flat]
-            rest = residual[start : start + n_flat]
-            for j in range(n_flat):
-                weighted = metric[j] * old[j]
-                product += weighted * new[j]
-                projection += weighted * rest[j]
-        gram[row * depth + a] = product
-        gram[a * depth + row] = product
-        right[a] = projection
-    least_squares(gram, depth, right, kept, least[2 * depth :], gamma)
-    for j in range(n):
-        q[j] += relaxation * residual[j]
-    for a in range(kept):
-        if gamma[a] != 0.0:
-            past_q, past_r = dq[a * n : (a + 1) * n], dr[a * n : (a + 1) * n]
-            for j in range(n):
-                q[j] -= gamma[a] * (past_q[j] + relaxation * past_r[j])
-    if longest < np.inf:
-        _shorten(q, residual, longest, metric, last_q)
-
-
-@kernel
-def _shorten(q: Array, residual: Array, longest: float, metric: Array, last_q: Array) -> None:
-    """Shorten the step q - last_q to ``longest`` lengths of the residual."""
-    step, allowed = 0.0, 0.0
-    for start in range(0, len(q), len(metric)):
-        for j in range(len(metric)):
-            moved = q[start + j] - last_q[start + j]
-            step += metric[j] * moved * moved
-            allowed += metric[j] * residual[start + j] * residual[start + j]
-    factor = longest * np.sqrt(allowed) / max(np.sqrt(step), 1e-300)
-    if factor < 1.0:
-        for j in range(len(q)):
-            q[j] = last_q[j] + factor * (q[j] - last_q[j])
-
-
-@kernel
-def next_iterate(pools: Any, window: int, count: int) -> None:
-    """Next q of the window after ``count`` steps; see ``anderson``."""
-    run, work = pools.run[0], pools.moving
-    n = window * run.n_flat
-    anderson(
+    new_r = run.dr + row * n
+    take_differences(
         work[run.q : run.q + n],
         work[run.r : run.r + n],
-        run.depth,
-        run.relaxation,
-        run.longest_step,
-        pools.fixed[run.metric : run.metric + run.n_flat],
         work[run.last_q : run.last_q + n],
         work[run.last_r : run.last_r + n],
-        work[run.dq : run.dq + run.depth * n],
-        work[run.dr : run.dr + run.depth * n],
-        work[run.gram : run.gram + run.depth * run.depth],
-        work[run.least : run.least + (run.depth + 3) * run.depth],
-        count,
+        work[run.dq + row * n : run.dq + (row + 1) * n],
+        work[new_r : new_r + n],
     )
+    parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
+    for e in range(run.n_interface):
+        parts[e * wide + 3 : e * wide + 3 + 2 * kept] = 0.0
+    for i in range(window):
+        for e in range(run.n_interface):
+            size = pools.fixed_int[run.segments + 3 * e + 2]
+            for side in range(2):
+                at = pools.fixed_int[run.segments + 3 * e + side]
+                metric = pools.fixed[run.metric + at : run.metric + at + size]
+                at += i * n_flat
+                new, rest = work[new_r + at : new_r + at + size], work[run.r + at : run.r + at + size]
+                for a in range(kept):
+                    old = work[run.dr + a * n + at : run.dr + a * n + at + size]
+                    product, projection = weighted_products(metric, old, new, rest)
+                    parts[e * wide + 3 + 2 * a] += product
+                    parts[e * wide + 4 + 2 * a] += projection
+
+
+@kernel
+def next_iterate(pools: Any, window: int, count: int) -> bool:
+    """Next q of the window after ``count`` steps from the ``parts`` of all interfaces; see the head of this file.
+    Whether the step has still to be shortened, with the ``parts`` of other processes."""
+    run, work = pools.run[0], pools.moving
+    n, depth = window * run.n_flat, run.depth
+    q, r = work[run.q : run.q + n], work[run.r : run.r + n]
+    if depth == 0 or count <= 0:
+        relax(q, r, run.relaxation, work[run.last_q : run.last_q + n], work[run.last_r : run.last_r + n])
+        return False
+    add_parts(pools, 3, 2 * min(count, depth))
+    take_step(
+        q,
+        r,
+        depth,
+        run.relaxation,
+        work[run.dq : run.dq + depth * n],
+        work[run.dr : run.dr + depth * n],
+        work[run.gram : run.gram + depth * depth],
+        work[run.least : run.least + (depth + 3) * depth],
+        count,
+        work[run.totals + 3 : run.totals + 3 + 2 * depth],
+    )
+    if run.longest_step == np.inf:
+        return False
+    step_parts(pools, window)
+    if run.shared == 0:
+        shorten(pools, window)
+    return bool(run.shared == 1)
+
+
+@kernel
+def step_parts(pools: Any, window: int) -> None:
+    """Squared lengths of the step and of the residual over each interface, into ``own_parts``."""
+    run, work = pools.run[0], pools.moving
+    for e in range(run.n_interface):
+        at_part = run.own_parts + e * run.part_width
+        work[at_part], work[at_part + 1] = 0.0, 0.0
+        size = pools.fixed_int[run.segments + 3 * e + 2]
+        for i in range(window):
+            for side in range(2):
+                at = pools.fixed_int[run.segments + 3 * e + side]
+                metric = pools.fixed[run.metric + at : run.metric + at + size]
+                at += i * run.n_flat
+                q, last = work[run.q + at : run.q + at + size], work[run.last_q + at : run.last_q + at + size]
+                r, step, allowed = work[run.r + at : run.r + at + size], 0.0, 0.0
+                for j in range(size):
+                    moved = q[j] - last[j]
+                    step += metric[j] * moved * moved
+                    allowed += metric[j] * r[j] * r[j]
+                work[at_part] += step
+                work[at_part + 1] += allowed
+
+
+@kernel
+def shorten(pools: Any, window: int) -> None:
+    """Shorten the step to ``longest_step`` lengths of the residual, by the ``parts`` of all interfaces. A body that
+    slides back to where it sticks has the same residual iteration after iteration; with differences of residuals close
+    to zero the step would have any length."""
+    run, work = pools.run[0], pools.moving
+    n = window * run.n_flat
+    add_parts(pools, 0, 2)
+    step, allowed = work[run.totals], work[run.totals + 1]
+    factor = run.longest_step * np.sqrt(allowed) / max(np.sqrt(step), 1e-300)
+    q, last_q = work[run.q : run.q + n], work[run.last_q : run.last_q + n]
+    if factor < 1.0:
+        for j in range(n):
+            q[j] = last_q[j] + factor * (q[j] - last_q[j])
 
 
 class Anderson:
@@ -164,7 +265,7 @@ class Anderson:
     def __init__(self, metric: Array, depth: int, relaxation: float) -> None:
         n = len(metric)
         self._metric, self._depth, self._relaxation, self._count = metric, depth, relaxation, 0
-        self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)]
+        self._arrays = [np.zeros(size) for size in (n, n, depth * n, depth * n, depth * depth, (depth + 5) * depth)]
 
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (n,) from q and its residual."""
@@ -175,7 +276,6 @@ class Anderson:
             np.ascontiguousarray(residual, dtype=float),
             self._depth,
             self._relaxation,
-            np.inf,
             self._metric,
             last_q,
             last_r,

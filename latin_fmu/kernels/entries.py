@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
+from .acceleration import difference_parts, shorten, weighted_products
+from .active_points import activate
 from .communication import communicate, present
-from .indicator import accept, class_norms, error_indicator, relative_forces
+from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     end_instant,
     end_window_instant,
@@ -24,13 +26,12 @@ from .instants import (
     read_start,
 )
 from .iteration import (
+    balance,
     begin_window,
-    end_of_step,
     force_norms,
     force_residual,
     judge,
     linear_stage,
-    local_error,
     measure,
     next_stage,
     rewind,
@@ -56,12 +57,29 @@ from .newton import (
     keep_end,
     leave,
     propose,
-    search,
+    set_size,
     trial_fields,
+    trial_parts,
     trial_size,
+    try_length,
 )
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN
+from .shared import (
+    begin_instant,
+    changes,
+    error_of_all,
+    first_of,
+    forces_of_all,
+    guessed,
+    local_parts,
+    own_norms,
+    pack,
+    send_stage,
+    take_end,
+    unpack,
+    verdict,
+)
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
 from .tasks import after_class, end_class, serve
 
@@ -105,19 +123,34 @@ from .tasks import after_class, end_class, serve
     COMMUNICATE,
     PRESENT,
     FIELDS,
-    LOCAL_ERROR,
+    SERVE,
+    BEGIN_INSTANT,
+    FIRST,
+    GUESSED,
+    CHANGES,
+    SEND_STAGE,
+    BALANCE,
+    LOCAL_PARTS,
+    VERDICT,
+    ERROR,
     NORMS,
     RELATIVE_FORCES,
+    SHORTEN,
+    SEND,
+    TAKE,
+    TAKE_END,
     GAPS,
     MOTION,
     JUMPS,
     ADMIT,
+    ACTIVATE,
     MATRIX,
     CHANGE,
     FULL_STEP,
-    SEARCH,
-    SERVE,
-) = range(51)
+    SIZE,
+    TRY,
+    PARTS,
+) = range(66)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -154,12 +187,16 @@ share(
     free_motion,
     next_stage,
     linear_stage,
+    balance,
     outgoing,
     prepare,
     solve_points,
     finish,
     measure,
     judge,
+    difference_parts,
+    weighted_products,
+    shorten,
     advance_iterate,
     propose,
     open_window,
@@ -171,6 +208,8 @@ share(
     read_start,
     points_stage,
     error_indicator,
+    residual_parts,
+    set_error,
     class_norms,
     force_norms,
     relative_forces,
@@ -181,7 +220,8 @@ share(
     active_matrix,
     change_tractions,
     full_step,
-    search,
+    trial_parts,
+    try_length,
 )
 
 
@@ -219,7 +259,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == MEASURE:
         measure(pools, a)
     elif action == NEXT:
-        advance_iterate(pools, a, b, c)
+        return int(advance_iterate(pools, a, b, c))
     elif action == OPEN:
         open_window(pools, a, b)
     elif action == BEGIN:
@@ -240,8 +280,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         gather_fields(pools, a)
     elif action == SERVE:
         serve(pools, a)
-    elif action >= LOCAL_ERROR:
-        return _call_of_process(pools, action, a, b)
+    elif action >= BEGIN_INSTANT:
+        return _call_of_process(pools, action, a, b, c, d)
     elif action >= PROPOSE:
         return _call_of_newton(pools, action, a)
     else:
@@ -250,31 +290,80 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
 
 
 @kernel
-def _call_of_process(pools: Any, action: int, a: int, b: int) -> int:
-    """Parts between which the processes of a run exchange what they computed: see ``latin.processes``."""
-    if action == LOCAL_ERROR:
-        return int(local_error(pools, a))
-    if action == NORMS:
-        force_norms(pools, a)
+def _call_of_process(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
+    """Parts between which the processes of a run exchange what they computed: see ``shared``."""
+    run = pools.run[0]
+    if action == VERDICT:
+        return verdict(pools, a, b, c, d)
+    if action >= ADMIT:
+        return _call_of_shared_step(pools, action, a)
+    if action == LOCAL_PARTS:
+        local_parts(pools, a, b, c)
+    elif action == BEGIN_INSTANT:
+        return begin_instant(pools, a, b == 1, c == 1)
+    elif action == FIRST:
+        return first_of(pools, a)
+    elif action == GUESSED:
+        guessed(pools, a, b, c == 1)
+    elif action == CHANGES:
+        changes(pools, a)
+    elif action == SEND_STAGE:
+        send_stage(pools, a, b, c)
+    elif action == BALANCE:
+        balance(pools)
+        pack(pools, run.w, run.n_flat, 1)
+    elif action == ERROR:
+        return int(error_of_all(pools, a))
+    elif action == NORMS:
+        own_norms(pools, a)
     elif action == RELATIVE_FORCES:
-        relative_forces(pools, a)
+        forces_of_all(pools, a)
+    elif action == SHORTEN:
+        shorten(pools, a)
+    elif action == SEND:
+        pack(pools, a, b, c)
+    elif action == TAKE:
+        unpack(pools, a, b, c)
+    elif action == TAKE_END:
+        take_end(pools, a, b)
     elif action == GAPS:
         read_gaps(pools, a)
     elif action == MOTION:
         read_motion(pools, a, b)
     elif action == JUMPS:
         read_jumps(pools, a)
-    elif action == ADMIT:
+    return 0
+
+
+@kernel
+def _call_of_shared_step(pools: Any, action: int, a: int) -> int:
+    """Parts of a Newton step of several processes: see ``newton``."""
+    if action == ADMIT:
         admit_residual(pools)
+    elif action == ACTIVATE:
+        return activate(pools)
     elif action == MATRIX:
         return active_matrix(pools)
     elif action == CHANGE:
         return int(change_tractions(pools, a))
     elif action == FULL_STEP:
         full_step(pools)
-    elif action == SEARCH:
-        return int(end_of_step(pools))
+    elif action == SIZE:
+        set_size(pools)
+    elif action == TRY:
+        try_length(pools, length_of(a))
+    elif action == PARTS:
+        residual_parts(pools, 1)
     return 0
+
+
+@kernel
+def length_of(halvings: int) -> float:
+    """Share of a step after so many halvings."""
+    length = 1.0
+    for _ in range(halvings):
+        length *= 0.5
+    return length
 
 
 @kernel
@@ -286,11 +375,10 @@ def _call_of_newton(pools: Any, action: int, a: int) -> int:
     if action == KEEP_END:
         keep_end(pools)
     elif action == TRIAL:
-        length = 1.0
-        for _ in range(a):
-            length *= 0.5
-        trial_fields(pools, length)
-    elif action == TRIAL_SIZE:
+        trial_fields(pools, length_of(a))
+    elif action == TRIAL_SIZE:  # those of several processes are exchanged before
+        if pools.run[0].shared == 0:
+            trial_parts(pools)
         work[course + 7] = trial_size(pools)
     elif action == COUNT_STEP:
         count_step(pools, work[course + 7])

@@ -30,6 +30,7 @@ from .half_solves import forward_on_face, gain_of
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
 from .splits import dense
+from .sums import add_parts
 
 Array = NDArray[np.float64]
 
@@ -40,24 +41,52 @@ TANGENTIAL_FLOOR = 1e-2
 @kernel
 def error_indicator(pools: Any, window: int) -> float:
     """Residual r of q and sqrt(eta) over the window; ``measure[2]``: largest norm of the fields with this iterate."""
+    residual_parts(pools, window)
+    return set_error(pools, window)
+
+
+@kernel
+def residual_parts(pools: Any, window: int) -> None:
+    """Residual r of q over the window, and the sums of the indicator over each interface, into ``own_parts``: of
+    weighted squares of r, of the fields, of the fields without those of the equilibrium that the motion starts from."""
     run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n = run.n_flat
-    weights, k = direction[run.weights : run.weights + 3 * n], direction[run.k : run.k + n]
-    still = pools.fixed[run.still : run.still + n]
-    difference, size, moved = 0.0, 0.0, 0.0
+    n, wide = run.n_flat, run.part_width
+    parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
+    for e in range(run.n_interface):
+        parts[e * wide : e * wide + 3] = 0.0
     for i in range(window):
-        at = i * n
-        q, r = work[run.q + at : run.q + at + n], work[run.r + at : run.r + at + n]
-        f, w = work[run.f + at : run.f + at + n], work[run.w + at : run.w + at + n]
-        f_hat, w_hat = (work[run.local_f + at : run.local_f + at + n], work[run.local_w + at : run.local_w + at + n])
-        for j in range(n):
-            rest = f_hat[j] + k[j] * w_hat[j] - q[j]
-            r[j] = rest
-            difference += weights[j] * rest * rest
-            size += weights[n + j] * (f[j] * f[j] + f_hat[j] * f_hat[j])
-            size += weights[2 * n + j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
-            moved += weights[n + j] * ((f[j] - still[j]) ** 2 + (f_hat[j] - still[j]) ** 2)
-            moved += weights[2 * n + j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
+        for e in range(run.n_interface):
+            size = pools.fixed_int[run.segments + 3 * e + 2]
+            for side in range(2):
+                at = pools.fixed_int[run.segments + 3 * e + side]
+                k, still = direction[run.k + at : run.k + at + size], direction[run.still + at : run.still + at + size]
+                of_r = direction[run.weights + at : run.weights + at + size]
+                of_f = direction[run.weights + n + at : run.weights + n + at + size]
+                of_w = direction[run.weights + 2 * n + at : run.weights + 2 * n + at + size]
+                at += i * n
+                q, r = work[run.q + at : run.q + at + size], work[run.r + at : run.r + at + size]
+                f, w = work[run.f + at : run.f + at + size], work[run.w + at : run.w + at + size]
+                f_hat = work[run.local_f + at : run.local_f + at + size]
+                w_hat = work[run.local_w + at : run.local_w + at + size]
+                difference, fields, moved = 0.0, 0.0, 0.0
+                for j in range(size):
+                    rest = f_hat[j] + k[j] * w_hat[j] - q[j]
+                    r[j] = rest
+                    difference += of_r[j] * rest * rest
+                    motion = of_w[j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
+                    fields += of_f[j] * (f[j] * f[j] + f_hat[j] * f_hat[j]) + motion
+                    moved += of_f[j] * ((f[j] - still[j]) ** 2 + (f_hat[j] - still[j]) ** 2) + motion
+                parts[e * wide] += difference
+                parts[e * wide + 1] += fields
+                parts[e * wide + 2] += moved
+
+
+@kernel
+def set_error(pools: Any, window: int) -> float:
+    """sqrt(eta) over the window from the ``parts`` of all interfaces."""
+    run, work = pools.run[0], pools.moving
+    add_parts(pools, 0, 3)
+    difference, size, moved = work[run.totals], work[run.totals + 1], work[run.totals + 2]
     measure, scales = work[run.measure : run.measure + 8], pools.moving[run.scales : run.scales + 3]
     measure[7] = min(1.0, np.sqrt(run.amplified * moved / size)) if size > 0.0 else 1.0
     measure[2] = max(scales[0], measure[7] ** 2 * size / window)

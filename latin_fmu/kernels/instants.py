@@ -108,7 +108,7 @@ def first_guess(pools: Any, instant: int) -> None:
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
         return
-    touched, carry = False, state[run.carry]
+    touched, carry = run.shared == 1 and state[run.touched] != 0.0, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
     f_hat, w_hat = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]

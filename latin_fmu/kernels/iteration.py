@@ -48,25 +48,41 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
         at = run.ground_velocity + (first + i) * run.n_ground
         for e in range(run.n_ground):
             w[pools.fixed_int[run.ground + e]] = pools.moving[at + e]
-    if run.n_coarse > 0 and run.shared == 0:
-        balance(pools)
+    if run.n_coarse > 0:
+        coarse_parts(pools)
+        if run.shared == 0:
+            balance(pools)
+
+
+@kernel
+def coarse_parts(pools: Any) -> None:
+    """Sums of the forces of the linear stage on the sides of the interfaces, into ``coarse_own``: those of the
+    substructures here."""
+    run, work = pools.run[0], pools.moving
+    n, size = run.n_flat, run.n_coarse_own
+    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
+    rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
+    for j in range(n):
+        rest[j] = q[j] - k[j] * w[j]
+    own = work[run.coarse_own : run.coarse_own + size]
+    own[:] = 0.0
+    add_matrix(
+        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, own
+    )
 
 
 @kernel
 def balance(pools: Any) -> None:
-    """Bring q and the W of the substructures to balance in the mean of every interface."""
+    """Bring q and the W of the substructures to balance in the mean of every interface, from the ``coarse_parts`` of
+    both sides of all of them."""
     run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n, size = run.n_flat, run.n_coarse
-    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], direction[run.k : run.k + n]
-    rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
-    for j in range(n):
-        rest[j] = q[j] - k[j] * w[j]
-    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + 2 * size]
-    total[:] = 0.0
-    add_matrix(
-        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, total
-    )
+    n, size, own = run.n_flat, run.n_coarse, run.n_coarse_here
+    q, w = work[run.q : run.q + n], work[run.w : run.w + n]
+    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + own]
     for i in range(size):
+        first, second = pools.fixed_int[run.coarse_order + i], pools.fixed_int[run.coarse_order + size + i]
+        total[i] = work[run.coarse_parts + first] + work[run.coarse_parts + second]
+    for i in range(own):
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
         now = 0.0
         for j in range(size):
@@ -108,15 +124,6 @@ def stage(pools: Any, window: int, first: int, iteration: int) -> None:
 
 
 @kernel
-def local_error(pools: Any, window: int) -> bool:
-    """Local stage after the exchange of the W of all processes; whether sqrt(eta) is within tolerance."""
-    if pools.run[0].n_coarse > 0:
-        balance(pools)
-    each_point(pools, window)
-    return bool(error_indicator(pools, window) <= pools.run[0].tolerance)
-
-
-@kernel
 def newton_step(pools: Any, first: int) -> bool:
     """An iterate by a Newton step from the last one (``newton``), with its measures; False where there is none."""
     if not propose(pools):
@@ -126,16 +133,6 @@ def newton_step(pools: Any, first: int) -> bool:
     search(pools)
     measure(pools, 1)
     return True
-
-
-@kernel
-def end_of_step(pools: Any) -> bool:
-    """``newton_step`` after the exchange of the W of all processes; whether sqrt(eta) is within tolerance."""
-    if pools.run[0].n_coarse > 0:
-        balance(pools)
-    keep_end(pools)
-    search(pools)
-    return bool(error_indicator(pools, 1) <= pools.run[0].tolerance)
 
 
 @kernel

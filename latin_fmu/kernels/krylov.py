@@ -109,8 +109,10 @@ def widen(pools: Any) -> None:
 def add_columns(pools: Any, y: Array, x: Array) -> None:
     """Add the tractions sum of c_i y_i to x (N,), opposite on both sides."""
     run, work = pools.run[0], pools.moving
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
-    for p in range(run.n_point):
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
+    for p in range(run.n_place):
+        if pools.fixed_int[run.point_group + p] < 0:  # of an interface between other processes
+            continue
         group = pools.groups[pools.fixed_int[run.point_group + p]]
         h = group.n_component
         first = group.start + pools.fixed_int[run.point_number + p] * h
@@ -130,8 +132,8 @@ def multiply(pools: Any, y: Array, out: Array) -> None:
     x[:] = 0.0
     add_columns(pools, y, x)
     admit(pools, x, v)
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
-    for p in range(run.n_point):
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
+    for p in range(run.n_place):
         group = pools.groups[pools.fixed_int[run.point_group + p]]
         first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
         second = first + group.n_point * group.n_component
@@ -148,8 +150,8 @@ def multiply(pools: Any, y: Array, out: Array) -> None:
 def invert_diagonal(pools: Any, out: Array) -> None:
     """out = 1 / (r_i . z c_i + s_ii), the preconditioner."""
     run, work = pools.run[0], pools.moving
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
-    for p in range(run.n_point):
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
+    for p in range(run.n_place):
         group, at = pools.groups[pools.fixed_int[run.point_group + p]], pools.fixed_int[run.point_number + p]
         for i in range(unknown_of[p], unknown_of[p + 1]):
             total = work[run.softness + 3 * i + i - unknown_of[p]]

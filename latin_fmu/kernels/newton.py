@@ -34,12 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .acceleration import next_iterate
-from .envelope import PANEL, TILE, factorise, place_rows, substitute
+from .acceleration import difference_parts, next_iterate
+from .active_points import activate, add_relative, assemble, soften, solve_active
 from .krylov import add_columns, admit, solve_by_products, widen
-from .laws import tangent
 from .local_stage import finish, outgoing, prepare, solve_points
-from .products import entry_of, symmetric_size
+from .sums import add_parts
 
 Array = NDArray[np.float64]
 
@@ -57,179 +56,10 @@ SLOW, LITTLE = 6, 0.02
 GAIN = 0.1
 """Share of the distance from the tolerances at the first step that an iterate has to be below for the acceleration to
 go on from it where the method is left: a step may have moved floating bodies far."""
-SINGULAR = 1e-14
-"""Smallest over largest pivot below which no step is made."""
 MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN = range(7)
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step; then the residual of a trial of the Python driver."""
-SCRATCH = PANEL * (TILE + 1) + 2
-"""Numbers of scratch of the elimination."""
-
-
-@kernel
-def coupling(pools: Any, p: int, q: int, block: Array) -> bool:
-    """block (3, 3) = entries of A between the components of the points p and q; False where they share no body."""
-    run, fixed_int = pools.run[0], pools.fixed_int
-    gp, gq = pools.groups[fixed_int[run.point_group + p]], pools.groups[fixed_int[run.point_group + q]]
-    at_p = gp.start + fixed_int[run.point_number + p] * gp.n_component
-    at_q = gq.start + fixed_int[run.point_number + q] * gq.n_component
-    owner, place = fixed_int[run.owner : run.owner + run.n_flat], fixed_int[run.live_row : run.live_row + run.n_flat]
-    block[:] = 0.0
-    coupled = False
-    for side in range(2):
-        first = at_p + side * gp.n_point * gp.n_component
-        for other in range(2):
-            second = at_q + other * gq.n_point * gq.n_component
-            if owner[first] < 0 or owner[first] != owner[second]:
-                continue
-            coupled = True
-            row = pools.classes[fixed_int[run.owner_class + first]]
-            weight = pools.fixed[run.area + second] if side == other else -pools.fixed[run.area + second]
-            n, plain, m = row.n_live, row.plain_response, row.m
-            table = pools.fixed[row.admittance : row.admittance + symmetric_size(n, plain, m)]
-            for a in range(gp.n_component):
-                i = place[first + a]
-                if i < 0:
-                    continue
-                for b in range(gq.n_component):
-                    j = place[second + b]
-                    if j >= 0:
-                        block[3 * a + b] += weight * entry_of(n, table, plain, m, i, j)
-    return coupled
-
-
-@kernel
-def activate(pools: Any) -> int:
-    """Unknowns at the points by the state of the last local stage: columns, rows, diagonal and right-hand side; their
-    number."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
-    unknown_of, f_hat = (
-        numbers[run.unknown_of : run.unknown_of + run.n_point + 1],
-        work[run.local_f : run.local_f + run.n_flat],
-    )
-    f, z = work[run.f : run.f + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
-    block_start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
-    block_points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
-    count, b = 0, 0
-    for p in range(run.n_point):
-        while p == block_points[b]:
-            block_start[b] = count
-            b += 1
-        unknown_of[p] = count
-        g, at = pools.fixed_int[run.point_group + p], pools.fixed_int[run.point_number + p]
-        group = pools.groups[g]
-        h, n_parameter = group.n_component, group.n_parameter
-        width = h if group.elastic == 1 else 1
-        columns, rows = (
-            work[run.columns + 3 * count : run.columns + 3 * (count + 3)],
-            work[run.rows + 3 * count : run.rows + 3 * (count + 3)],
-        )
-        softness = work[run.softness + 3 * count : run.softness + 3 * (count + 3)]
-        z_sum = pools.fixed[group.newton_z_sum + 2 * at : group.newton_z_sum + 2 * at + 2]
-        made = tangent(
-            group.law,
-            work[group.jump + at * h : group.jump + (at + 1) * h],
-            z_sum,
-            work[group.reach + at * width : group.reach + (at + 1) * width],
-            run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
-            pools.fixed[group.parameters + at * n_parameter : group.parameters + (at + 1) * n_parameter],
-            work[group.tangent + at * 9 : group.tangent + at * 9 + 9] if group.law < 0 else softness,
-            run.proximal,
-            columns,
-            rows,
-            softness,
-        )
-        first = group.start + at * h
-        second = first + group.n_point * h
-        for i in range(made):
-            total = 0.0
-            for a in range(h):
-                rest = z[first + a] * f[first + a] - z[second + a] * f[second + a] - z_sum[min(a, 1)] * f_hat[first + a]
-                total -= rows[3 * i + a] * rest
-            work[run.unknowns + count + i] = total
-        count += made
-    while b <= run.n_block:
-        block_start[b] = count
-        b += 1
-    unknown_of[run.n_point] = count
-    return count
-
-
-@kernel
-def add_relative(pools: Any, v: Array) -> None:
-    """Add r_i . (v' - v) of the velocities v (N,) to the right-hand side."""
-    run, work = pools.run[0], pools.moving
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_point + 1]
-    for p in range(run.n_point):
-        group = pools.groups[pools.fixed_int[run.point_group + p]]
-        h = group.n_component
-        first = group.start + pools.fixed_int[run.point_number + p] * h
-        second = first + group.n_point * h
-        for i in range(unknown_of[p], unknown_of[p + 1]):
-            for a in range(h):
-                work[run.unknowns + i] += work[run.rows + 3 * i + a] * (v[second + a] - v[first + a])
-
-
-@kernel
-def assemble(pools: Any) -> int:
-    """Matrix of the active points in its envelope, but for ``soften``; its size."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
-    unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_point + 1]
-    start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
-    low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
-    high = pools.fixed_int[run.block_high : run.block_high + run.n_block]
-    points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
-    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
-    size = place_rows(run.n_block, start, low, high, row_at)
-    matrix = work[run.matrix : run.matrix + size]
-    columns, rows = work[run.columns : run.columns + 3 * run.n_unknown], work[run.rows : run.rows + 3 * run.n_unknown]
-    block = work[run.block : run.block + 9]
-    matrix[:] = 0.0
-    for b in range(run.n_block):
-        for p in range(points[b], points[b + 1]):
-            if unknown_of[p] == unknown_of[p + 1]:
-                continue
-            for q in range(points[low[b]], points[high[b] + 1]):
-                if unknown_of[q] == unknown_of[q + 1] or not coupling(pools, p, q, block):
-                    continue
-                for i in range(unknown_of[p], unknown_of[p + 1]):
-                    r0, r1, r2 = rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]
-                    x = r0 * block[0] + r1 * block[3] + r2 * block[6]
-                    y = r0 * block[1] + r1 * block[4] + r2 * block[7]
-                    w = r0 * block[2] + r1 * block[5] + r2 * block[8]
-                    for j in range(unknown_of[q], unknown_of[q + 1]):
-                        matrix[row_at[i] + j] = x * columns[3 * j] + y * columns[3 * j + 1] + w * columns[3 * j + 2]
-    return size
-
-
-@kernel
-def soften(pools: Any) -> None:
-    """Add what the unknowns of a point add to the matrix among themselves."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
-    unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_point + 1]
-    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
-    for p in range(run.n_point):
-        for i in range(unknown_of[p], unknown_of[p + 1]):
-            for j in range(unknown_of[p], unknown_of[p + 1]):
-                work[run.matrix + row_at[i] + j] += work[run.softness + 3 * i + j - unknown_of[p]]
-
-
-@kernel
-def solve_active(pools: Any) -> bool:
-    """Unknowns from their right-hand side; False where the matrix is singular."""
-    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
-    start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
-    low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
-    high = pools.fixed_int[run.block_high : run.block_high + run.n_block]
-    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
-    pivots = numbers[run.pivots : run.pivots + run.n_unknown]
-    matrix = work[run.matrix : run.matrix + run.n_matrix]
-    scratch = work[run.elimination : run.elimination + SCRATCH]
-    if not factorise(run.n_block, start, low, high, row_at, matrix, pivots, scratch) > SINGULAR:
-        return False
-    substitute(run.n_block, start, low, high, row_at, matrix, pivots, work[run.unknowns : run.unknowns + run.n_unknown])
-    return True
 
 
 @kernel
@@ -242,6 +72,7 @@ def propose(pools: Any) -> bool:
     if not change_tractions(pools, active_matrix(pools)):
         return False
     full_step(pools)
+    set_size(pools)
     return True
 
 
@@ -258,14 +89,22 @@ def admit_residual(pools: Any) -> None:
 
 @kernel
 def active_matrix(pools: Any) -> int:
-    """Unknowns of the step, their right-hand side and matrix; size of the matrix (with ``krylov``, which has none, the
-    number of unknowns), 0 where there are none."""
+    """Unknowns of the step, their right-hand side and matrix, of which the processes of a run have parts that sum to
+    them; size of the matrix (with ``krylov``, which has none, the number of unknowns), 0 where there are none."""
     run = pools.run[0]
     count = activate(pools)
     if count == 0:
         return 0
     add_relative(pools, pools.moving[run.step_w : run.step_w + run.n_flat])
-    return count if run.krylov == 1 else assemble(pools)
+    if run.krylov == 1:
+        return count
+    size = assemble(pools)
+    soften(pools)
+    for p in range(run.n_place if run.shared == 1 else 0):
+        if pools.fixed_int[run.point_owned + p] == 0:
+            for i in range(pools.moving_int[run.unknown_of + p], pools.moving_int[run.unknown_of + p + 1]):
+                pools.moving[run.unknowns + i] = 0.0
+    return size
 
 
 @kernel
@@ -280,11 +119,9 @@ def change_tractions(pools: Any, size: int) -> bool:
             return False
         for j in range(n):
             x[j] = work[run.local_f + j] - work[run.f + j]
-    elif size > 0:
-        soften(pools)
-        if not solve_active(pools):
-            return False
-    count = pools.moving_int[run.unknown_of + run.n_point]
+    elif size > 0 and not solve_active(pools):
+        return False
+    count = pools.moving_int[run.unknown_of + run.n_place]
     add_columns(pools, work[run.unknowns : run.unknowns + count], x)
     admit(pools, x, v)
     return True
@@ -292,19 +129,33 @@ def change_tractions(pools: Any, size: int) -> bool:
 
 @kernel
 def full_step(pools: Any) -> None:
-    """Keep q and W of the last iterate; q of the full step."""
+    """Keep q and W of the last iterate; q of the full step. The squared residual over each interface goes to
+    ``own_parts``."""
     run, work = pools.run[0], pools.moving
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     f, q = work[run.f : run.f + n], work[run.q : run.q + n]
     w, k = work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
     kept_q, kept_w = work[run.old_q : run.old_q + n], work[run.old_w : run.old_w + n]
-    size, r, metric = 0.0, work[run.r : run.r + n], pools.fixed[run.metric : run.metric + n]
     for j in range(n):
-        size += metric[j] * r[j] * r[j]
         kept_q[j], kept_w[j] = q[j], w[j]
         q[j] = f[j] + x[j] + k[j] * (w[j] + v[j])
-    work[run.course + SIZE] = np.sqrt(size)
+    for e in range(run.n_interface):
+        total, size = 0.0, pools.fixed_int[run.segments + 3 * e + 2]
+        for side in range(2):
+            at = pools.fixed_int[run.segments + 3 * e + side]
+            r, metric = work[run.r + at : run.r + at + size], pools.fixed[run.metric + at : run.metric + at + size]
+            for j in range(size):
+                total += metric[j] * r[j] * r[j]
+        work[run.own_parts + e * run.part_width] = total
+
+
+@kernel
+def set_size(pools: Any) -> None:
+    """Residual at the start of a step, from the ``parts`` of all interfaces."""
+    run, work = pools.run[0], pools.moving
+    add_parts(pools, 0, 1)
+    work[run.course + SIZE] = np.sqrt(work[run.totals])
 
 
 @kernel
@@ -331,29 +182,42 @@ def trial_fields(pools: Any, length: float) -> None:
 
 
 @kernel
-def trial_size(pools: Any) -> float:
-    """Residual of the local stage of a trial in the norm of the iteration."""
+def trial_parts(pools: Any) -> None:
+    """Squared residual of the local stage of a trial over each interface, into ``own_parts``."""
     run, work = pools.run[0], pools.moving
-    n = run.n_flat
-    q, k, metric = work[run.q : run.q + n], pools.fixed[run.k : run.k + n], pools.fixed[run.metric : run.metric + n]
-    f_hat, w_hat = work[run.local_f : run.local_f + n], work[run.local_w : run.local_w + n]
-    size = 0.0
-    for j in range(n):
-        rest = f_hat[j] + k[j] * w_hat[j] - q[j]
-        size += metric[j] * rest * rest
-    return float(np.sqrt(size))
+    for e in range(run.n_interface):
+        total, size = 0.0, pools.fixed_int[run.segments + 3 * e + 2]
+        for side in range(2):
+            at = pools.fixed_int[run.segments + 3 * e + side]
+            k, metric = (
+                pools.fixed[run.k + at : run.k + at + size],
+                pools.fixed[run.metric + at : run.metric + at + size],
+            )
+            q, f_hat = work[run.q + at : run.q + at + size], work[run.local_f + at : run.local_f + at + size]
+            w_hat = work[run.local_w + at : run.local_w + at + size]
+            for j in range(size):
+                rest = f_hat[j] + k[j] * w_hat[j] - q[j]
+                total += metric[j] * rest * rest
+        work[run.own_parts + e * run.part_width] = total
 
 
 @kernel
-def try_length(pools: Any, length: float) -> float:
-    """Both stages at a share of the step; its residual."""
+def trial_size(pools: Any) -> float:
+    """Residual of the local stage of a trial in the norm of the iteration, from the ``parts`` of all interfaces."""
+    add_parts(pools, 0, 1)
+    return float(np.sqrt(pools.moving[pools.run[0].totals]))
+
+
+@kernel
+def try_length(pools: Any, length: float) -> None:
+    """Both stages at a share of the step; ``trial_parts``."""
     trial_fields(pools, length)
     for g in range(len(pools.groups)):
         n_point = pools.groups[g].n_point
         prepare(pools, g, 0, 0, n_point)
         solve_points(pools, g, 0, n_point)
         finish(pools, g, 0, 1, 0, n_point)
-    return trial_size(pools)
+    trial_parts(pools)
 
 
 @kernel
@@ -363,7 +227,8 @@ def search(pools: Any) -> None:
     before, best, best_length, length, last = course[SIZE], np.inf, 1.0, 1.0, 1.0
     for _ in range(HALVINGS + 1):
         last = length
-        size = try_length(pools, length)
+        try_length(pools, length)
+        size = trial_size(pools)
         if size < best:
             best, best_length = size, length
         if size <= (1.0 - DECREASE * length) * before:
@@ -421,10 +286,20 @@ def continues(pools: Any, iteration: int) -> bool:
 
 
 @kernel
-def advance_iterate(pools: Any, window: int, iteration: int, phase: int) -> None:
-    """Next q after an iterate that has not converged: by the acceleration, or left to a Newton step. ``phase``: the
-    iteration from which on the acceleration has its differences."""
+def steps_made(pools: Any, window: int, iteration: int, phase: int) -> int:
+    """Steps of the acceleration before this iteration; ``phase``: the one from which on it has its differences."""
+    if window > 1:
+        return iteration - phase
+    return iteration - max(phase, int(pools.moving[pools.run[0].course + PHASE]))
+
+
+@kernel
+def advance_iterate(pools: Any, window: int, iteration: int, phase: int) -> bool:
+    """Next q after an iterate that has not converged: by the acceleration, or left to a Newton step. Whether the step
+    has still to be shortened (``next_iterate``)."""
     if window == 1 and continues(pools, iteration):
-        return
-    start = max(phase, int(pools.moving[pools.run[0].course + PHASE])) if window == 1 else phase
-    next_iterate(pools, window, iteration - start)
+        return False
+    made = steps_made(pools, window, iteration, phase)
+    if pools.run[0].shared == 0:  # else the caller has exchanged them
+        difference_parts(pools, window, made)
+    return next_iterate(pools, window, made)

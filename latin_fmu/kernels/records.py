@@ -27,7 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from . import sparse_response
+from . import sparse_response, sums
 
 Field = tuple[str, str]  # name, meaning with shape, pool and unit
 
@@ -106,8 +106,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("dofs", "constants, int64 (g,): interface dofs"),
     ("area", "constants (c,): areas, m2"),
     ("channels", "constants, int64 (c, m): place of the channels among those of the assembly"),
-    ("n_checked", "channels of the whole class, more than c m where other processes hold members of it"),
-    ("checked", "constants, int64 (n_checked,): their places; a change of q there requires a new solution"),
+    ("divided", "1 where other processes hold members of the class"),
     ("live", "constants, int64 (n_live,): channels that can move"),
     ("measured", "constants, int64 (n_live,): the same, normal ones first"),
     ("compliance", "constants: C = T D T^T between normal, then between tangential channels, m s-1 N-1"),
@@ -148,9 +147,10 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("w_free", "work (c, m): velocities of the channels without interface forces, m s-1"),
     ("reference", "work (c, m) of swept classes: tractions that w_free is under, Pa"),
     ("w_damped", "work (c, m): velocities that the dashpots k act on, m s-1 (w_free but for STATIC classes)"),
-    ("solved_q", "work (w, n_checked): q of the last solves, Pa"),
+    ("solved_q", "work (w, c, m): q of the last solves, Pa"),
     ("solved_w", "work (w, c, m): W of the last solves, m s-1"),
     ("known", "work (1,): 1 where those are of this window"),
+    ("changes", "work (w,) of a divided class: change of q at all its members since the last solves (``change_of``)"),
     ("kept_states", "work (w // (isqrt(w) + 1) + 1, n_state): states inside a window of several instants"),
     ("channel", "work (c, m)"),
     ("answer", "work (c, m)"),
@@ -228,7 +228,6 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("team", "work, int64: numbers of the threads (``team``)"),
     ("n_alone", "classes that have one thread each"),
     ("order", "work, int64: these classes, in the order of their threads"),
-    ("shared", "1 where other processes hold substructures: the caller exchanges what they compute"),
     ("n_point", "points of all groups"),
     ("n_interface", "interfaces"),
     ("n_time", "instants T of the segment"),
@@ -250,8 +249,8 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("block_low", "constants, int64 (n_block,): first block that a block is coupled with"),
     ("block_high", "constants, int64 (n_block,): last one"),
     ("block_points", "constants, int64 (n_block + 1,): first point of each block in the order of the blocks"),
-    ("point_group", "constants, int64 (n_point,): groups of the points in that order"),
-    ("point_number", "constants, int64 (n_point,): their numbers in the group"),
+    ("point_group", "constants, int64 (n_place,): groups of the points in that order, -1 of interfaces held elsewhere"),
+    ("point_number", "constants, int64 (n_place,): their numbers in the group"),
     ("owner", "constants, int64 (N,): number of the substructure of each channel, -1 for ground"),
     ("owner_class", "constants, int64 (N,): its class, -1 for ground"),
     ("live_row", "constants, int64 (N,): number of the channel among the live ones of its class, -1 for others"),
@@ -265,13 +264,13 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("weights", "direction (3, N): of r^2, F^2 and W^2 in the error indicator"),
     ("metric", "direction (N,): squared weights of q in the acceleration"),
     ("bonds", "direction (N, N): q from the free velocities where all interfaces are perfect"),
-    ("coarse_inverse", "direction (n_coarse, n_coarse)"),
+    ("coarse_inverse", "direction (n_coarse_here, n_coarse)"),
     *(
         (k.replace("constants", "direction"), t.replace("constants", "direction"))
         for k, t in (
-            *_fields(_MATRIX, "coarse_balance", "sums of forces over an interface (n_coarse, N)"),
-            *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse)"),
-            *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse)"),
+            *_fields(_MATRIX, "coarse_balance", "sums of forces over the sides of the interfaces (n_coarse_own, N)"),
+            *_fields(_MATRIX, "coarse_incoming", "q of coarse motions (N, n_coarse_here)"),
+            *_fields(_MATRIX, "coarse_answer", "W of coarse motions (N, n_coarse_here)"),
         )
     ),
     ("ground_velocity", "histories (T, n_ground), m s-1"),
@@ -299,7 +298,6 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("dr", "work (depth, w, N): differences of residuals"),
     ("gram", "work (depth, depth): their weighted products"),
     ("least", "work (depth + 3, depth): scratch of the least-squares problem"),
-    ("coarse", "work (2, n_coarse)"),
     ("displacement", "work (N,): displacements that gaps are read from, m"),
     ("layer", "work (N,): displacements that layers start from, m"),
     ("shares", "work (n_interface,)"),
@@ -314,7 +312,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("old_w", "work (N,): W there"),
     ("new_q", "work (N,): q at its end"),
     ("new_w", "work (N,): W there"),
-    ("unknown_of", "work, int64 (n_point + 1,): first unknown of each point in the order of the blocks"),
+    ("unknown_of", "work, int64 (n_place + 1,): first unknown of each point in the order of the blocks"),
     ("unknown_start", "work, int64 (n_block + 1,): first unknown of each block"),
     ("row_at", "work, int64 (n_unknown,): place of the rows of the matrix"),
     ("pivots", "work, int64 (n_unknown,): rows exchanged"),
@@ -384,6 +382,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("friction_ratio", "work (R, n_interface): |T| / N"),
     ("output", "output (R, n_output): row 0 at the start of the call"),
     *sparse_response.RUN_FIELDS,
+    *sums.RUN_FIELDS,
 )
 """The run as a whole: sizes and arrays."""
 

@@ -57,7 +57,7 @@ def resting(pools: Any, c: int, instant: int) -> bool:
     row = pools.classes[c]
     if row.driven == 1 or pools.run[0].rest_traction < 0.0 or pools.moving[row.rest] == 0.0:
         return False
-    if row.n_checked > row.n_channel * row.m:  # the members that other processes hold may move
+    if row.divided == 1:  # the members that other processes hold may move
         return False
     at = row.force_amplitudes + row.force_terms * instant
     for t in range(row.force_terms):  # noqa: SIM110, kernels have no generators
@@ -189,12 +189,11 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
     error indicator divided by the number of classes.
     """
     row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, size, n_checked = row.m, row.n_channel * row.m, row.n_checked
+    m, size = row.m, row.n_channel * row.m
     channels = pools.fixed_int[row.channels : row.channels + size]
-    checked = pools.fixed_int[row.checked : row.checked + n_checked]
     q = work[run.q + row_of_window * run.n_flat : run.q + (row_of_window + 1) * run.n_flat]
     w = work[run.w + row_of_window * run.n_flat : run.w + (row_of_window + 1) * run.n_flat]
-    solved_q = work[row.solved_q + row_of_window * n_checked : row.solved_q + (row_of_window + 1) * n_checked]
+    solved_q = work[row.solved_q + row_of_window * size : row.solved_q + (row_of_window + 1) * size]
     solved_w = work[row.solved_w + row_of_window * size : row.solved_w + (row_of_window + 1) * size]
     if work[row.passed] == 1.0:
         largest = 0.0
@@ -206,20 +205,31 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
                 w[channels[at]] = 0.0
             return 0
     if reuse:
-        weights, change = pools.fixed[run.weights : run.weights + run.n_flat], 0.0
-        for at in range(n_checked):
-            moved = q[checked[at]] - solved_q[at]
-            change += weights[checked[at]] * moved * moved
+        change = work[row.changes] if row.divided == 1 else change_of(pools, c, row_of_window)
         if change <= run.reuse * pools.moving[run.scales] / run.n_class:
             for at in range(size):
                 w[channels[at]] = solved_w[at]
             return 0
     linear_response(pools, c, q, w)
-    for at in range(n_checked):
-        solved_q[at] = q[checked[at]]
     for at in range(size):
-        solved_w[at] = w[channels[at]]
+        solved_q[at], solved_w[at] = q[channels[at]], w[channels[at]]
     return int(m)
+
+
+@kernel
+def change_of(pools: Any, c: int, i: int) -> float:
+    """Change of q of a class at instant i of the window since its last solution there, in the squared norm of the error
+    indicator."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    size, change = row.n_channel * row.m, 0.0
+    channels = pools.fixed_int[row.channels : row.channels + size]
+    weights = pools.fixed[run.weights : run.weights + run.n_flat]
+    q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat]
+    solved_q = work[row.solved_q + i * size : row.solved_q + (i + 1) * size]
+    for at in range(size):
+        moved = q[channels[at]] - solved_q[at]
+        change += weights[channels[at]] * moved * moved
+    return change
 
 
 @kernel

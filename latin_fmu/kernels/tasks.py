@@ -21,7 +21,7 @@ from .indicator import class_norms
 from .local_stage import points_stage
 from .matrices import probe, read_channels
 from .splits import leaf
-from .substructure import commit, interface_response, linear_response, predict, solve_under_tractions
+from .substructure import change_of, commit, interface_response, linear_response, predict, solve_under_tractions
 from .team import ARGUMENTS, LINE, claimed, close_region, end_task, next_ticket, open_region
 
 Array = NDArray[np.float64]
@@ -197,15 +197,10 @@ def first_changed(pools: Any, c: int, window: int) -> int:
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     if work[row.known] == 0.0 or run.reuse < 0.0:
         return 0
-    size, change = row.n_checked, 0.0
-    checked = pools.fixed_int[row.checked : row.checked + size]
-    weights = pools.fixed[run.weights : run.weights + run.n_flat]
+    change = 0.0
     level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / run.n_class
     for i in range(window):
-        q, solved_q = work[run.q + i * run.n_flat : run.q + (i + 1) * run.n_flat], row.solved_q + i * size
-        for at in range(size):
-            moved = q[checked[at]] - work[solved_q + at]
-            change += weights[checked[at]] * moved * moved
+        change += work[row.changes + i] if row.divided == 1 else change_of(pools, c, i)
         if change > level:
             return i
     return window
@@ -218,7 +213,6 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
     channels = pools.fixed_int[row.channels : row.channels + size]
-    checked = pools.fixed_int[row.checked : row.checked + row.n_checked]
     changed, marched = first_changed(pools, c, window), 0
     for i in range(changed):
         for at in range(size):
@@ -244,9 +238,7 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
             if i < changed:
                 w[channels[at]] = work[row.solved_w + i * size + at]
             else:
+                work[row.solved_q + i * size + at] = q[channels[at]]
                 work[row.solved_w + i * size + at] = w[channels[at]]
-        if i >= changed:
-            for at in range(row.n_checked):
-                work[row.solved_q + i * row.n_checked + at] = q[checked[at]]
     work[row.known] = 1.0
     return marched

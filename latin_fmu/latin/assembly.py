@@ -3,22 +3,16 @@
 Interfaces of one class of behaviour and number of components form a group, stored as a block (side, point, component)
 of the flat vector so that their local stage is one vectorised call. Substructures use the same numbers by index arrays:
 gather to (channel, member), scatter back. A channel is one interface degree of freedom in the local frame.
-
-The interfaces are the blocks of the relative operator of Newton's method at one instant (``kernels.newton``). Two of
-them are coupled where they share a substructure; they are numbered by the reverse Cuthill-McKee ordering of that graph,
-so that the matrix has a small envelope: block tridiagonal for a chain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..interface import Behaviour, InterfaceGeometry
 from ..interface.laws import NoSlip
@@ -217,6 +211,19 @@ class Assembly:
         """Where the loads of a run without inertia lose their equilibrium, if that is known."""
         self.rigid = self._rigid_channels()
 
+    def take_interfaces(self, whole: Assembly, interfaces: Sequence[int], channels: Index) -> None:
+        """Make this copy of an assembly one of these of its interfaces, with these of its channels."""
+        numbers = {i: own for own, i in enumerate(interfaces)}
+        self._impedance = whole._impedance[channels]
+        self._ground_frames = {
+            own: (self.layout.channels(own, 1), whole._ground_frames[i][1])
+            for i, own in numbers.items()
+            if i in whole._ground_frames
+        }
+        for name in ("ground", "_travel", "ground_start", "start_tractions"):
+            setattr(self, name, {numbers[i]: values for i, values in getattr(whole, name).items() if i in numbers})
+        self.rigid = np.flatnonzero(np.isin(channels, whole.rigid))
+
     @property
     def swept(self) -> bool:
         """Whether interfaces of a substructure are solved with by substitution (``propagator.interface_sweeps``)."""
@@ -290,6 +297,19 @@ class Assembly:
         for channels, values in zip(self.channels, per_class, strict=True):
             flat[channels] = values
         return flat
+
+    def owners(self) -> Index:
+        """Of each channel (3, n_flat): number of its substructure, its class, its number among the live channels of the
+        class; -1 for ground, and for channels that cannot move."""
+        table = np.full((3, self.layout.n_flat), -1, dtype=np.int64)
+        first = 0
+        for c, (propagator, channels) in enumerate(zip(self.propagators, self.channels, strict=True)):
+            live = propagator.operators.compliance.diagonal() != 0
+            table[0][channels] = first + np.arange(channels.shape[1])
+            table[1][channels] = c
+            table[2][channels] = np.where(live, np.cumsum(live) - 1, -1)[:, None]
+            first += channels.shape[1]
+        return table
 
     # -- the ground -----------------------------------------------------------------------------------------------
     def _write_ground(self, flat: Array, of: Callable[[int], Array]) -> None:
@@ -380,71 +400,3 @@ class Assembly:
         u = self.displacement()
         jumps = [group.block(u) for group in self.layout.groups]
         return [g.gap + j[1, :, 0] - j[0, :, 0] for g, j in zip(self.layout.groups, jumps, strict=True)]
-
-
-LARGEST: Final = 2100**2
-LARGEST_STATIC: Final = 6000**2
-"""Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
-more in chains; about 2000 without inertia, where the iteration alone takes hundreds of products. Large interfaces with
-inertia take it by products (``kernels.krylov``)."""
-
-
-def relative_operator(assembly: Assembly) -> dict[str, Any]:
-    """Fields of the record of the run (``kernels.records``); ``n_matrix`` : numbers of the matrix where every point is
-    active."""
-    layout, owner = assembly.layout, owners(assembly)
-    order, low, high = ordered_blocks(assembly, owner[0])
-    groups, numbers, sizes, unknowns = [], [], [0], []
-    for i in order:
-        group = layout.group(i)
-        points = np.arange(group.members[i].start, group.members[i].stop)
-        groups.append(np.full(len(points), next(g for g, other in enumerate(layout.groups) if other is group)))
-        numbers.append(points)
-        sizes.append(len(points))
-        unknowns.append(len(points) * group.n_component)
-    starts = np.cumsum([0, *unknowns])
-    return {
-        "n_block": len(order),
-        "n_unknown": int(starts[-1]),
-        "n_matrix": sum(n * int(starts[b + 1] - starts[a]) for n, a, b in zip(unknowns, low, high, strict=True)),
-        "block_low": low,
-        "block_high": high,
-        "block_points": np.cumsum(sizes),
-        "point_group": np.concatenate([np.zeros(0, dtype=np.int64), *groups]),
-        "point_number": np.concatenate([np.zeros(0, dtype=np.int64), *numbers]),
-        "owner": owner[0],
-        "owner_class": owner[1],
-        "live_row": owner[2],
-    }
-
-
-def owners(assembly: Assembly) -> Index:
-    """Of each channel (3, n_flat): number of its substructure, its class, its number among the live channels of the
-    class; -1 for ground, and for channels that cannot move."""
-    table = np.full((3, assembly.layout.n_flat), -1, dtype=np.int64)
-    first = 0
-    for c, (propagator, channels) in enumerate(zip(assembly.propagators, assembly.channels, strict=True)):
-        live = propagator.operators.compliance.diagonal() != 0
-        table[0][channels] = first + np.arange(channels.shape[1])
-        table[1][channels] = c
-        table[2][channels] = np.where(live, np.cumsum(live) - 1, -1)[:, None]
-        first += channels.shape[1]
-    return table
-
-
-def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, Index]:
-    """Interfaces in the order of the blocks; first and last block that each is coupled with, neither decreasing."""
-    n = len(assembly.interfaces)
-    shares = np.zeros((n, assembly.n_substructure))
-    for i in range(n):
-        for side in (0, 1):
-            body = owner[assembly.layout.channels(i, side).ravel()[0]]
-            if body >= 0:
-                shares[i, body] = 1.0
-    graph = sp.csr_array(shares @ shares.T + np.eye(n))
-    order = reverse_cuthill_mckee(graph, symmetric_mode=True) if n else np.zeros(0, dtype=np.int64)
-    table = graph.toarray()[np.ix_(order, order)] > 0
-    low = np.array([int(np.argmax(row)) for row in table], dtype=np.int64)
-    low = np.minimum.accumulate(low[::-1])[::-1].copy()  # of this block or a later one: the factors fill no more
-    high = np.array([int(np.flatnonzero(low <= b)[-1]) for b in range(n)], dtype=np.int64)
-    return [int(i) for i in order], low, high

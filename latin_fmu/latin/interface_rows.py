@@ -55,6 +55,14 @@ class InterfaceRows:
         slide = sum(6 * u.geometry.n_point for u in assembly.interfaces if u.behaviour.n_component == 1)
         return int(2 * assembly.layout.n_flat + gaps + slide)
 
+    def columns(self, interface: int) -> list[Array]:
+        """Tractions, velocities and gaps of an interface in the first row."""
+        layout = self._assembly.layout
+        flat = [layout.channels(interface, side).ravel() for side in (0, 1)]
+        fields = [kept[0, channels] for kept in (self.f_hat, self.w_hat) for channels in flat]
+        gap = self.gaps.get(layout.groups.index(layout.group(interface)))
+        return fields if gap is None else [*fields, gap[0, layout.group(interface).members[interface]]]
+
     def row(self, instant: int) -> int:
         """Row of the first instant from ``instant`` on that is kept."""
         return -(-instant // self.every)

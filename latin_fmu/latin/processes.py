@@ -1,32 +1,34 @@
 """Substructures of one run distributed over processes that exchange interface data (MPI).
 
-Every process holds the interfaces of the whole assembly, and the factors and motions of its own substructures only. One
-iteration is
+Every process holds the factors and motions of its own substructures, and the fields of the interfaces that touch them
+(``Part``). One iteration is
 
 1. the linear stage of the own substructures: W at their channels,
-2. one exchange, after which every process has the W of all channels,
-3. local stage, error indicator, verdict and acceleration, on all channels.
+2. an exchange of W with the processes that hold the other sides of their interfaces,
+3. the local stage of the interfaces held, those between two processes on both,
+4. sums over each interface, for the error indicator and for the acceleration, which all processes receive,
+5. verdict and acceleration: the sums over the interfaces, and the next q of the channels held.
 
-The third step is the same computation on the same numbers everywhere. Its sums are taken in one order, whatever the
-number of processes, which therefore agree on every verdict without a message, and do what one process does. The
-acceleration needs that: its least-squares problem enlarges round-off by the inverse of pivots down to 1e-12. The norms
-of the force residual are sums over substructures, added in the order of the processes where the indicator is within
-tolerance. A Newton step adds the contributions of the substructures to its matrix, which every process factorises.
+An interface is counted by the process that owns it, and the sums over the interfaces are taken in the order of the
+scene. They are the same to the last bit for any number of processes, one included, which therefore do the same
+iterations and agree on every verdict without a message. The acceleration needs that: its least-squares problem enlarges
+round-off by the inverse of pivots down to 1e-12. The norms of the force residual are sums over classes in their order,
+of divided ones over the parts. A Newton step adds the contributions of the substructures to its matrix, which every
+process factorises.
 
-An instant of a window of its own costs one exchange per iteration, one for the displacements at its end, and one at its
-start while no traction acts. The step that all processes repeat limits their number: see ``docs/processes.md``.
+An instant of a window of its own costs two exchanges per iteration, one for the norms where the indicator is within
+tolerance, one for the displacements at its end, and one at its start while no traction acts.
 
 A class of identical substructures may be divided among processes. Each reuses the previous solve of its members by the
-change of q at all members of the class, and a divided class is never passed over at rest, so that all members are
-treated alike.
+change of q at all members of the class, which is one more exchange per iteration, and a divided class is never passed
+over at rest, so that all members are treated alike.
 """
 
 from __future__ import annotations
 
-import copy
 import os
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -34,13 +36,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ..errors import InputError, SolverError
-from ..kernels import entries
-from ..kernels.iteration import BROKEN, CONVERGED, STALLED
-from ..kernels.newton import ACTIVE, MADE
 from ..machine import usable_cores
-from ..propagator.image import Image
-from .assembly import Array, Assembly, Index
-from .run_image import Stages
+from .assembly import Array
 from .search_direction import Direction
 
 _PATIENT = 4  # looks for a message before a process sleeps, where there are more processes than cores
@@ -64,6 +61,7 @@ class Processes:
         self._communicator = communicator
         self.rank, self.size, self.waited = int(communicator.Get_rank()), int(communicator.Get_size()), 0.0
         self.ended = False
+        self._requests: list[Any] = []
         beside = sum(name == os.uname().nodename for name in self.collect(os.uname().nodename))
         self._crowded = beside > usable_cores()
 
@@ -74,18 +72,57 @@ class Processes:
 
     def gather(self, own: Array, ends: Sequence[int]) -> Array:
         """The numbers of all processes one after the other, those of process r from ``ends[r]`` to ``ends[r + 1]``."""
-        before, every = clock.perf_counter(), np.empty(ends[-1])
-        sizes = [b - a for a, b in pairwise(ends)]
-        into = [every, (sizes, list(ends[:-1]))]
+        every = np.empty(ends[-1])
+        self.gathering(np.ascontiguousarray(own), every, [b - a for a, b in pairwise(ends)])()
+        return every
+
+    def gathering(self, own: Array, every: Array, sizes: Sequence[int]) -> Callable[[], None]:
+        """A function that puts the numbers of all processes one after the other into ``every``; ``sizes`` : how many
+        each has, this one those of ``own``."""
+        into = [every, (list(sizes), np.cumsum([0, *sizes[:-1]]).tolist())]
+        return lambda: self._gather(own, into)
+
+    def _gather(self, own: Array, into: Any) -> None:
+        before = clock.perf_counter()
         if self._crowded:  # waiting processes would take the cores of those that compute
-            request, looks = self._communicator.Iallgatherv(own, into), 0
-            while not request.Test():
-                looks += 1
-                clock.sleep(0.0 if looks < _PATIENT else _SLEEP)
+            self._patiently(self._communicator.Iallgatherv(own, into).Test)
         else:
             self._communicator.Allgatherv(own, into)
         self.waited += clock.perf_counter() - before
-        return every
+
+    def sending(self, messages: Sequence[tuple[int, Array, Array]]) -> Callable[[], None]:
+        """A function that exchanges messages with other processes: number of the process, what it is sent, where its
+        message goes."""
+        communicator = self._communicator
+        requests = [communicator.Recv_init(into, rank) for rank, _, into in messages]
+        requests += [communicator.Send_init(out, rank) for rank, out, _ in messages]
+        self._requests += requests
+        return lambda: self._exchange(requests)
+
+    def forget(self) -> None:
+        """Give up the messages of ``sending``."""
+        for request in self._requests:
+            request.Free()
+        self._requests.clear()
+
+    def _exchange(self, requests: list[Any]) -> None:
+        if not requests:
+            return
+        before, kind = clock.perf_counter(), type(requests[0])
+        kind.Startall(requests)
+        if self._crowded:
+            self._patiently(lambda: kind.Testall(requests))
+        else:
+            kind.Waitall(requests)
+        self.waited += clock.perf_counter() - before
+
+    @staticmethod
+    def _patiently(test: Callable[[], bool]) -> None:
+        """Wait until a test holds without taking the core of another process for long."""
+        looks = 0
+        while not test():
+            looks += 1
+            clock.sleep(0.0 if looks < _PATIENT else _SLEEP)
 
     def add(self, values: Array) -> None:
         """Replace an array by its sum over the processes, added in their order."""
@@ -133,22 +170,6 @@ def distributed(costs: Sequence[float], size: int) -> list[int]:
     return ranks
 
 
-def own_part(assembly: Assembly, rank: int) -> Assembly:
-    """The assembly with the classes of one process alone; interfaces and instants are shared."""
-    part, own = copy.copy(assembly), [c for c, owner in enumerate(assembly.owner) if owner == rank]
-    part.propagators, part.channels = [assembly.propagators[c] for c in own], [assembly.channels[c] for c in own]
-    return part
-
-
-def checked_channels(assembly: Assembly, rank: int) -> list[Index | None]:
-    """Per class of a process the channels of all members of the class, None where the process holds them all."""
-    whole: dict[int, list[Index]] = {}
-    for divided, channels in zip(assembly.part_of, assembly.channels, strict=True):
-        whole.setdefault(divided, []).append(channels)
-    every = [whole[assembly.part_of[c]] for c, owner in enumerate(assembly.owner) if owner == rank]
-    return [None if len(parts) == 1 else np.concatenate([p.ravel() for p in parts]) for parts in every]
-
-
 def check_newton(direction: Direction) -> None:
     """Refuse Newton steps by products alone, whose vectors stay in one process."""
     if direction.relative.get("krylov"):
@@ -156,151 +177,3 @@ def check_newton(direction: Direction) -> None:
         remedy = "set it to false, take smaller steps, or run without mpiexec"
         heading = "the run cannot be distributed over processes"
         raise InputError.of(heading, "solver.newton", what, "true", remedy=remedy)
-
-
-class Exchange:
-    """Exchanges the fields of an image; ``assembly`` : the whole one."""
-
-    def __init__(self, processes: Processes, image: Image, assembly: Assembly) -> None:
-        self.processes, self.image = processes, image
-        self.layers = bool(image.run[0]["layers"])
-        places = [
-            np.concatenate([np.zeros(0, dtype=np.int64), *(c.ravel() for c in own_part(assembly, r).channels)])
-            for r in range(processes.size)
-        ]
-        self._own, self._every = places[processes.rank], np.concatenate(places)
-        self._places, self._ends = places, [0, *np.cumsum([len(p) for p in places]).tolist()]
-
-    def share(self, name: str, n: int = 1) -> None:
-        """Give all processes the values of a field (n, n_flat) at the channels of every substructure."""
-        field = self.image.field(name, n, self.image.n_flat)
-        every = self.processes.gather(field[:, self._own].ravel(), [n * end for end in self._ends])
-        if n == 1:
-            field[0, self._every] = every
-            return
-        for places, (first, last) in zip(self._places, pairwise(self._ends), strict=True):
-            field[:, places] = every[n * first : n * last].reshape(n, -1)
-
-    def share_displacements(self) -> None:
-        """Give all processes what gaps and layers start from."""
-        self.share("displacement")
-        if self.layers:
-            self.share("layer")
-
-    def force_residual(self, n: int) -> None:
-        """Force residual over a window of n instants, from the norms of all substructures."""
-        self.image.call(entries.NORMS, n)
-        self.processes.add(self.image.field("norms", n, 4))
-        self.image.call(entries.RELATIVE_FORCES, n)
-
-
-class SharedStages(Stages):
-    """The stages of a window whose substructures are distributed."""
-
-    def __init__(self, image: Image, direction: Direction, n: int, first: int, exchange: Exchange) -> None:
-        super().__init__(image, direction, n, first)
-        self._exchange = exchange
-
-    def of(self, direction: Direction) -> SharedStages:
-        """Those of one instant with another search direction."""
-        return SharedStages(self.image, direction, 1, self.first, self._exchange)
-
-    def begin(self) -> None:
-        """Openings at the start of the window."""
-        super().begin()
-        for kind in range(3 if self.n > 1 else 0):
-            self.image.call(entries.MOTION, self.first - 1, kind)
-            self._exchange.share("displacement")
-            self.image.call(entries.JUMPS, kind)
-
-    def free_motion(self) -> None:
-        """Velocities of all channels without tractions, into ``w``."""
-        super().free_motion()
-        self._exchange.share("w")
-
-    def first_guess(self) -> None:
-        """First q of an instant."""
-        image, run = self.image, self.image.run[0]
-        bonded, static = run["direct_bonds"] == 1, run["static"] == 1
-        if bonded or (not static and not image.field("f_hat", image.n_flat).any()):
-            self.free_motion()
-        super().first_guess()
-        if self.direction.assembly.swept and not static:
-            self._exchange.share("q")
-
-    def evaluate(self, iteration: int) -> None:
-        """``kernels.iteration.next_stage``, with the exchanges between its parts."""
-        image, n = self.image, self.n
-        course = image.field("course", 8)
-        if iteration == 0:
-            course[:] = 0.0
-        elif n == 1 and course[ACTIVE] == 1.0:
-            if self._newton_step(iteration):
-                return
-            image.call(entries.LEAVE, iteration)
-        self._linear_stage(iteration)
-        if image.call(entries.LOCAL_ERROR, n):
-            self._exchange.force_residual(n)
-
-    def _linear_stage(self, iteration: int) -> None:
-        self.image.call(entries.LINEAR_STAGE, self.n, self.first, iteration)
-        self._exchange.share("w", self.n)
-
-    def _newton_step(self, iteration: int) -> bool:  # noqa: ARG002, as where laws are called by Python
-        """``kernels.iteration.newton_step``, with the exchanges between its parts."""
-        image, exchange = self.image, self._exchange
-        image.call(entries.ADMIT)
-        exchange.share("step_w")
-        size = image.call(entries.MATRIX)
-        if size:
-            exchange.processes.add(image.field("matrix", size))
-        if not image.call(entries.CHANGE, size):
-            return False
-        exchange.share("step_w")
-        image.call(entries.FULL_STEP)
-        self._linear_stage(1)
-        if image.call(entries.SEARCH):
-            exchange.force_residual(1)
-        return True
-
-    def end_instant(self, instant: int, i: int = 0) -> None:
-        """Gaps and accepted fields at the end of an instant, the i-th of the window."""
-        self._exchange.share_displacements()
-        super().end_instant(instant, i)
-
-    def march(self, first: int, n: int) -> int:
-        """``kernels.instants.march_instants``: windows of one instant until one does not converge; how many did."""
-        image, counts = self.image, self.image.field("counts", 2)
-        used, steps = image.counts("iterations", image.rows), image.counts("newton_steps", image.rows)
-        for call in range(n):
-            self.first = instant = first + call
-            self.predict()
-            self.begin()
-            self.first_guess()
-            solved = counts[1]
-            used[call] = self._iterate(call)
-            steps[call] = int(image.field("course", 8)[MADE])
-            if used[call] <= 0:
-                counts[1] = solved  # the Python driver solves this instant again, and counts
-                return call
-            image.call(entries.ACCEPT, 1)
-            for c in range(len(image.propagators)):
-                image.call(entries.END_CLASS, c, instant)
-            self.end_instant(instant)
-        return n
-
-    def _iterate(self, call: int) -> int:
-        """``kernels.iteration.iterate`` for one instant."""
-        image, most = self.image, int(self.image.run[0]["max_iterations"])
-        errors, residuals = (image.field(name, image.rows, most) for name in ("errors", "force_residuals"))
-        measure, accelerated = image.field("measure", 8), int(image.run[0]["depth"] > 0)
-        for iteration in range(most):
-            self.evaluate(iteration)
-            errors[call, iteration], residuals[call, iteration] = measure[0], measure[1]
-            bits = image.call(entries.JUDGE, 1, 0, iteration, accelerated)
-            if bits & CONVERGED:
-                return iteration + 1
-            if bits & (STALLED | BROKEN):
-                return -(iteration + 1)
-            image.call(entries.NEXT, 1, iteration, 0)
-        return -most

@@ -17,8 +17,8 @@ from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
 from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
+from .part import Part
 from .probes import BoltPlace, Probes, SensorPlace
-from .processes import Processes
 from .reactions import Support, reaction_histories
 
 
@@ -200,23 +200,48 @@ class Recorder:
         return len(self._field_times)
 
     # -- parts of other processes ---------------------------------------------------------------------------------
-    def join(self, processes: Processes, assembly: Assembly) -> None:
-        """Complete what the processes of a run have kept of their own substructures; ``assembly`` : the whole one."""
-        fixed = [i for i, unit in enumerate(assembly.interfaces) if unit.against_ground and i in self.rows.slide]
-        if processes.rank:
-            for i in fixed:
-                self.rows.slide[i][:, 1] = 0.0  # the ground is known to all of them
-        for table in (self.rows.slide, self._motions, self._forces, self._tensions):
+    def join(self, part: Part) -> None:
+        """Complete what the processes of a run have kept of their own substructures and interfaces."""
+        processes, assembly = part.processes, part.whole
+        self._join_rows(part)
+        for table in (self._motions, self._forces, self._tensions):
             for values in table.values():
                 processes.add(values)
         own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
         energy: dict[int, Array] = {}
-        for part in processes.collect((dict(zip(own, self._energy, strict=True)), self._fields, self._massless())):
-            energy |= part[0]
-            self._fields |= part[1]
-            self._massless().update(part[2])
+        for kept in processes.collect((dict(zip(own, self._energy, strict=True)), self._fields, self._massless())):
+            energy |= kept[0]
+            self._fields |= kept[1]
+            self._massless().update(kept[2])
         self._energy = [energy[c] for c in range(len(assembly.propagators))]
         self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
+
+    def _join_rows(self, part: Part) -> None:
+        """Rows of all interfaces. Tractions, velocities and gaps are those of the owner of an interface, what slides
+        along a side has the process of the side."""
+        processes, n_row = part.processes, len(self.rows.table)
+        width, wide = InterfaceRows.width_of(part.assembly), InterfaceRows.width_of(part.whole)
+        here, there = (
+            InterfaceRows(a, np.arange(float(n))[None]) for a, n in ((part.assembly, width), (part.whole, wide))
+        )
+        own, into = [np.zeros(0)], [np.zeros(0)]
+        for number, i in enumerate(part.interfaces):
+            owned = number < part.n_owned
+            if owned:
+                own += here.columns(number)
+                into += there.columns(i)
+            for side, process in enumerate(part.sides[i] if i in there.slide else ()):
+                if process == part.rank or (process < 0 and owned):
+                    own.append(here.slide[number][0, side].ravel())
+                    into.append(there.slide[i][0, side].ravel())
+        picked = np.concatenate(own).astype(np.int64)
+        columns = processes.collect(np.concatenate(into).astype(np.int64))
+        ends = np.cumsum([0, *(n_row * len(c) for c in columns)]).tolist()
+        every = processes.gather(self.rows.table[:, picked].ravel(), ends)
+        table = np.zeros((n_row, wide))
+        for c, first, last in zip(columns, ends, ends[1:], strict=False):
+            table[:, c] = every[first:last].reshape(n_row, -1)
+        self.rows = InterfaceRows(part.whole, table, self.rows.every)
 
     def _massless(self) -> set[str]:
         return set() if self._probes is None else self._probes.sensors.massless

@@ -6,7 +6,7 @@ substructures (``kernels.records``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,7 +16,9 @@ from ..kernels import entries
 from ..kernels.laws import LAWS
 from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, SIZE
 from ..propagator.image import Image
-from .assembly import Array, Assembly, Index
+from .assembly import Array, Assembly
+from .instant_solve import PerfectInterfaceSolve
+from .part import Part
 from .probes import Probes
 from .search_direction import FLOOR, Direction
 from .settings import Settings
@@ -56,19 +58,25 @@ def make_image(
     direction: Direction,
     probes: Probes | None,
     more: Mapping[str, Any],
-    checked: Sequence[Index | None] | None = None,
+    part: Part | None = None,
 ) -> Image:
     """Image of an assembly whose propagators have their initial state and are bound to ``direction``.
 
-    more : further fields of the record of the run. checked : of the part of an assembly that one process holds, see
-        ``propagator.image.Image``.
+    more : further fields of the record of the run. part : of the assembly that this process holds, ``assembly`` being
+        that of the part.
     """
-    layout, static = assembly.layout, assembly.quasi_static
+    layout, static, depth = assembly.layout, assembly.quasi_static, settings.anderson_depth
+    sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
+    segments = [(first.flat[0], second.flat[0], first.size) for first, second in sides]
     ground = assembly.ground_tables()[0]
     run: dict[str, Any] = {
         "n_interface": len(assembly.interfaces),
         "n_ground": len(ground),
-        "depth": settings.anderson_depth,
+        "n_part": len(assembly.interfaces),
+        "part_width": 3 + 2 * depth,
+        "segments": np.array(segments, dtype=np.int64).reshape(-1, 3),
+        "part_order": np.arange(len(assembly.interfaces)),
+        "depth": depth,
         "max_iterations": settings.max_iterations,
         "tangential": int(not layout.normal.all()),
         "layers": int(any(g.behaviour.elastic for g in layout.groups)),
@@ -80,12 +88,13 @@ def make_image(
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
         "longest_step": _LONGEST_STATIC if static else np.inf,
-        "n_coarse": 0 if direction.coarse is None else direction.coarse.size,
         "direct_bonds": 0,
-        **(direction.relative_fields(assembly)),
+        **({} if direction.coarse is None else direction.coarse.sizes),
+        **direction.relative_fields(),
         **rules(settings),
         "rest_traction": assembly.rest_traction,
         "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
+        **({} if part is None else part.fields()),
         **more,
     }
     groups = [
@@ -112,9 +121,9 @@ def make_image(
         groups,
         min(window, assembly.n_instant),
         len(assembly.time),
-        histories(direction.assembly),
+        histories(assembly, None if part is None else part.whole),
         None if probes is None else probes.rows,
-        checked,
+        None if part is None else part.divided,
     )
 
 
@@ -130,12 +139,12 @@ def negligible_scales(
     image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
     measures = image.field("measure", 8)
     measures[:], measures[7] = 0.0, 1.0
-    if image.n_flat:
+    tiny, whole = np.finfo(float).tiny, direction.whole
+    if whole.assembly.interfaces:
         force_residual(1)
-    tiny = np.finfo(float).tiny
-    weights = direction.weights[1, direction.assembly.layout.normal]
-    fields = float(direction.level.max(initial=0.0)) ** 2 * float(weights.sum())
-    part = min(1.0, _AT_REST / (FLOOR * tolerance)) if still_tractions(direction.assembly).any() else 1.0
+    weights = whole.weights[1, whole.assembly.layout.normal]
+    fields = float(whole.level.max(initial=0.0)) ** 2 * float(weights.sum())
+    part = min(1.0, _AT_REST / (FLOOR * tolerance)) if still_tractions(whole.assembly).any() else 1.0
     force = max(part * float(measures[3]), tiny)
     return np.array([max(part * part * fields, tiny), force, force])
 
@@ -165,10 +174,11 @@ def still(assembly: Assembly) -> bool:
     return assembly.ground_rests and not assembly.quasi_static
 
 
-def histories(assembly: Assembly) -> dict[str, Array]:
-    """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads."""
+def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Array]:
+    """Motion of the ground at the instants of the segment, and the ``continuation`` of the loads; ``whole`` : the
+    assembly that this one is a part of."""
     scheme, dt, n_time = assembly.scheme, assembly.dt, len(assembly.time)
-    share = continuation(assembly) if assembly.quasi_static else np.ones(n_time)
+    share = continuation(assembly if whole is None else whole)
     if assembly.ground_rests:
         rest = np.zeros((n_time, assembly.n_ground))
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
@@ -194,6 +204,8 @@ def continuation(assembly: Assembly) -> Array:
     they have the wrong sign at sliding points.
     """
     n_time = len(assembly.time)
+    if not assembly.quasi_static:
+        return np.ones(n_time)
     along, size, change = np.zeros(n_time), np.zeros(n_time), np.zeros(n_time)
     for propagator in assembly.propagators:
         before = last = propagator.forcing.at(0)
@@ -268,8 +280,9 @@ class Stages:
         """A field of the window, (n, n_flat), a view."""
         return self.image.field(name, self.n, self.image.n_flat)
 
-    def evaluate(self, iteration: int) -> None:
-        """One linear and one local stage from the q of the image, and the measures of the iterate."""
+    def evaluate(self, iteration: int, phase: int = 0) -> None:  # noqa: ARG002, for ``SharedStages``
+        """One linear and one local stage from the q of the image, and the measures of the iterate; ``phase`` : the
+        iteration from which on the acceleration has its differences."""
         image, n = self.image, self.n
         if self._compiled:
             image.call(entries.STAGE, n, self.first, iteration)
@@ -333,8 +346,13 @@ class Stages:
             return False
         image.call(entries.LINEAR_STAGE, 1, self.first, 1)
         image.call(entries.KEEP_END)
-        course = image.field("course", 8)
-        sizes = list[float]()
+        self._search()
+        image.call(entries.MEASURE, 1)
+        return True
+
+    def _search(self) -> None:
+        """``kernels.newton.search``."""
+        course, sizes = self.image.field("course", 8), list[float]()
         for halving in range(HALVINGS + 1):
             sizes.append(self._try(halving))
             if sizes[-1] <= (1.0 - DECREASE * 0.5**halving) * course[SIZE]:
@@ -342,9 +360,7 @@ class Stages:
         best = int(np.argmin(sizes))
         if best != len(sizes) - 1:
             self._try(best)
-        image.call(entries.COUNT_STEP)
-        image.call(entries.MEASURE, 1)
-        return True
+        self.image.call(entries.COUNT_STEP)
 
     def _try(self, halving: int) -> float:
         """Both stages at a share of the step; its residual."""
@@ -368,12 +384,46 @@ class Stages:
         """Verdict on the iterate, bits of ``kernels.iteration.judge``."""
         return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
 
+    def advance(self, iteration: int, phase: int) -> None:
+        """The next q after an iterate that has not converged."""
+        self.image.call(entries.NEXT, self.n, iteration, phase)
+
+    def points_one_by_one(self, f_hat: Array) -> None:
+        """Set q of one instant by the solution point by point, from tractions f_hat (n_flat,)."""
+        self.free_motion()
+        image, groups = self.image, self._groups
+        gaps = [self._reach(g) for g in range(len(groups))]
+        solved = self.direction.points.solve(image.field("w", image.n_flat).copy(), f_hat, gaps, self._rates())
+        self.field("q")[0] = self.direction.incoming(*solved)
+
+    def bonded(self, bonds: PerfectInterfaceSolve) -> Array:
+        """q (n_flat,) of the solution where all interfaces are perfect."""
+        self.free_motion()
+        return bonds.guess(self.image.field("w", self.image.n_flat).copy(), self.direction.k)
+
+    def largest(self, value: float) -> float:
+        """The largest value over all processes of the run."""
+        return value
+
+    def _reach(self, g: int) -> Array:
+        """The argument ``reach`` of the law of a group, (n_point, n_component or 1), a copy."""
+        group = self._groups[g]
+        width = group.n_component if group.behaviour.elastic else 1
+        return self.image.group_field(g, "reach", group.n_point, width).copy()
+
+    def _rates(self) -> tuple[float, float]:
+        return float(1.0 / self.image.run[0]["dt"]), float(self.image.run[0]["layer_rate"])
+
     def disagreement(self) -> float:
         """Largest difference of the tractions of both stages at an instant, over their largest size so far, in the norm
         of the error indicator: fields of substructures belong to the one, reported tractions to the other."""
-        apart = (self.direction.weights[1] * (self.field("f") - self.field("local_f")) ** 2).sum(axis=1)
+        apart = self._over_interfaces(self.direction.weights[1] * (self.field("f") - self.field("local_f")) ** 2)
         tractions = 0.25 * float(self.measures()[2])  # a quarter of the fields: F, F_hat, W and W_hat
         return float(np.sqrt(apart.max(initial=0.0) / tractions)) if tractions > 0.0 else 0.0
+
+    def _over_interfaces(self, values: Array) -> Array:
+        """Sums (n,) of values (n, n_flat) over the channels."""
+        return np.asarray(values.sum(axis=1))
 
     def newton_steps(self) -> int:
         """Newton steps made in this window."""

@@ -16,15 +16,18 @@ from ..kernels import entries
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
+from .exchange import Exchange
 from .initial_conditions import initial_conditions
 from .instant_solve import PerfectInterfaceSolve
 from .outcome import Timings
+from .part import Part
 from .probes import Probes
-from .processes import Exchange, Processes, SharedStages, check_newton, checked_channels, own_part
+from .processes import check_newton
 from .recorder import Recorder
 from .run_image import Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
+from .shared_stages import SharedStages
 from .status import WindowList, status, with_energy
 
 ONE, LONG, EXACT = 1, 2, 3
@@ -116,12 +119,12 @@ class RunState:
     Parameters
     ----------
     assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
-    communication : fields of the record of the run for communication steps in kernels. processes : over which the
-        substructures of the assembly are distributed, None for this one alone.
+    communication : fields of the record of the run for communication steps in kernels. part : of the assembly that this
+        process holds where its substructures are distributed, else None.
 
     Attributes
     ----------
-    held : the assembly with the substructures of this process alone.
+    held : the assembly, or the part of it, that the image is of.
     windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
     marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
     refusals : windows of one instant that the compiled driver left to the Python driver.
@@ -135,13 +138,13 @@ class RunState:
         recorder: Recorder,
         timings: Timings,
         communication: Mapping[str, Any] | None = None,
-        processes: Processes | None = None,
+        part: Part | None = None,
     ) -> None:
         self._communication = {} if communication is None else communication
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
-        self.processes = processes
-        self.held = assembly if processes is None else own_part(assembly, processes.rank)
+        self.part, self.held = part, assembly if part is None else part.assembly
         self._exchange: Exchange | None = None
+        self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
         self.marched = self.condensed = 0
         self._clear()
         traction, velocity = initial_conditions(assembly)
@@ -170,13 +173,14 @@ class RunState:
         self._probes: Probes | None = None
         if recorder.probed:
             self._probes = Probes(self.held, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
-        checked = None if self.processes is None else checked_channels(assembly, self.processes.rank)
-        self.image = make_image(self.held, self.settings, one, self._probes, self._communication, checked)
-        if self.processes is not None and assembly.interfaces:
-            with self.processes.agreed():
+        part = self.part if assembly.interfaces else None
+        if part is not None:
+            with part.processes.agreed():
                 check_newton(one)
-            self.image.set({"shared": 1, "n_class": len(set(assembly.part_of))})
-            self._exchange = Exchange(self.processes, self.image, assembly)
+        self.image = make_image(self.held, self.settings, one, self._probes, self._communication, part)
+        if part is not None:
+            self._exchange = Exchange(part, self.image, one)
+            traction, velocity = traction[part.channels], velocity[part.channels]
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
         self.image.field("scales", 3)[:] = (
@@ -206,6 +210,12 @@ class RunState:
     def f_hat(self) -> Array:
         """Tractions of the last accepted instant (n_flat,), a view, Pa."""
         return self.image.field("f_hat", self.image.n_flat)
+
+    @property
+    def tractions(self) -> Array:
+        """Tractions of the last accepted instant on all interfaces of the assembly; of a distributed run after
+        ``join``, Pa."""
+        return self.f_hat if self._joined is None else self._joined
 
     @property
     def w_hat(self) -> Array:
@@ -256,10 +266,15 @@ class RunState:
         key = min(n, LONG)
         if key not in self._directions:
             compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
-            usable = self.settings.window == 1 and self.processes is None and compiled
+            usable = self.settings.window == 1 and self.part is None and compiled
             settings = self.settings if usable else replace(self.settings, tables=0.0)
-            self._directions[key] = Direction(self.assembly, settings, n)
+            self._directions[key] = self.made_direction(settings, n)
         return self._directions[key]
+
+    def made_direction(self, settings: Settings, n: int) -> Direction:
+        """Search direction by these settings for windows of n instants, of the part that this process holds."""
+        direction = Direction(self.assembly, settings, n)
+        return direction if self.part is None else self.part.direction(direction)
 
     def _use(self, n: int, exact: bool = False) -> None:
         """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of Y,
@@ -298,8 +313,9 @@ class RunState:
         self.image.set({"first_row": 0})
         self.image.call(entries.READ_START)
         if self._exchange is not None:
-            self._exchange.share_displacements()
+            self._exchange.displacements()
             self.image.call(entries.GAPS, 0)
+            self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
 
     def _record(self, n: int, row: int = 0) -> None:
@@ -314,17 +330,25 @@ class RunState:
 
     def join(self) -> None:
         """Complete recorder, motions and counts by those of the other processes, at the end of a distributed run."""
-        if self.processes is None:
+        if self.part is None:
             return
-        self.recorder.join(self.processes, self.assembly)
+        processes = self.part.processes
+        self.recorder.join(self.part)
         count = np.array([self.marched, self.condensed], dtype=float)
-        self.processes.add(count)
+        processes.add(count)
         self.marched, self.condensed = map(int, count)
+        if self.interface_indicator is not None:
+            own = self.interface_indicator[: self.part.n_owned]
+            every = processes.gather(own, np.cumsum([0, *map(len, self.part.owned)]).tolist())
+            self.interface_indicator = every[self.part.gathered_order()]
+        if self._exchange is not None:
+            self._joined = self._exchange.whole(self.f_hat[None])[0]
+        processes.forget()
         ends = [(p.state[1:], p.sampled) for p in self.held.propagators]
-        parts = [iter(part) for part in self.processes.collect(ends)]
+        parts = [iter(part) for part in processes.collect(ends)]
         for owner, propagator in zip(self.assembly.owner, self.assembly.propagators, strict=True):
             motion, sampled = next(parts[owner])
-            if owner != self.processes.rank:
+            if owner != processes.rank:
                 propagator.restore((propagator.instant, list(motion), None))
                 propagator.sampled[:] = sampled
 
@@ -340,7 +364,7 @@ class RunState:
 
     def gaps(self) -> list[Array]:
         """Gaps (n_point,) of each group at the present instant, m."""
-        groups = self.assembly.layout.groups
+        groups = self.held.layout.groups
         return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
@@ -361,7 +385,7 @@ class RunState:
     def _read_indicator(self) -> None:
         """Copy the largest indicators of the interfaces from the image."""
         if self.assembly.interfaces:
-            self.interface_indicator = self.image.field("worst", len(self.assembly.interfaces)).copy()
+            self.interface_indicator = self.image.field("worst", len(self.held.interfaces)).copy()
 
     def _sample(self) -> None:
         """Sample the states at fixed instants, however many are solved in one call."""

@@ -1,4 +1,4 @@
-"""Search directions k, weights derived from them, and the coarse problem of the quasi-static mode.
+"""Search directions k, and weights derived from them.
 
 Search directions of (12), (13), (16), (17): per side, normal and tangential, at every point. The choice changes the
 number of iterations, not the converged solution. Candidates:
@@ -10,38 +10,23 @@ row         resistance of the face to a uniform velocity, spread by area
 static      without inertia only: 1.5 x the geometric mean of the stiffness of a body as a whole and at one point
 automatic   the static one without inertia; diagonal for windows of one instant; for longer windows the impedance
             where the step resolves the wave on both sides (row k over impedance within 0.3 ... 3), else half the row
-
-Coarse problem of the quasi-static mode: the two sides of every interface balance in the mean. Without inertia an
-iteration carries the resultant of a load from one substructure to the next only, and the number of iterations grows
-with the length of a stack. So the linear stage takes, on each interface between two substructures, one motion W~ common
-to its sides and affine over it (nine numbers on a plane, three where only the normal is known),
-
-    F = q + k W~ - k W,        with  integral of R^T (F_E + F_E') = 0   for every affine motion R,
-
-which holds for the solution with every behaviour (action and reaction), so that W~ vanishes there and the converged
-solution is the same. Rigid motions alone would balance resultants and moments; the others (the face stretches and
-shears) halve the iterations of long stacks again. Where one side cannot move (ground, held directions) there is no
-balance. The operator, one small dense matrix for the whole assembly, is factorised once per search direction:
-
-    L = sum over substructures of R^T a (k - k Y k) R,    Y the condensed response on k.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
-import scipy.sparse as sp
 
-from ..propagator.base import Propagator
 from ..propagator.interface_matrices import resistance
 from ..propagator.interface_probing import ROUGH, Table, interface_tables, long_steps, truncation_of
-from ..propagator.interface_sweeps import applied
 from ..propagator.static import StaticPropagator
-from .assembly import LARGEST, LARGEST_STATIC, Array, Assembly, Index, InterfaceUnit, owners, relative_operator
+from .assembly import Array, Assembly
+from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
+from .relative_operator import LARGEST, LARGEST_STATIC, relative_operator
 from .settings import SearchDirection, Settings
 
 _STATIC = 1.5
@@ -202,100 +187,6 @@ def _median(values: Array) -> float:
     return float(0.5 * (ordered[half] + ordered[-half - 1]))
 
 
-_SAME = 1e-9  # motions that differ by less than this fraction of their size on the points are one
-_SINGULAR = 1e-13
-
-
-class CoarseProblem:
-    """Coarse problem of an assembly bound to the search direction k (n_flat,), Pa s m-1."""
-
-    def __init__(self, assembly: Assembly, k: Array) -> None:
-        motions = _motions(assembly, k)
-        area = assembly.layout.area
-        self._balance = sp.csr_array(motions.T @ sp.diags_array(area))
-        self._incoming = sp.csr_array(sp.diags_array(k) @ motions)
-        responses = sp.lil_array(motions.shape)
-        for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-            for member in range(channels.shape[1]):
-                own = channels[:, member]
-                load = self._incoming[own]
-                touched = np.unique(load.indices)
-                responses[own[:, None], touched] = _responses(propagator, load[:, touched].toarray())
-        self._response = sp.csr_array(responses)
-        operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._response)).toarray()
-        self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns of the coarse problem."""
-        return len(self._inverse)
-
-    def fields(self) -> dict[str, Array | sp.csr_array]:
-        """Fields with which the kernels balance q and the W of the substructures."""
-        return {
-            "coarse_inverse": self._inverse,
-            "coarse_balance": self._balance,
-            "coarse_incoming": self._incoming,
-            "coarse_answer": self._response,
-        }
-
-
-def _responses(propagator: Propagator, traction: Array) -> Array:
-    """Y times tractions (n_channel, m) for the k that the propagator is bound to, m s-1."""
-    if not propagator.swept:
-        return np.asarray(propagator.response @ traction)
-    ops = propagator.operators
-    return applied(propagator.condensed, ops.trace, ops.compliance.gain, ops.area[:, None] * traction)
-
-
-def _motions(assembly: Assembly, k: Array) -> sp.csr_array:
-    """Affine motions of each interface on the channels of both its sides, (n_flat, n_coarse)."""
-    columns: list[Array] = []
-    rows: list[Index] = []
-    for i, unit in enumerate(assembly.interfaces):
-        first, second = (assembly.layout.channels(i, side).ravel() for side in (0, 1))
-        moves = (k[first] > 0) & (k[second] > 0)
-        if moves.any():
-            basis = affine_motions(unit) * moves[:, None]
-            size = np.sqrt(assembly.layout.area[first])[:, None]
-            shapes, strength, _ = la.svd(size * basis, full_matrices=False)
-            kept = strength > _SAME * strength[0]
-            rows.append(np.concatenate([first, second]))
-            columns.append(np.tile(shapes[:, kept] / size, (2, 1)))
-    n = assembly.layout.n_flat
-    starts = np.cumsum([0, *(c.shape[1] for c in columns)])
-    blocks = [
-        sp.coo_array(
-            (c.ravel(), (np.repeat(r, c.shape[1]), np.tile(np.arange(c.shape[1]) + s, len(r)))),
-            shape=(n, int(starts[-1])),
-        )
-        for r, c, s in zip(rows, columns, starts[:-1], strict=True)
-    ]
-    return sp.csr_array(sum(blocks[1:], blocks[0])) if blocks else sp.csr_array((n, 0))
-
-
-def affine_motions(unit: InterfaceUnit) -> Array:
-    """Velocities (n_point * n_component, 12) of the points of an interface in the motions 1, x, y, z along each axis,
-    local frames; some depend on others (12 on 9 where the points lie in a plane)."""
-    points = unit.geometry.points - unit.geometry.points.mean(axis=0)
-    size = float(np.abs(points).max()) or 1.0
-    shapes = np.concatenate([np.ones((len(points), 1)), points / size], axis=1)
-    motions = np.einsum("ps,ij->pijs", shapes, np.eye(3)).reshape(len(points), 3, -1)
-    frames = unit.geometry.frames[:, : unit.behaviour.n_component]
-    local: Array = np.einsum("pci,pim->pcm", frames, motions)
-    return local.reshape(-1, local.shape[2])
-
-
-def _pseudo_inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive matrix, zero on motions without resistance."""
-    if not len(matrix):
-        return matrix
-    values, vectors = la.eigh(matrix)
-    used = values > _SINGULAR * values[-1]
-    inverse: Array = (vectors[:, used] / values[used]) @ vectors[:, used].T
-    return inverse
-
-
 FLOOR = 1e-3
 """Fraction of the characteristic traction below which fields are negligible."""
 _WIDENING = 3.0
@@ -312,11 +203,15 @@ class Direction:
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared. tables : ``interface_probing``, from ``bind``.
     newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
-    the size of their matrix. relative : fields of the record of the run that describe it.
+    the size of their matrix. relative : fields of the record of the run that describe it. whole : of a part of the
+    assembly (``Part.direction``) that of the whole one, else the direction itself. own_coarse : of a part what makes
+    its coarse problem of that of the whole.
     """
 
+    own_coarse: Callable[[CoarseProblem], CoarseProblem] | None = None
+
     def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
-        self.assembly, self._settings, self._n = assembly, settings, n
+        self.assembly, self.whole, self._settings, self._n = assembly, self, settings, n
         self.k, self.choice = channel_k(assembly, settings.search_direction, n)
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
         self.metric = assembly.layout.area * self.z
@@ -372,6 +267,10 @@ class Direction:
 
     def bind(self, exact: bool = False) -> None:
         """Condense the propagators on this direction; ``exact``: without tables of Y."""
+        if self.own_coarse is not None:
+            self.whole.bind(exact)
+            self.coarse = None if self.whole.coarse is None else self.own_coarse(self.whole.coarse)
+            return
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)
         if self._short:
@@ -398,12 +297,9 @@ class Direction:
         q: Array = f_hat + self.k * w_hat
         return q
 
-    def relative_fields(self, part: Assembly) -> dict[str, Any]:
-        """Fields of the record of the run for Newton steps, empty where there are none; ``part`` : of the assembly,
-        whose substructures the image holds."""
-        if not self.newton or part is self.assembly:
-            return self.relative if self.newton else {}
-        return self.relative | dict(zip(("owner", "owner_class", "live_row"), owners(part), strict=True))
+    def relative_fields(self) -> dict[str, Any]:
+        """Fields of the record of the run for Newton steps, empty where there are none."""
+        return self.relative if self.newton else {}
 
     def run_fields(self) -> dict[str, Any]:
         """Fields of the record of the run (``kernels.records``)."""
@@ -413,8 +309,8 @@ class Direction:
             proximal /= _WIDENING  # the same share of z
         sparse = any("y" in p.tables for p in self.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
-        fields["newton_z"] = self._newton_z
-        if self.coarse is not None and self.coarse.size:
+        fields["newton_z"] = self.newton_z
+        if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()
         return fields
 
@@ -423,14 +319,14 @@ class Direction:
         fields = []
         for group in self.assembly.layout.groups:
             own = {}
-            for name, z in (("z_sum", self.z), ("newton_z_sum", self._newton_z)):
+            for name, z in (("z_sum", self.z), ("newton_z_sum", self.newton_z)):
                 both = group.block(z).sum(axis=0)
                 own[name] = np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]])
             fields.append(own)
         return fields
 
     @cached_property
-    def _newton_z(self) -> Array:
+    def newton_z(self) -> Array:
         """z (n_flat,) of the laws in Newton steps: by products, _WIDENING times that of the iteration, but for laws
         that are written in Python."""
         if not self.relative.get("krylov"):

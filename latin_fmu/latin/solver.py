@@ -21,10 +21,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..kernels import entries
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
 from ..propagator.image import Image
-from .assembly import Array, Assembly
+from .assembly import Array
 from .outcome import WindowRecord
 from .run_image import Iterate, Stages, rules
 from .search_direction import Direction
@@ -81,7 +80,7 @@ class WindowSolver:
         best: Iterate | None = None
         limit, phase, iteration = record.iterations + settings.max_iterations, 0, 0
         while True:
-            self._evaluate(stages, record, iteration)
+            self._evaluate(stages, record, iteration, phase)
             accelerated = settings.anderson_depth > 0 and used[-1:] != [RELAXED]
             verdict = stages.judge(phase, iteration, accelerated)
             if verdict & (BEST | CONVERGED) or best is None:
@@ -112,14 +111,14 @@ class WindowSolver:
                 self._next(stages, phase, phase, used)
             else:
                 limit = record.iterations + _AFTER_POINTS
-                self._point_by_point(stages, best)
+                stages.points_one_by_one(best.f_hat[0])
         stages.put(best)
         return best
 
     @staticmethod
-    def _evaluate(stages: Stages, record: WindowRecord, iteration: int) -> None:
+    def _evaluate(stages: Stages, record: WindowRecord, iteration: int, phase: int) -> None:
         """One iteration from the q of the image; its measures go to ``record``."""
-        stages.evaluate(iteration)
+        stages.evaluate(iteration, phase)
         measures = stages.measures()
         record.error_indicator.append(float(measures[0]))
         record.force_mismatch.append(float(measures[1]))
@@ -129,7 +128,7 @@ class WindowSolver:
         if used and (used[-1] == RELAXED or self._settings.anderson_depth == 0):
             stages.field("q")[...] += 0.5 * stages.field("r")
         else:
-            stages.image.call(entries.NEXT, stages.n, iteration, phase)
+            stages.advance(iteration, phase)
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
@@ -141,19 +140,6 @@ class WindowSolver:
         # have no matrix of theirs
         usable = enough and stages.n == 1 and not static and not stages.direction.assembly.swept
         return POINT_BY_POINT if usable and POINT_BY_POINT not in used else None
-
-    def _point_by_point(self, stages: Stages, best: Iterate) -> None:
-        """Set q by the solution point by point, from the tractions of the best iterate."""
-        image, direction = stages.image, stages.direction
-        stages.free_motion()
-        free = image.field("w", image.n_flat).copy()
-        gaps = [
-            image.group_field(g, "reach", group.n_point, group.n_component if group.behaviour.elastic else 1).copy()
-            for g, group in enumerate(direction.assembly.layout.groups)
-        ]
-        rates = float(1.0 / image.run[0]["dt"]), float(image.run[0]["layer_rate"])
-        f_hat, w_hat = direction.points.solve(free, best.f_hat[0], gaps, rates)
-        stages.field("q")[0] = direction.incoming(f_hat, w_hat)
 
     def _report(self, number: int, record: WindowRecord, stages: Stages) -> None:
         """Call the receivers of progress and of iterates."""
@@ -176,22 +162,25 @@ _SOFT_TOLERANCE, _SOFT_ITERATIONS = 1e-2, 12
 _SOFT = -1  # key of the soft search direction in the image
 
 
-def softening(assembly: Assembly, k: Array, gaps: list[Array]) -> float | None:
-    """Factor on k (n_flat,) with which the loads close the largest gap at once; None where k does."""
-    gap = max((float(g.max(initial=0.0)) for g in gaps), default=0.0)
+def softening(direction: Direction, gap: float) -> float | None:
+    """Factor on k with which the loads close the largest gap at once; None where k does."""
+    assembly = direction.whole.assembly
     if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
         return None
-    crossed = assembly.characteristic_traction / float(k.max()) * assembly.dt / gap
+    crossed = assembly.characteristic_traction / float(direction.whole.k.max()) * assembly.dt / gap
     return crossed if crossed < _FAR else None
 
 
 def softened_start(
-    assembly: Assembly, settings: Settings, image: Image, stages: Stages, gaps: list[Array]
+    settings: Settings, image: Image, stages: Stages, gap: float, make: Callable[[Settings], Direction]
 ) -> Array | None:
     """First guess q (n_flat,) of an increment without inertia by a short iteration with a soft search direction, which
-    stays bound to propagators and image; None where the loads close the gaps without it."""
+    stays bound to propagators and image; None where the loads close the gaps without it.
+
+    gap : the largest one, m. make : the search direction for one instant by settings.
+    """
     direction = stages.direction
-    factor = softening(assembly, direction.k, gaps)
+    factor = softening(direction, gap)
     if factor is None:
         return None
     search = replace(settings.search_direction, factor=factor * settings.search_direction.factor)
@@ -203,7 +192,7 @@ def softened_start(
         max_iterations=_SOFT_ITERATIONS,
         newton=False,
     )
-    soft = Direction(assembly, rough, 1)
+    soft = make(rough)
     soft.bind()
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
     image.set(rules(rough))

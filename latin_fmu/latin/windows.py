@@ -23,11 +23,12 @@ from ..kernels import entries
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, pays
 from .outcome import Timings, WindowRecord
-from .processes import Processes, SharedStages
+from .part import Part
 from .recorder import Recorder
 from .run_image import Stages, rules
 from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
+from .shared_stages import SharedStages
 from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 
 _MOST_REFUSALS = 3  # instants that need a fall-back, after which all others take the exact operator
@@ -74,7 +75,7 @@ class Run(RunState):
 
     Parameters
     ----------
-    assembly, settings, recorder, timings, communication, processes : as for ``RunState``.
+    assembly, settings, recorder, timings, communication, part : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
     monitor : checks the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
@@ -95,12 +96,12 @@ class Run(RunState):
         monitor: WindowMonitor | None = None,
         fields: WindowFields | None = None,
         communication: Mapping[str, Any] | None = None,
-        processes: Processes | None = None,
+        part: Part | None = None,
     ) -> None:
         self._observer, self._progress, self._monitor, self._fields = observer, progress, monitor, fields
         self.interrupted = False
         settings = settings if observer is None else replace(settings, tables=0.0)
-        super().__init__(assembly, settings, recorder, timings, communication, processes)
+        super().__init__(assembly, settings, recorder, timings, communication, part)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
         """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
@@ -175,7 +176,7 @@ class Run(RunState):
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
         bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
-        operator = bonds.incoming(direction.k)
+        operator = None if self.part is not None else bonds.incoming(direction.k)
         self._direct_bonds = True
         if operator is None:
             self._bonds = bonds
@@ -293,8 +294,7 @@ class Run(RunState):
             stages.predict()
             stages.first_guess()
             if self._bonds is not None:
-                stages.free_motion()
-                guess = self._bonds.guess(image.field("w", image.n_flat).copy(), stages.direction.k)
+                guess = stages.bonded(self._bonds)
         elif guess is None:
             guess = stages.direction.incoming(self.f_hat, self.w_hat)
         if guess is not None:
@@ -375,7 +375,8 @@ class Run(RunState):
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
     def _restart(self, stages: Stages, record: WindowRecord) -> None:
         """Begin the window once more: with a softened start, or from rest where the loads close the gaps without it."""
-        q = softened_start(self.assembly, self.settings, self.image, stages, self.gaps())
+        gap = stages.largest(max((float(g.max(initial=0.0)) for g in self.gaps()), default=0.0))
+        q = softened_start(self.settings, self.image, stages, gap, lambda settings: self.made_direction(settings, 1))
         record.fallbacks.append(FROM_REST if q is None else SOFTENED)
         self._use(1)
         self._begin_window(stages)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.pieces import pieces, row_parts
 from ..cholesky.substitution import LANES, SPARE, TILED
+from ..kernels.active_points import SCRATCH
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM
 from ..kernels.krylov import SMALL, VECTORS
-from ..kernels.newton import SCRATCH
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
@@ -176,7 +176,6 @@ def constants(
     flat: Index,
     probe: sp.csr_array | None,
     sensor: sp.csr_array | None,
-    checked: Index | None,
     normal: NDArray[np.bool_],
     halves: Halves,
 ) -> Row:
@@ -185,8 +184,7 @@ def constants(
     Parameters
     ----------
     propagator : of the class. flat : (n_channel, m) places of its channels. probe : (n_probe, n) rows whose velocities
-    are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. checked : channels of all members of
-    the class, None where this process holds them all. normal : (n_flat,) True where a
+    are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. normal : (n_flat,) True where a
     channel is normal to its interface. halves : patterns that are in the block already.
     """
     ops, m = propagator.operators, flat.shape[1]
@@ -210,10 +208,7 @@ def constants(
     _factor(block, row, factor)
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
-    row["channels"] = row["checked"] = block.put(np.ascontiguousarray(flat), np.int64)
-    row["n_checked"] = flat.size
-    if checked is not None:
-        row["n_checked"], row["checked"] = len(checked), block.put(checked, np.int64)
+    row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
@@ -387,9 +382,10 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "inner_answer": g * m,
         "free_a": g * m,
         "w_free": c * m,
-        "solved_q": window * row["n_checked"],
+        "solved_q": window * c * m,
         "solved_w": window * c * m,
         "known": 1,
+        "changes": window * row["divided"],
         "kept_states": row["n_state"] * (window // stride + 1) if window > 1 else 0,
         "channel": c * m,
         "answer": c * m,
@@ -430,7 +426,9 @@ def newton_sizes(run: Row, n: int) -> dict[str, int]:
     largest = int(run.get("n_unknown", 0))
     names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
     sizes = dict.fromkeys(names if largest else (), n)
-    sizes |= {"unknown_of": run["n_point"] + 1, "unknown_start": int(run.get("n_block", 0)) + 1}
+    places = int(run.get("n_place", 0))
+    sizes |= {"elsewhere": places * int(run.get("shared", 0)), "unknown_of": places + 1}
+    sizes |= {"unknown_start": int(run.get("n_block", 0)) + 1}
     own = largest if run.get("krylov") else 0
     sizes |= {"basis": (VECTORS + 1) * own, "krylov_work": 3 * own + SMALL if own else 0}
     sizes |= {"row_at": largest, "pivots": largest, "unknowns": largest + 3, "block": 9, "elimination": SCRATCH}

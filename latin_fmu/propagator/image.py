@@ -24,7 +24,7 @@ from ..kernels.records import CLASS, GROUP, RUN
 from ..kernels.tasks import CHUNK
 from ..kernels.team import MARKS, PARTS
 from ..time_scheme.scheme import coefficients
-from . import class_record
+from . import class_record, run_record
 from .class_record import Block
 from .model import Array, Index
 
@@ -62,7 +62,7 @@ class Image:
     normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
     velocities are kept, or None; sensors : likewise of their displacements, velocities and accelerations.
     run, groups : further fields of the records by name: numbers, arrays and matrices.
-    checked : per class the channels of all its members, None where this image holds them all.
+    divided : per class whether other processes hold members of it.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
@@ -78,7 +78,7 @@ class Image:
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
         sensors: Sequence[sp.csr_array | None] | None = None,
-        checked: Sequence[Index | None] | None = None,
+        divided: Sequence[bool] | None = None,
     ) -> None:
         self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
         self.channels = list(channels)
@@ -103,8 +103,10 @@ class Image:
         }
         self._groups = [self._placed(group, fixed) for group in groups]
         none = [None] * len(self.propagators)
-        per_class = zip(self.propagators, channels, probes or none, sensors or none, checked or none, strict=True)
+        per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
         self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
+        for row, some_elsewhere in zip(self._rows, divided or none, strict=True):
+            row["divided"] = int(bool(some_elsewhere))
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
@@ -148,7 +150,7 @@ class Image:
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
         sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface}
-        sizes |= _communication_state(run, n_interface)
+        sizes |= {"touched": int(run.get("shared", 0))} | run_record.communication_state(run, n_interface)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
         self._n_state = block.size
@@ -165,15 +167,18 @@ class Image:
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
-        sizes |= {"coarse": 2 * int(run.get("n_coarse", 0)), "displacement": n, "layer": n}
+        sizes |= {"displacement": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
         sizes |= {"measure": 8, "counts": 2, "course": 8}
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
         sizes |= {"team": MARKS + team.LINE * tasks, "order": len(self._rows)}
-        sizes |= class_record.newton_sizes(run, n) | _communication_work(run)
+        sizes |= run_record.sums(run, n_interface) | run_record.messages(run, self.window, len(self._rows))
+        sizes |= class_record.newton_sizes(run, n) | run_record.communication_work(run)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
+        if not run.get("shared", 0):
+            run["own_parts"], run["coarse_own"] = run["parts"], run["coarse_parts"]
         per_row = 2 * n + run["n_point"] + 2 * most + 2 + run.get("n_drive", 0) + run.get("n_output", 0)
         for row in self._rows:
             per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
@@ -374,6 +379,15 @@ class Image:
         at = self._run["k"]
         self.field("local_f", n)[flat] = q - self.fixed[at : at + n][flat] * w
 
+    @property
+    def run_fields(self) -> Fields:
+        """Numbers and places of the record of the run."""
+        return self._run
+
+    def class_field(self, c: int, name: str, *shape: int) -> Array:
+        """An array of a class in the moving block, a view of this shape."""
+        return self._of(c, name, *shape)
+
     def _of(self, c: int, name: str, *shape: int) -> Array:
         at = self._rows[c][name]
         return self.moving[at : at + prod(shape)].reshape(shape)
@@ -429,22 +443,3 @@ class Image:
             marched += int(self.moving[row["marched"]])
             self.moving[row["marched"]] = 0.0
         return marched, solved
-
-
-def _communication_state(run: Fields, n_interface: int) -> dict[str, int]:
-    """Numbers of the arrays of the state of a co-simulation; none elsewhere."""
-    if not run.get("n_output", 0):
-        return {}
-    inputs, motion, outputs = (run.get(name, 0) for name in ("n_input", "n_motion_state", "n_output"))
-    sizes: dict[str, int] = dict.fromkeys(("reached", "slope", "before", "held", "rated"), inputs)
-    sizes |= {"motion_state": motion, "impulse": 3 * n_interface, "present": outputs, "progress": 8}
-    return sizes | {"event_rates": 2 * n_interface}
-
-
-def _communication_work(run: Fields) -> dict[str, int]:
-    """Numbers of the work arrays of a co-simulation but those with a row an instant."""
-    sizes = {"input_value": run.get("n_input", 0), "input_rate": run.get("n_input", 0)}
-    sizes |= {"next_state": run.get("n_motion_state", 0), "signal": run.get("n_signal", 0)}
-    sizes |= {"column": run.get("column_rows", 0), "last_columns": 2 * run.get("column_rows", 0)}
-    sizes |= {"shear": 3 * run.get("n_interface", 0) * min(run.get("n_output", 0), 1)}
-    return sizes | {"opening": run.get("opening_rows", 0), "field": run.get("field_rows", 0)}

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from latin_fmu.latin.record import Timings
 
-from latin_fmu.kernels import acceleration
+from latin_fmu import load_scene
+from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.kernels import acceleration, entries
 from latin_fmu.kernels.acceleration import Anderson
+from latin_fmu.latin.recorder import Recorder
+from latin_fmu.latin.windows import Run
+
+MODELS = Path(__file__).parents[2] / "models"
 
 Map = Callable[[np.ndarray], np.ndarray]
 
@@ -22,16 +31,14 @@ class Accelerated:
         self.arrays: list[np.ndarray] = []
         self.count = 0
 
-    def next(self, q: np.ndarray, residual: np.ndarray, longest: float = np.inf) -> np.ndarray:
+    def next(self, q: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Next iterate."""
         n, depth = q.size, self._depth
         if not self.arrays:
-            sizes = (n, n, depth * n, depth * n, depth * depth, (depth + 3) * depth)
+            sizes = (n, n, depth * n, depth * n, depth * depth, (depth + 5) * depth)
             self.arrays = [np.full(size, np.nan) for size in sizes]
-        out = q.ravel().copy()
-        acceleration.anderson(
-            out, residual.ravel().copy(), depth, self._relaxation, longest, self._weight, *self.arrays, self.count
-        )
+        out, weight = q.ravel().copy(), np.tile(self._weight, n // len(self._weight))
+        acceleration.anderson(out, residual.ravel().copy(), depth, self._relaxation, weight, *self.arrays, self.count)
         self.count += 1
         return out.reshape(q.shape)
 
@@ -113,18 +120,31 @@ def test_step_is_that_of_a_dense_least_squares_problem(shape: tuple[int, int], r
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-def test_a_step_is_no_longer_than_allowed() -> None:
-    """In lengths of the residual; a shorter one is left as it is."""
-    weight, rng = np.array([1.0, 4.0, 0.5]), np.random.default_rng(1)
-    free, held = Accelerated(weight, 3, 1.0), Accelerated(weight, 3, 1.0)
-    lengths = []
-    for _ in range(6):
-        q, r = rng.normal(size=(2, 1, 3))
-        step, short = free.next(q, r) - q, held.next(q, r, longest=2.0) - q
-        size = np.sqrt((weight * step**2).sum() / (weight * r**2).sum())
-        lengths.append(size)
-        np.testing.assert_allclose(short, step * min(1.0, 2.0 / size), rtol=1e-12)
-    assert min(lengths) < 2.0 < max(lengths)
+@pytest.mark.parametrize("window", [1, 3])
+def test_sums_by_interface_give_the_same_step(window: int) -> None:
+    """In the image of a run, where sums are taken over each interface first; a step that is too long is shortened to so
+    many lengths of the residual, a shorter one left as it is."""
+    scene = load_scene(MODELS / "stacked_blocks" / "n04.toml")
+    problem = solver_ready(discretise(scene), {})
+    settings = replace(problem.settings, window=window, anderson_depth=3, relaxation=0.9)
+    run = Run(problem.assembly, settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
+    run._use(window)
+    assert len(problem.assembly.interfaces) > 2
+    image, metric, rng, lengths = run.image, run.direction(window).metric, np.random.default_rng(1), list[float]()
+    q, r = (image.field(name, window, image.n_flat) for name in ("q", "r"))
+    for longest in (np.inf, 0.9):
+        image.set({"longest_step": longest})
+        plain = Accelerated(metric, 3, 0.9)
+        for count in range(6):
+            start, residual = rng.normal(size=(2, *q.shape))
+            q[...], r[...] = start, residual
+            image.call(entries.NEXT, window, count, 0)
+            step = plain.next(start, residual) - start
+            size = float(np.sqrt((metric * step**2).sum() / (metric * residual**2).sum()))
+            share = min(1.0, longest / size) if count else 1.0
+            lengths += [size] * (count > 0)
+            np.testing.assert_allclose(q - start, share * step, rtol=0, atol=1e-10 * np.abs(step).max())
+    assert max(lengths) > 0.9
 
 
 def test_what_other_iterations_use_is_the_same() -> None:

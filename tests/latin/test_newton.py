@@ -13,7 +13,7 @@ from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import envelope, laws
 from latin_fmu.kernels.laws import LAWS
 from latin_fmu.latin import search_direction
-from latin_fmu.latin.assembly import LARGEST, ordered_blocks, owners, relative_operator
+from latin_fmu.latin.relative_operator import LARGEST, ordered_blocks, relative_operator
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, rubbing
 
 RNG = np.random.default_rng(5)
@@ -79,7 +79,7 @@ def test_blocks_of_a_chain_are_neighbours() -> None:
     scene = column(boxes, {f"i{i}": {"friction_coefficient": 0.3} for i in range(4)}, {"end": 1e-6, "instants": 1})
     scene["interface"] = {f"i{i}": scene["interface"][f"i{i}"] for i in (2, 0, 3, 1)}
     assembly = build(latin_fmu.scene_from_dict(scene)).assembly
-    order, low, high = ordered_blocks(assembly, owners(assembly)[0])
+    order, low, high = ordered_blocks(assembly, assembly.owners()[0])
     assert (low.tolist(), high.tolist()) == ([0, 0, 1, 2], [1, 2, 3, 3])
     names = [assembly.interfaces[i].name for i in order]
     assert names in (sorted(names), sorted(names)[::-1])

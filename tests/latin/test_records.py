@@ -20,9 +20,9 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
+from latin_fmu.kernels.active_points import SCRATCH
 from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.kernels.krylov import SMALL, VECTORS
-from latin_fmu.kernels.newton import SCRATCH
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.kernels.tasks import CHUNK
@@ -199,7 +199,8 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "half_solution": n * padded_(m),
         **dict.fromkeys(("inner", "inner_answer", "free_a"), g * m),
         "w_free": c * m,
-        "solved_q": window * int(row["n_checked"]),
+        "solved_q": window * c * m,
+        "changes": window * int(row["divided"]),
         "solved_w": window * c * m,
         "channel": c * m,
         "answer": c * m,
@@ -243,7 +244,10 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "dr": depth * w * n,
         "gram": depth**2,
         "least": (depth + 3) * depth,
-        "coarse": 2 * int(run["n_coarse"]),
+        "coarse": int(run["n_coarse"] + run["n_coarse_here"]),
+        "coarse_parts": 2 * int(run["n_coarse"]),
+        "parts": parts * (3 + 2 * depth),
+        "totals": 3 + 2 * depth,
         "displacement": n,
         "layer": n,
         "shares": parts,
@@ -270,7 +274,8 @@ def newton_sizes(run: Any) -> dict[str, int]:
     return {
         "course": 8,
         **dict.fromkeys(names if most else (), n),
-        "unknown_of": int(run["n_point"]) + 1,
+        "unknown_of": int(run["n_place"]) + 1,
+        "elsewhere": 0,
         "unknown_start": int(run["n_block"]) + 1,
         **dict.fromkeys(("row_at", "pivots"), most),
         **dict.fromkeys(("columns", "rows", "softness"), 3 * (most + 3)),

@@ -30,13 +30,21 @@ class OneNumber:
         depth, most = settings.anderson_depth, 3 * settings.max_iterations + 64
         sizes = dict.fromkeys(("q", "local_f", "local_w", "r", "last_q", "last_r"), 2)
         sizes |= {"dq": 2 * depth, "dr": 2 * depth, "gram": depth**2, "least": (depth + 3) * depth}
-        sizes |= {"merits": 2 * most, "measure": 8, "scales": 3}
+        sizes |= {"merits": 2 * most, "measure": 8, "scales": 3, "parts": 3 + 2 * depth, "totals": 3 + 2 * depth}
         run, self.moving = np.zeros(1, dtype=RUN), np.zeros(ROOM * (len(sizes) + 1) + sum(sizes.values()))
         end = 0
         for name, size in sizes.items():
             run[name], end = end, end + size + ROOM
+        fixed = np.ones(5)  # metric; first channels of both sides of the interface and their number; its row of sums
+        fixed.view(np.int64)[1:] = 0, 0, 1, 0
         numbers = {
             "n_flat": 1,
+            "n_interface": 1,
+            "n_part": 1,
+            "part_width": 3 + 2 * depth,
+            "own_parts": int(run["parts"][0]),
+            "segments": 1,
+            "part_order": 4,
             "depth": depth,
             "relaxation": settings.relaxation,
             "longest_step": np.inf,
@@ -48,7 +56,7 @@ class OneNumber:
             run[name] = value
         kind = np.recarray if PLAIN else np.ndarray
         rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
-        self.pools = pools_of(run.view(kind), *rows, np.ones(1), self.moving)
+        self.pools = pools_of(run.view(kind), *rows, fixed, self.moving)
 
     def field(self, name: str, *shape: int) -> Any:
         """A view."""
@@ -73,7 +81,7 @@ class Scripted(Stages):
         self.force_residuals = [0.0] * len(errors) if force_residuals is None else force_residuals
         self.asked: list[float] = []
 
-    def evaluate(self, iteration: int) -> None:
+    def evaluate(self, iteration: int, phase: int = 0) -> None:  # noqa: ARG002
         """The next of the script."""
         i = len(self.asked)
         assert iteration in (0, i)

@@ -1,0 +1,202 @@
+"""Unknowns of a Newton step at the active points of the interfaces, and their matrix (``newton``).
+
+The points are numbered block after block as the interfaces are coupled, those of all processes of a run. A process has
+the columns and rows of the points of the interfaces it holds, and adds what its substructures contribute to the matrix;
+the others are told how many unknowns each point has (``elsewhere``). Contributions of a point alone are added where its
+interface is owned.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+from .envelope import PANEL, TILE, factorise, place_rows, substitute
+from .laws import tangent
+from .products import entry_of, symmetric_size
+
+Array = NDArray[np.float64]
+
+SINGULAR = 1e-14
+"""Smallest over largest pivot below which no step is made."""
+SCRATCH = PANEL * (TILE + 1) + 2
+"""Numbers of scratch of the elimination."""
+
+
+@kernel
+def coupling(pools: Any, p: int, q: int, block: Array) -> bool:
+    """block (3, 3) = entries of A between the components of the points p and q; False where they share no body."""
+    run, fixed_int = pools.run[0], pools.fixed_int
+    if fixed_int[run.point_group + q] < 0:
+        return False
+    gp, gq = pools.groups[fixed_int[run.point_group + p]], pools.groups[fixed_int[run.point_group + q]]
+    at_p = gp.start + fixed_int[run.point_number + p] * gp.n_component
+    at_q = gq.start + fixed_int[run.point_number + q] * gq.n_component
+    owner, place = fixed_int[run.owner : run.owner + run.n_flat], fixed_int[run.live_row : run.live_row + run.n_flat]
+    block[:] = 0.0
+    coupled = False
+    for side in range(2):
+        first = at_p + side * gp.n_point * gp.n_component
+        for other in range(2):
+            second = at_q + other * gq.n_point * gq.n_component
+            if owner[first] < 0 or owner[first] != owner[second]:
+                continue
+            coupled = True
+            row = pools.classes[fixed_int[run.owner_class + first]]
+            weight = pools.fixed[run.area + second] if side == other else -pools.fixed[run.area + second]
+            n, plain, m = row.n_live, row.plain_response, row.m
+            table = pools.fixed[row.admittance : row.admittance + symmetric_size(n, plain, m)]
+            for a in range(gp.n_component):
+                i = place[first + a]
+                if i < 0:
+                    continue
+                for b in range(gq.n_component):
+                    j = place[second + b]
+                    if j >= 0:
+                        block[3 * a + b] += weight * entry_of(n, table, plain, m, i, j)
+    return coupled
+
+
+@kernel
+def activate(pools: Any) -> int:
+    """Unknowns at the points by the state of the last local stage: columns, rows, diagonal and right-hand side; their
+    number."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    unknown_of, f_hat = (
+        numbers[run.unknown_of : run.unknown_of + run.n_place + 1],
+        work[run.local_f : run.local_f + run.n_flat],
+    )
+    f, z = work[run.f : run.f + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
+    block_start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
+    block_points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
+    count, b = 0, 0
+    for p in range(run.n_place):
+        while p == block_points[b]:
+            block_start[b] = count
+            b += 1
+        unknown_of[p] = count
+        if pools.fixed_int[run.point_group + p] < 0:  # of an interface between other processes
+            for i in range(numbers[run.elsewhere + p]):
+                work[run.unknowns + count + i] = 0.0
+            count += numbers[run.elsewhere + p]
+            continue
+        g, at = pools.fixed_int[run.point_group + p], pools.fixed_int[run.point_number + p]
+        group = pools.groups[g]
+        h, n_parameter = group.n_component, group.n_parameter
+        width = h if group.elastic == 1 else 1
+        columns, rows = (
+            work[run.columns + 3 * count : run.columns + 3 * (count + 3)],
+            work[run.rows + 3 * count : run.rows + 3 * (count + 3)],
+        )
+        softness = work[run.softness + 3 * count : run.softness + 3 * (count + 3)]
+        z_sum = pools.fixed[group.newton_z_sum + 2 * at : group.newton_z_sum + 2 * at + 2]
+        made = tangent(
+            group.law,
+            work[group.jump + at * h : group.jump + (at + 1) * h],
+            z_sum,
+            work[group.reach + at * width : group.reach + (at + 1) * width],
+            run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
+            pools.fixed[group.parameters + at * n_parameter : group.parameters + (at + 1) * n_parameter],
+            work[group.tangent + at * 9 : group.tangent + at * 9 + 9] if group.law < 0 else softness,
+            run.proximal,
+            columns,
+            rows,
+            softness,
+        )
+        first = group.start + at * h
+        second = first + group.n_point * h
+        for i in range(made):
+            total = 0.0
+            for a in range(h):
+                rest = z[first + a] * f[first + a] - z[second + a] * f[second + a] - z_sum[min(a, 1)] * f_hat[first + a]
+                total -= rows[3 * i + a] * rest
+            work[run.unknowns + count + i] = total
+        count += made
+    while b <= run.n_block:
+        block_start[b] = count
+        b += 1
+    unknown_of[run.n_place] = count
+    return count
+
+
+@kernel
+def add_relative(pools: Any, v: Array) -> None:
+    """Add r_i . (v' - v) of the velocities v (N,) to the right-hand side."""
+    run, work = pools.run[0], pools.moving
+    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
+    for p in range(run.n_place):
+        if pools.fixed_int[run.point_group + p] < 0:
+            continue
+        group = pools.groups[pools.fixed_int[run.point_group + p]]
+        h = group.n_component
+        first = group.start + pools.fixed_int[run.point_number + p] * h
+        second = first + group.n_point * h
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            for a in range(h):
+                work[run.unknowns + i] += work[run.rows + 3 * i + a] * (v[second + a] - v[first + a])
+
+
+@kernel
+def assemble(pools: Any) -> int:
+    """Matrix of the active points in its envelope, but for ``soften``, by the substructures here; its size."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_place + 1]
+    start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
+    low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
+    high = pools.fixed_int[run.block_high : run.block_high + run.n_block]
+    points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
+    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
+    size = place_rows(run.n_block, start, low, high, row_at)
+    matrix = work[run.matrix : run.matrix + size]
+    columns, rows = work[run.columns : run.columns + 3 * run.n_unknown], work[run.rows : run.rows + 3 * run.n_unknown]
+    block = work[run.block : run.block + 9]
+    matrix[:] = 0.0
+    for b in range(run.n_block):
+        for p in range(points[b], points[b + 1]):
+            if unknown_of[p] == unknown_of[p + 1] or pools.fixed_int[run.point_group + p] < 0:
+                continue
+            for q in range(points[low[b]], points[high[b] + 1]):
+                if unknown_of[q] == unknown_of[q + 1] or not coupling(pools, p, q, block):
+                    continue
+                for i in range(unknown_of[p], unknown_of[p + 1]):
+                    r0, r1, r2 = rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]
+                    x = r0 * block[0] + r1 * block[3] + r2 * block[6]
+                    y = r0 * block[1] + r1 * block[4] + r2 * block[7]
+                    w = r0 * block[2] + r1 * block[5] + r2 * block[8]
+                    for j in range(unknown_of[q], unknown_of[q + 1]):
+                        matrix[row_at[i] + j] = x * columns[3 * j] + y * columns[3 * j + 1] + w * columns[3 * j + 2]
+    return size
+
+
+@kernel
+def soften(pools: Any) -> None:
+    """Add what the unknowns of the points owned here add to the matrix among themselves."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    unknown_of = numbers[run.unknown_of : run.unknown_of + run.n_place + 1]
+    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
+    for p in range(run.n_place):
+        if pools.fixed_int[run.point_owned + p] == 0:
+            continue
+        for i in range(unknown_of[p], unknown_of[p + 1]):
+            for j in range(unknown_of[p], unknown_of[p + 1]):
+                work[run.matrix + row_at[i] + j] += work[run.softness + 3 * i + j - unknown_of[p]]
+
+
+@kernel
+def solve_active(pools: Any) -> bool:
+    """Unknowns from their right-hand side; False where the matrix is singular."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
+    low = pools.fixed_int[run.block_low : run.block_low + run.n_block]
+    high = pools.fixed_int[run.block_high : run.block_high + run.n_block]
+    row_at = numbers[run.row_at : run.row_at + run.n_unknown]
+    pivots = numbers[run.pivots : run.pivots + run.n_unknown]
+    matrix = work[run.matrix : run.matrix + run.n_matrix]
+    scratch = work[run.elimination : run.elimination + SCRATCH]
+    if not factorise(run.n_block, start, low, high, row_at, matrix, pivots, scratch) > SINGULAR:
+        return False
+    substitute(run.n_block, start, low, high, row_at, matrix, pivots, work[run.unknowns : run.unknowns + run.n_unknown])
+    return True

@@ -1,0 +1,61 @@
+"""Sums over the interfaces of an assembly, and what the processes of a run exchange (``shared``).
+
+A sum over the assembly is one over each interface first, into a row of ``own_parts``, then over the interfaces in the
+order of the scene. In one process ``own_parts`` and ``parts`` are one array. Of several, each has the rows of the
+interfaces that it owns, and receives those of all. The sums are the same to the last bit for any number of processes:
+the acceleration enlarges round-off by the inverse of pivots down to 1e-12 (``acceleration.RANK``).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ..compiled import ordered_kernel
+
+RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
+    ("n_part", "interfaces of all processes"),
+    ("part_width", "numbers of a row of ``parts``"),
+    ("segments", "constants, int64 (n_interface, 3): first channels of both sides of an interface, channels of a side"),
+    ("part_order", "constants, int64 (n_part,): rows of the interfaces in ``parts``, in the order of the scene"),
+    ("parts", "work (n_part, part_width): sums over each interface, those of all processes"),
+    ("own_parts", "work (n_interface, part_width): those here, which are ``parts`` in one process"),
+    ("totals", "work (part_width,): their sums over the interfaces"),
+    ("n_coarse_here", "those of the interfaces of this process"),
+    ("n_coarse_own", "sums of forces that the substructures of this process have; all: 2 n_coarse"),
+    ("coarse_order", "direction, int64 (2, n_coarse): places of the sums of both sides in ``coarse_parts``"),
+    ("coarse", "work (n_coarse + n_coarse_here,)"),
+    ("coarse_parts", "work (2 n_coarse,): sums of the sides, those of all processes"),
+    ("coarse_own", "work (n_coarse_own,): those here, which are ``coarse_parts`` in one process"),
+    ("shared", "1 where other processes hold substructures: the caller exchanges what they compute (``shared``)"),
+    ("n_process", "processes"),
+    ("n_neighbour", "processes that hold the other side of an interface"),
+    ("n_norm", "classes of all processes, each with the members that one holds, plus ``n_process``"),
+    ("swept", "1 where some class of some process is swept"),
+    ("send_starts", "constants, int64 (n_neighbour + 1,): first of the channels that each neighbour takes"),
+    ("send_places", "constants, int64: these channels"),
+    ("take_starts", "constants, int64 (n_neighbour + 1,): first of the channels taken from each neighbour"),
+    ("take_places", "constants, int64: these channels"),
+    ("norm_order", "constants, int64 (n_norm,): rows of ``all_norms``, those of classes in their order, then flags"),
+    ("touched", "state (1,) where other processes hold substructures: 1 where a traction acts on any interface"),
+    ("outbox", "work (w, channels that neighbours take), twice with ``layers``: messages"),
+    ("inbox", "work (w, channels taken), twice with ``layers``"),
+    ("own_norms", "work (classes + 1, w, 4): norms of the classes here, and 1 where a traction acts"),
+    ("all_norms", "work (n_norm, w, 4): those of all processes"),
+    ("acting", "work (1,): 1 where a traction of the last iterate acts"),
+    ("n_place", "points of the interfaces of all processes, where Newton steps may end an instant"),
+    ("point_owned", "constants, int64 (n_place,): 1 where this process counts the point"),
+    ("elsewhere", "work, int64 (n_place,): unknowns of the points held elsewhere"),
+)
+"""Fields of the record of the run, see ``records``."""
+
+
+@ordered_kernel
+def add_parts(pools: Any, first: int, n: int) -> None:
+    """``totals`` of n columns of ``parts`` from ``first`` on: sums over the interfaces of all processes in their order
+    in the scene, so that they are the same for any number of processes."""
+    run, work = pools.run[0], pools.moving
+    for column in range(first, first + n):
+        total = 0.0
+        for e in range(run.n_part):
+            total += work[run.parts + pools.fixed_int[run.part_order + e] * run.part_width + column]
+        work[run.totals + column] = total

@@ -1,0 +1,136 @@
+"""What the processes of a run exchange between the calls of the kernels (``processes``, ``kernels.shared``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..kernels import entries
+from ..propagator.image import Image
+from .assembly import Array
+from .part import Part
+from .search_direction import Direction
+
+
+class Exchange:
+    """What the processes of a run exchange between the calls of the kernels.
+
+    Parameters
+    ----------
+    part, image : of the assembly that this process holds. direction : that of the part.
+
+    Attributes
+    ----------
+    parts : gathers the sums over each interface. divided : whether some class of the assembly is divided.
+    """
+
+    def __init__(self, part: Part, image: Image, direction: Direction) -> None:
+        self.part, self.processes, self._image = part, part.processes, image
+        run, gathering = image.run_fields, self.processes.gathering
+        width, owned = run["part_width"], list(map(len, part.owned))
+        own, every = (image.field(name, n * width) for name, n in (("own_parts", part.n_owned), ("parts", sum(owned))))
+        self.parts = gathering(own, every, [n * width for n in owned])
+        self._norms: dict[int, Callable[[], None]] = {}
+        self._neighbours: dict[int, Callable[[], None]] = {}
+        self.divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
+        self.fields = 1 + int(run["layers"])
+        self._point_owned = direction.relative.get("point_owned")
+        self.has_coarse = bool(run.get("n_coarse", 0))
+        if self.has_coarse and direction.coarse is not None:
+            shares = direction.coarse.shares
+            shares = [*shares, *[0] * (part.size - len(shares))]
+            self.coarse = gathering(
+                image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
+            )
+
+    def neighbours(self, n: int) -> None:
+        """Exchange messages of n fields with the neighbours."""
+        if n not in self._neighbours:
+            messages, at, start = [], 0, 0
+            for rank, given, taken in self.part.neighbours:
+                end, last = at + n * len(given), start + n * len(taken)
+                messages.append((rank, self._field("outbox", at, end), self._field("inbox", start, last)))
+                at, start = end, last
+            self._neighbours[n] = self.processes.sending(messages)
+        self._neighbours[n]()
+
+    def _field(self, name: str, first: int, last: int) -> Array:
+        return self._image.field(name, last)[first:]
+
+    def share(self, name: str, n: int = 1) -> None:
+        """Exchange n fields with the neighbours, the first of them by its name."""
+        image = self._image
+        given = image.run_fields[name], image.run_fields["layer"] - image.run_fields["displacement"]
+        image.call(entries.SEND, *given, n)
+        self.neighbours(n)
+        image.call(entries.TAKE, *given, n)
+
+    def displacements(self) -> None:
+        """Exchange what gaps and layers start from."""
+        self.share("displacement", self.fields)
+
+    def norms(self, n: int) -> None:
+        """Gather the norms of the force residual over a window of n instants."""
+        if n not in self._norms:
+            sizes = [4 * n * (self.part.whole.owner.count(r) + 1) for r in range(self.part.size)]
+            own, every = (
+                self._image.field("own_norms", sizes[self.part.rank]),
+                self._image.field("all_norms", sum(sizes)),
+            )
+            self._norms[n] = self.processes.gathering(own, every, sizes)
+        self._norms[n]()
+
+    def force_residual(self, n: int) -> None:
+        """Force residual over a window of n instants."""
+        self._image.call(entries.NORMS, n)
+        self.norms(n)
+        self._image.call(entries.RELATIVE_FORCES, n)
+
+    def touch(self) -> None:
+        """Find out whether any traction of the last accepted instant acts."""
+        acts = np.array([float(self._image.field("f_hat", self._image.n_flat).any())])
+        self.processes.add(acts)
+        self._image.field("touched", 1)[0] = float(acts[0] > 0.0)
+
+    def changes(self, n: int) -> None:
+        """Changes of q at all members of the divided classes over a window of n instants."""
+        part, image = self.part, self._image
+        own = [image.class_field(c, "changes", n) for c, divided in enumerate(part.divided) if divided]
+        counts = np.bincount(part.whole.part_of)
+        rows = [[c for c, r in enumerate(part.whole.owner) if r == rank] for rank in range(part.size)]
+        rows = [[c for c in own_rows if counts[part.whole.part_of[c]] > 1] for own_rows in rows]
+        ends = np.cumsum([0, *(n * len(r) for r in rows)]).tolist()
+        every = self.processes.gather(np.concatenate([np.zeros(0), *own]), ends).reshape(-1, n)
+        numbers = [part.whole.part_of[c] for r in rows for c in r]
+        for field, c in zip(own, rows[part.rank], strict=True):
+            total = np.zeros(n)
+            for number, values in zip(numbers, every, strict=True):
+                if number == part.whole.part_of[c]:
+                    total += values
+            field[:] = total
+
+    def counts(self) -> None:
+        """Unknowns of a Newton step at the points that other processes hold."""
+        image = self._image
+        n = int(image.run_fields["n_place"])
+        every = (np.diff(image.counts("unknown_of", n + 1)) * self._point_owned).astype(float)
+        self.processes.add(every)
+        image.counts("elsewhere", n)[:] = every
+
+    def matrix(self, size: int) -> None:
+        """Sum over the processes of matrix and right-hand side of a Newton step."""
+        image = self._image
+        count = int(image.counts("unknown_of", int(image.run_fields["n_place"]) + 1)[-1])
+        for name, n in (("matrix", size), ("unknowns", count)):
+            self.processes.add(image.field(name, n))
+
+    def whole(self, values: Array) -> Array:
+        """Values (n, channels of the assembly) from those of the channels held, (n, n_flat)."""
+        n, picked = len(values), self.part.owned_channels
+        ends = np.cumsum([0, *(n * len(wide) for wide, _ in picked)]).tolist()
+        every = self.processes.gather(values[:, picked[self.part.rank][1]].ravel(), ends)
+        out = np.zeros((n, self.part.whole.layout.n_flat))
+        for (wide, _), first, last in zip(picked, ends, ends[1:], strict=False):
+            out[:, wide] = every[first:last].reshape(n, -1)
+        return out
