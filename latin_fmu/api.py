@@ -223,7 +223,7 @@ def run(
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
-    begin, begin_wall = clock.process_time(), clock.perf_counter()
+    begin = clock.process_time()
     recorder = _recorder(problem, stream, assembly if processes is None else own_part(assembly, processes.rank))
 
     def observe(event: IterationEvent) -> None:
@@ -242,6 +242,8 @@ def run(
             fields,
             processes=processes,
         )
+        ready, ready_wall = clock.process_time(), clock.perf_counter()  # search directions, tables of interfaces
+        timings.setup += ready - begin
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
         march.join()
@@ -275,14 +277,14 @@ def run(
         complete=assembly.instant == assembly.n_instant,
         resultants=balance,
     )
-    _close_timings(timings, clock.process_time() - begin, clock.perf_counter() - begin_wall)
+    _close_timings(timings, clock.process_time() - ready, clock.perf_counter() - ready_wall)
     timings.wall = clock.perf_counter() - wall
     return outcome
 
 
 def _close_timings(timings: Timings, cpu: float, wall: float) -> None:
-    """Divide the CPU time of a run; the march is timed with the wall clock, which costs nothing to read, and has its
-    share of it."""
+    """Divide the CPU time of a run after its set-up; the march is timed with the wall clock, which costs nothing to
+    read, and has its share of it."""
     timings.march *= cpu / wall
     timings.other = cpu - timings.march
     timings.peak_memory = peak_memory()

@@ -258,7 +258,8 @@ class WindowRecord:
 class Timings:
     """CPU seconds of the process by part, and the peak memory in bytes.
 
-    ``march`` : the iteration over all windows. ``predicted`` : its value by the cost model; 0 where there is none.
+    ``setup`` : meshes, matrices, factors, tables of interfaces. ``march`` : the iteration over all windows.
+    ``predicted`` : its value by the cost model; 0 where there is none.
     """
 
     setup: float = 0.0
