@@ -33,6 +33,7 @@ from ..propagator.interface_sweeps import SET_UP
 from ..propagator.registry import PropagatorSettings
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
+from .large_interfaces import Tables, iterated, tables
 
 OPERATIONS: Final = ("flop", "entry", "sparse", "value", "call")
 """``flop`` : multiplications of a factorisation. ``entry`` : entries of factors and condensed operators that are read.
@@ -52,6 +53,8 @@ _PASSES = 0.65  # sweeps of the whole interval per iteration: instants before th
 _SEQUENTIAL = 3.0  # sweeps of the whole interval after a sequential start
 _CALLS = 20.0  # of the Python driver that a run, and each class of substructures, takes once
 _CG_STEPS = 40  # iterations of conjugate gradients per solution, for steps near the wave transit of an element
+_SOLVED = 3.0  # multiplications of a column of a table, over the entries of the factor that it takes
+_PATTERNS = 900.0  # entries: patterns and sums of matrices of a class without dense interfaces, tables of the residual
 _KEPT = 0.3  # calls that keep the fields of a class
 _LANCZOS = 60  # products with the stiffness for the stable step of an explicit propagator
 _STRESS = numbers(sparse=144.0, value=30.0)  # per cell of the stress recovery
@@ -120,11 +123,11 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
     """Sizes of the run of a discretised problem."""
     scene, units = discretised.scene, discretised.units
     share, output, start = _marched(discretised), scene.output, scene.time.start
-    classes = []
-    for c in discretised.classes:
+    classes, form = [], interface_form(scene)
+    sizes = iterated(discretised, [class_size(c.members[0], len(c.members), form) for c in discretised.classes])
+    for c, size in zip(discretised.classes, sizes, strict=True):
         body = discretised.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))
-        size = class_size(c.members[0], len(c.members), interface_form(scene))
         classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
     return RunSize(
         classes=tuple(classes),
@@ -195,7 +198,9 @@ def operator_counts(run: RunSize) -> Array:
     total = numbers(call=_CALLS * len(run.classes))
     for size in (c.size for c in run.classes):
         dense = size.flops + size.interface**3 + 3.0 * size.channels**3
-        dense = SET_UP * size.flops if size.swept else dense
+        if size.swept:
+            dense = SET_UP * size.flops + _SOLVED * size.columns * size.swept
+            total += numbers(sparse=_PATTERNS * size.stiffness)
         if kind == "direct":
             total += numbers(flop=dense)
         elif kind == "explicit":
@@ -245,7 +250,9 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     """One instant of one substructure: half solves, sparse products, one condensed product per iteration."""
     kind, n, condensed = run.propagator.kind, float(size.unknowns), (iterations + 1.0) * size.channels**2
     factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
-    dense = (4.0 + 2.0 * iterations) * size.swept if size.swept else 2.0 * size.interface**2 + condensed
+    dense = 2.0 * size.interface**2 + condensed
+    if size.swept:  # of the march; of the force residual, by tables where steps are short; of the iteration
+        dense = (4.0 if size.product >= 2.0 * size.swept else 2.0) * size.swept + iterations * size.product
     if run.static:
         return numbers(entry=2.0 * factor + dense)
     if kind == "direct":
@@ -287,6 +294,19 @@ class Prediction:
     def __init__(self, discretised: DiscretisedProblem, preparation: float = 0.0) -> None:
         self.discretised, self.scene, self.preparation = discretised, discretised.scene, preparation
         self.run = run_size(discretised)
+
+    @cached_property
+    def tables(self) -> Tables | None:
+        """Sparse tables of large interfaces, by a sample of their columns; None where there are none."""
+        return tables(self.discretised, [c.size for c in self.run.classes])
+
+    def with_tables(self) -> Prediction:
+        """The same, with the products of the iteration by the tables; without them they are counted by substitution."""
+        if self.tables is not None:
+            sizes = self.tables.in_sizes([c.size for c in self.run.classes])
+            pairs = zip(self.run.classes, sizes, strict=True)
+            self.run = replace(self.run, classes=tuple(replace(c, size=size) for c, size in pairs))
+        return self
 
     @cached_property
     def operators(self) -> float:
