@@ -20,7 +20,8 @@ from .assembly.ports import port_lines
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
-from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line
+from .effects.cost import Prediction
+from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
 from .errors import InputError, Problems, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
