@@ -96,6 +96,15 @@ class Floor:
 
         return lambda: self._loop(solve)
 
+    @property
+    def unknowns(self) -> int:
+        """Of the bonded mesh."""
+        return len(self._rank)
+
+    def by(self, factorise: Callable[[sp.csr_array], Callable[[np.ndarray], np.ndarray]]) -> np.ndarray:
+        """The same loop with another solver, made from the operator in the timed region."""
+        return self._loop(factorise(self._operator()))
+
     def superlu(self) -> np.ndarray:
         """SciPy's SuperLU in the nested-dissection order of the mesh, in the same loop."""
         order = np.argsort(self._rank, kind="stable")

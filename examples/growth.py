@@ -32,9 +32,12 @@ import latin_fmu
 from latin_fmu.latin.windows import Run
 
 Line = list[tuple[float, float]]  # size, s per instant
-PLATES, BLOCKS, STACKS, TURNS = (12, 16, 24, 40), (6, 10, 14, 20), (2, 4, 8, 16, 32), 3
+PLATES, BLOCKS, TURNS = (12, 16, 24, 40), (6, 10, 14, 20), 3
+STACKS = (2, 4, 8, 16, 32, 64, 128, 256, 512)
+MANY = 64  # blocks from which on the cost of each is compared: their operators do not fit in the cache
 THREADED = ((16, 4), (8, 6), (4, 10), (1, 14), (2, 14))  # blocks, elements along their edges
-QUICK = ((6, 8), (3, 4), (2, 4), 1)
+QUICK = ((6, 8), (3, 4), 1)
+QUICK_STACKS = (2, 4)
 QUICK_THREADED = ((2, 4),)
 
 
@@ -94,6 +97,16 @@ def print_line(what: str, line: Line) -> None:
     print(f"{what:>10}  " + "  ".join(f"{n:.0f}: {1e3 * s:.3g} ms" for n, s in line) + f"   growth {growth:.2f}")
 
 
+def print_each(line: Line) -> None:
+    """Cost of one block in stacks of many."""
+    each = [1e3 * s / count for count, s in line]
+    print(
+        f"cost of each of {line[0][0]:.0f} to {line[-1][0]:.0f} blocks: "
+        + ", ".join(f"{s:.3g}" for s in each)
+        + f" ms, the last {each[-1] / each[0]:.2f} times the first"
+    )
+
+
 def drawn(lines: dict[str, Line]) -> Figure:
     """Figure of the cost against points, unknowns, blocks and processes."""
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
@@ -103,7 +116,8 @@ def drawn(lines: dict[str, Line]) -> Figure:
         axis.loglog(sizes, 1e3 * costs, "o-", color=colour)
         flat = what == "processes"
         axis.loglog(sizes, 1e3 * costs[0] * (sizes / sizes[0]) ** (0.0 if flat else 1.0), ":", color="0.5")
-        axis.set_xticks(sizes, [f"{n:,.0f}" for n in sizes])
+        ticks = sizes[:: 1 + len(sizes) // 6]
+        axis.set_xticks(ticks, [f"{n:,.0f}" for n in ticks])
         axis.minorticks_off()
         axis.yaxis.set_major_formatter("{x:g}")
         axis.set_ylim(0.5 * 1e3 * costs.min(), 2.0 * 1e3 * costs.max())
@@ -116,18 +130,19 @@ def drawn(lines: dict[str, Line]) -> Figure:
 def main(argv: list[str] | None = None) -> dict[str, Line]:
     """Print the tables and draw the figure; the lines of the figure."""
     chosen = options(argv, __doc__)
-    plates, blocks, stacks, rounds = QUICK if chosen.quick else (PLATES, BLOCKS, STACKS, TURNS)
+    plates, blocks, rounds = QUICK if chosen.quick else (PLATES, BLOCKS, TURNS)
+    stacks = QUICK_STACKS if chosen.quick else STACKS
     lines: dict[str, Line] = {"points of a face": [], "unknowns of a block": [], "blocks": [], "processes": []}
     for m in plates:
         cost = in_a_process(m, 2, "automatic")
         lines["points of a face"].append((float(cost.points), cost.march))
     for n in blocks:
         lines["unknowns of a block"].append((3.0 * (n + 1) ** 3, least(stack(1, n), min(rounds, 2))))
-    for count in stacks:
-        lines["blocks"].append((float(count), least(stack(count, 4), rounds)))
+    lines["blocks"] = [(float(count), least(stack(count, 4), rounds)) for count in stacks]
     lines["processes"] = by_blocks(stacks[-1] if chosen.quick else 8, rounds)
     for what, line in lines.items():
         print_line(what, line)
+    print_each([(count, s) for count, s in lines["blocks"] if count >= MANY] or lines["blocks"])
     print("blocks  elements      one      two threads, ms   gain   read, GB/s on one and two")
     for count, n in QUICK_THREADED if chosen.quick else THREADED:
         one, two, read = threads(count, n, rounds)

@@ -1,16 +1,18 @@
 """Cost of contact against the number of points of a face: two plates of m x m x h elements with friction.
 
-    python examples/large_faces.py [--quick] [-o FOLDER] [--dense]
+    python examples/large_faces.py [--quick] [-o FOLDER] [--dense] [--landing]
 
 Aluminium on steel, elements of 1 mm, mu = 0.3, steps of 0.15 us (a wave passes 0.95 element), a half sine of pressure
 on top. Printed for every case, CPU time of one thread and peak memory of a process of its own:
 
-    set-up    both bodies, factors, diagonal of the compliance, tables, seconds
+    set-up    both bodies, factors, diagonal of the compliance, tables, without the assembly of the matrices, seconds
     march     milliseconds per instant, and over those of the same plates without contact between them
     defect    largest residual of the laws that the truncation of the tables leaves at an instant (tolerance 1e-3)
     growth    exponent p in points^p from the case before
 
 By sparse tables and exactly; with ``--dense`` also with dense matrices of the interfaces. Figure: cost against points.
+With ``--landing`` the march of plates that close a gap of 2 um, by the scheme for bodies that land (generalized_alpha)
+over that by hht, in turn in one process, and nothing else.
 """
 
 from __future__ import annotations
@@ -20,21 +22,28 @@ import os
 import resource
 import subprocess
 import sys
+import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from example_tools import BLUE, GREEN, VERMILION, options, save, tidy
+from latin_fmu.latin.outcome import Outcome, Timings
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import latin_fmu
+from latin_fmu.api import run
+from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.machine import one_thread
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
 
 CASES = ((24, 2), (40, 2), (70, 2), (40, 6))
 QUICK = ((8, 2), (12, 2))
 INSTANTS = 60
 ROUNDS = 2
+SCHEMES = ("hht", "generalized_alpha")
+GAP = 2e-6  # m, of plates that land
 
 
 @dataclass(frozen=True)
@@ -57,13 +66,15 @@ class Cost:
         return self.march / self.free
 
 
-def plates(m: int, h: int, form: str, contact: bool = True) -> latin_fmu.Scene:
+def plates(
+    m: int, h: int, form: str, contact: bool = True, scheme: str = SCHEMES[0], gap: float = 0.0
+) -> latin_fmu.Scene:
     """Two plates of m x m x h elements; without ``contact`` they do not meet, and both are loaded."""
     size, elements = (1e-3 * m, 1e-3 * m, 1e-3 * h), (m, m, h)
     tables: Description = column(
         {"lower": Box(ALUMINIUM, size, elements), "upper": Box(STEEL, size, elements)},
-        {"crush": {"friction_coefficient": 0.3}},
-        {"end": 1.5e-7 * INSTANTS, "step": 1.5e-7, "scheme": "hht"},
+        {"crush": {"friction_coefficient": 0.3, "gap": gap}},
+        {"end": 1.5e-7 * INSTANTS, "step": 1.5e-7, "scheme": scheme},
         load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(1e-5)}},
         solver={"share_identical": False, "interface_operator": form},
         output={"fields": False},
@@ -77,13 +88,22 @@ def plates(m: int, h: int, form: str, contact: bool = True) -> latin_fmu.Scene:
     return latin_fmu.scene_from_dict(tables)
 
 
+def solved(scene: latin_fmu.Scene) -> Outcome:
+    """Run of a scene; the assembly of its matrices is not in the set-up."""
+    with one_thread():
+        ready = discretise(scene)
+        begin = time.process_time()
+        problem = solver_ready(ready, {})
+    return run(problem, Timings(setup=time.process_time() - begin))
+
+
 def measured(m: int, h: int, form: str) -> Cost:
     """Cost of one case in this process: the better of ``ROUNDS`` marches with contact and without, in turn."""
-    runs: dict[bool, list[latin_fmu.Solution]] = {True: [], False: []}
+    runs: dict[bool, list[Outcome]] = {True: [], False: []}
     peak = 0
     for _ in range(ROUNDS):
         for contact in (True, False):
-            runs[contact].append(latin_fmu.solve(plates(m, h, form, contact)))
+            runs[contact].append(solved(plates(m, h, form, contact)))
             peak = peak or 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     march, free = (min(s.timings.march for s in runs[contact]) / INSTANTS for contact in (True, False))
     solution = runs[True][0]
@@ -105,6 +125,20 @@ def in_a_process(m: int, h: int, form: str) -> Cost:
     command = [sys.executable, __file__, "--case", str(m), str(h), form]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return Cost(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def landing(m: int, h: int, form: str) -> str:
+    """Line on the march of plates that land by both schemes, the better of ``ROUNDS``, in turn."""
+    marches: dict[str, list[float]] = {scheme: [] for scheme in SCHEMES}
+    passes: dict[str, float] = {}
+    for _ in range(ROUNDS):
+        for scheme, own in marches.items():
+            outcome = solved(plates(m, h, form, scheme=scheme, gap=GAP))
+            own.append(outcome.timings.march / INSTANTS)
+            passes[scheme] = float(np.mean([w.iterations for w in outcome.windows]))
+    hht, other = (min(own) for own in marches.values())
+    numbers = "".join(f"{1e3 * min(marches[scheme]):9.2f} {passes[scheme]:5.2f}" for scheme in SCHEMES)
+    return f"{f'{m} x {m} x {h} {form}':>20} {(m + 1) ** 2:6d} {numbers} {other / hht:6.2f}"
 
 
 def line(cost: Cost, name: str, before: Cost | None) -> str:
@@ -149,14 +183,21 @@ def main(argv: list[str] | None = None) -> dict[str, list[Cost]]:
     if arguments[:1] == ["--case"]:
         print(json.dumps(asdict(measured(int(arguments[1]), int(arguments[2]), arguments[3]))))
         return {}
-    chosen = options([a for a in arguments if a != "--dense"], __doc__)
+    chosen = options([a for a in arguments if a not in ("--dense", "--landing")], __doc__)
+    cases = QUICK if chosen.quick else CASES
     forms = ("sparse", "exact", "dense") if "--dense" in arguments else ("sparse", "exact")
+    if "--landing" in arguments:
+        print(f"{'case':>20} points  hht, ms  iter landing, ms iter  ratio")
+        for form in forms:
+            for m, h in cases:
+                print(landing(m, h, form), flush=True)
+        return {}
     print(
         f"{'case':>20} points unknowns  set-up  ms/inst     free  ratio  iter   defect peak MB  growth of set-up, march"
     )
     costs: dict[str, list[Cost]] = {form: [] for form in forms}
     for form in forms:
-        for m, h in QUICK if chosen.quick else CASES:
+        for m, h in cases:
             own = costs[form]
             cost = in_a_process(m, h, form)
             print(line(cost, f"{m} x {m} x {h} {form}", own[-1] if own and h == 2 else None), flush=True)

@@ -50,6 +50,7 @@ def test_every_example_is_tested_here() -> None:
         "cost_model",
         "against_calculix",
         "against_siconos",
+        "against_cholmod",  # run by tests/test_cholmod.py
         "static_friction",
         "joint_damping",
         "landing",

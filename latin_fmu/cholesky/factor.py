@@ -13,6 +13,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..errors import SolverError
+from .many_columns import MANY, solve_on_face
 from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
 from .selected_inverse import selected_inverse
 from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
@@ -176,8 +177,14 @@ class CholeskyFactor:
         place = self.symbolic.position[self.face]
         x = np.zeros((len(self.symbolic.order), b.shape[1]))
         x[place] = b
-        x = self._swept(x, forward_one, forward_tile, False)
-        return self._swept(x, backward_one, backward_tile, False)[place]
+        if b.shape[1] < MANY:
+            x = self._swept(x, forward_one, forward_tile, False)
+            return self._swept(x, backward_one, backward_tile, False)[place]
+        below = np.diff(self.symbolic.row_start).max(initial=0)
+        scratch = np.empty(np.diff(self.symbolic.panel_start).max(initial=0)), np.empty(b.shape[1] * below)
+        pattern = (*self._pattern, self.symbolic.face_start)
+        solve_on_face(routines(), *pattern, self.panels, b.shape[1], x.reshape(-1), *scratch)
+        return x[place]
 
     def face_inverse(self, pattern: sp.csr_array) -> sp.csr_array:
         """Entries of A^-1 on a symmetric pattern (n, n) that is part of the matrix's, rows and columns of the face."""

@@ -7,20 +7,11 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import scipy.sparse as sp
-
 from ..assembly.build import discretise
-from ..assembly.problem import settings_of
-from ..latin.assembly import class_points
-from ..propagator.direct import ConjugateGradients
-from ..propagator.interface_probing import Points, long_steps, truncation_of
-from ..propagator.model import SubstructureModel
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Anderson
-from ..time_scheme import TimeScheme
 from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
@@ -28,7 +19,6 @@ from .suggestions import Suggestion, suggestions
 SCHEMA_VERSION = "1.2"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
-_SAMPLED = 1e-3  # residual of the columns of ``_reach``, in truncations
 _SHOWN = 2  # keys that are named before "and so many more"
 
 
@@ -131,7 +121,7 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     start = time.process_time()
     discretised = discretise(scene)
     preparation = time.process_time() - start
-    p = Prediction(discretised, preparation)
+    p = Prediction(discretised, preparation).with_tables()
     effects = [effect(p) for effect in EFFECTS]
     kept = sum(e.memory for e in effects if e.name not in ("elastic bodies", "inertia", "damping"))
     predicted = {
@@ -148,53 +138,6 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     return Explanation(scene.name, effects, choices(p), predicted, proposed, discretised.remarks, key_lines(text))
 
 
-def _reach(
-    model: SubstructureModel, scheme: TimeScheme, dt: float, points: Points, truncation: float
-) -> tuple[float, float]:
-    """Distance beyond which the blocks of Y are below the truncation, m, and their share of all blocks: by columns of
-    conjugate gradients for points in the middle and at the ends of a face, without any factor."""
-    mass, damping, stiffness = model.reduced
-    weights = scheme.operator(dt)
-    matrix = weights[0] * mass + weights[2] * stiffness + (0.0 if damping is None else weights[1] * damping)
-    trace, picked = model.reduced_trace, points.picked()[:4]
-    at, component = np.nonzero(points.channels[picked] >= 0)
-    own = points.channels[picked][at, component]
-    forces = trace[own].T.toarray()
-    softness = (trace[own] @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces)).diagonal()
-    dashpots = np.zeros(trace.shape[0])
-    for e in np.unique(component):
-        here = points.channels[:, e]
-        dashpots[here[here >= 0]] = 1.0 / max(softness[component == e].max(), np.finfo(float).tiny)
-    matrix = matrix + trace.T @ sp.diags_array(dashpots) @ trace
-    moved = np.abs(trace @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces))
-    on_points = np.where(points.channels[..., None] >= 0, moved[points.channels], 0.0).max(axis=1)
-    apart = np.linalg.norm(points.positions[:, None] - points.positions[picked[at]], axis=2)
-    kept = on_points > truncation * on_points.max(initial=0.0)
-    return float(apart[kept].max(initial=0.0)), float(kept.mean())
-
-
-def _tables(p: Prediction) -> tuple[float, float] | None:
-    """Truncation of the tables of large interfaces and the distance that they reach, m; None where there are none."""
-    settings, d = settings_of(p.scene), p.discretised
-    truncation = truncation_of(min(settings.tolerance, settings.force_tolerance))
-    if not settings.tables or not truncation or settings.window != 1 or settings.quasi_static:
-        return None
-    dt, reach = float(d.time[1] - d.time[0]), 0.0
-    for c, size in zip(d.classes, (own.size for own in p.run.classes), strict=True):
-        model = c.members[0]
-        if not size.swept:
-            continue
-        mass, _, stiffness = model.reduced
-        if long_steps(d.scheme.operator(dt), mass, stiffness):
-            return None
-        points = class_points(d.layout, d.units, c.channels)
-        radius, share = _reach(model, d.scheme, dt, points, truncation)
-        if share > settings.tables:
-            return None
-        reach = max(reach, radius)
-    return truncation, reach
-
-
 def _interfaces(p: Prediction) -> str:
     """How each class of substructures solves with its interfaces."""
     large = [c.size for c in p.run.classes if c.size.swept]
@@ -205,11 +148,11 @@ def _interfaces(p: Prediction) -> str:
     dense = readable(8.0 * max(0.5 * s.channels**2 for s in large), "B", 3)
     others = "" if len(large) == len(p.run.classes) else "; dense matrices in the others"
     where = f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
-    tables = _tables(p)
-    if tables is not None:
+    if (tables := p.tables) is not None:
         return (
-            f"sparse tables, truncated at {tables[0]:.2g} of the largest entry (points within {1e3 * tables[1]:.3g} mm "
-            f"of each other), corrected where the exact motion leaves more than the tolerance, in {where}"
+            f"sparse tables, truncated at {tables.truncation:.2g} of the largest entry (points within "
+            f"{1e3 * tables.reach:.3g} mm of each other), corrected where the exact motion leaves more than the "
+            f"tolerance, in {where}"
         )
     return f"exact, by substitution through at most {read} of a factor of {whole} (a dense matrix: {dense}) in {where}"
 

@@ -102,7 +102,8 @@ def without_friction(p: Prediction, units: Units) -> RunSize:
 def _fewer(run: RunSize, gone: int) -> RunSize:
     """A run with ``gone`` interface unknowns less."""
     share = 1.0 - gone / max(run.n_flat, 1)
-    return replace(run.scaled(channels=share, interface=share, swept=share), n_flat=round(share * run.n_flat))
+    sizes = dict.fromkeys(("channels", "interface", "swept", "product", "columns"), share)
+    return replace(run.scaled(**sizes), n_flat=round(share * run.n_flat))
 
 
 # -- inside substructures ---------------------------------------------------------------------------------------------

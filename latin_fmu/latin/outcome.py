@@ -258,9 +258,9 @@ class WindowRecord:
 class Timings:
     """Time of the process by part, s, and its peak memory in bytes.
 
-    CPU time: ``setup``, ``march`` (all windows, with what is kept of them), ``other`` (the rest of the run) and
-    ``output``. ``wall`` : set-up and run by the wall clock. ``predicted`` : ``march`` and ``other`` by the cost model;
-    0 where there is none.
+    CPU time: ``setup`` (meshes, matrices, factors, tables of interfaces), ``march`` (all windows, with what is kept of
+    them), ``other`` (the rest of the run) and ``output``. ``wall`` : set-up and run by the wall clock. ``predicted`` :
+    ``march`` and ``other`` by the cost model; 0 where there is none.
     """
 
     setup: float = 0.0

@@ -86,7 +86,7 @@ QUANTITIES: Final = (
     Quantity("iterations", "", "1", "iterations of all windows"),
     Quantity("passes", "", "1", "substructure-instants solved over substructures x instants"),
     Quantity("error_indicator", "", "1", "sqrt(eta) at the end of the windows, largest"),
-    Quantity("cpu_set_up", "", "s", "CPU time of meshes, matrices and factors"),
+    Quantity("cpu_set_up", "", "s", "CPU time of meshes, matrices, factors and tables"),
     Quantity("cpu", "", "s", "CPU time of the run"),
     Quantity("guessed", "", "1", "whether windows began with fields of neighbouring points"),
 )

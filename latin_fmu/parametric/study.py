@@ -29,7 +29,8 @@ import numpy as np
 import xarray as xr
 
 from ..assembly.build import discretise
-from ..effects.cost import Prediction, amount, memory_need
+from ..effects.cost import Prediction
+from ..effects.memory import amount, memory_need
 from ..errors import InputError, LatinError, SceneError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
 from ..machine import memory_room, provenance

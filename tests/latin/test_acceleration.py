@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from latin_fmu.latin.record import Timings
 
 from latin_fmu import load_scene
 from latin_fmu.assembly.build import discretise, solver_ready
 from latin_fmu.kernels import acceleration, entries
 from latin_fmu.kernels.acceleration import Anderson
+from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
 

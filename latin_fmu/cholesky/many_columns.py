@@ -1,0 +1,84 @@
+"""Solutions on a face for many right-hand sides at once, by matrix products.
+
+The substitutions of ``substitution`` with the columns of the right-hand sides side by side: the products with the
+blocks L11^-1 and L21 of a panel are those of BLAS, so that a panel is read once for all columns.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import entry, kernel
+from .numeric import GEMM, PLAIN, RIGHT, TRANSPOSED, TRMM, UPPER, fortran
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MANY: Final = 24
+"""Number of columns from which on products cost less than tiles of eight."""
+
+
+@kernel
+def _block(panels: Any, start: int, width: int, c: int, below: int, panel: Array) -> None:
+    """Copy [L11^-1; L21] of a supernode, from its row and column c on, to ``panel``, (width - c + below, width - c)."""
+    used = width - c
+    for i in range(used + below):
+        at, to = start + (c + i) * width + c, i * used
+        for j in range(used):
+            panel[to + j] = panels[at + j]
+
+
+_PATTERN: Final = ", ".join(["i8[::1]"] * 6)
+
+
+@entry(f"{_PATTERN}, f8[::1], i8, f8[::1], f8[::1], f8[::1]", f"{_PATTERN}, f4[::1], i8, f8[::1], f8[::1], f8[::1]")
+def solve_on_face(
+    routines: Index,
+    first: Index,
+    row_start: Index,
+    rows: Index,
+    panel_start: Index,
+    face_start: Index,
+    panels: Any,
+    m: int,
+    x: Array,
+    panel: Array,
+    work: Array,
+) -> None:
+    """Forward and backward substitution of x (n, m) in elimination order, zero but on the face, for the values on it.
+
+    panel, work : scratch, of the size of the largest panel, and of ``m`` times the most rows below one.
+    """
+    one, zero, block = 1.0, 0.0, panel.ctypes.data
+    gathered = work.ctypes.data
+    for s in range(len(first) - 1):
+        width, c = first[s + 1] - first[s], face_start[s]
+        if c >= width:
+            continue
+        own, used = rows[row_start[s] : row_start[s + 1]], width - c
+        below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
+        _block(panels, panel_start[s], width, c, below, panel)
+        fortran(routines[TRMM], (RIGHT, UPPER, PLAIN, PLAIN, m, used, one, block, used, xs, m))
+        if below > 0:
+            b = panel[used * used :].ctypes.data
+            fortran(routines[GEMM], (PLAIN, PLAIN, m, below, used, one, xs, m, b, used, zero, gathered, m))
+        for i in range(below):
+            to, part = x[m * own[i] : m * own[i] + m], work[m * i : m * i + m]
+            for j in range(m):
+                to[j] -= part[j]
+    for s in range(len(first) - 2, -1, -1):
+        width, c = first[s + 1] - first[s], face_start[s]
+        if c >= width:
+            continue
+        own, used = rows[row_start[s] : row_start[s + 1]], width - c
+        below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
+        _block(panels, panel_start[s], width, c, below, panel)
+        for i in range(below):
+            work[m * i : m * i + m] = x[m * own[i] : m * own[i] + m]
+        if below > 0:
+            b = panel[used * used :].ctypes.data
+            fortran(routines[GEMM], (PLAIN, TRANSPOSED, m, used, below, -one, gathered, m, b, used, one, xs, m))
+        fortran(routines[TRMM], (RIGHT, UPPER, TRANSPOSED, PLAIN, m, used, one, block, used, xs, m))
