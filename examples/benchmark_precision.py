@@ -22,9 +22,9 @@ import scipy.sparse as sp
 from benchmark_cholesky import NOTHING, block
 from benchmark_problems import crushing
 from benchmark_timing import contact_run, force_error, in_turn, prepared
-from latin_fmu.latin.outcome import Outcome
 
 from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.latin.outcome import Outcome
 
 SOLVED, MARCHED, ROUNDS, TURNS = (14, 25, 36), (10, 18), 9, 3  # elements along an edge
 QUICK = (6,), (4,), 2, 1

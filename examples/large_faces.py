@@ -28,13 +28,13 @@ from pathlib import Path
 
 import numpy as np
 from example_tools import BLUE, GREEN, VERMILION, options, save, tidy
-from latin_fmu.latin.outcome import Outcome, Timings
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise, solver_ready
+from latin_fmu.latin.outcome import Outcome, Timings
 from latin_fmu.machine import one_thread
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, Description, column, half_sine
 
