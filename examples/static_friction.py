@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.latin.search_direction import CoarseProblem
+from latin_fmu.latin.coarse_problem import CoarseProblem
 
 SCENE = MODELS / "gripped_bar" / "scene.toml"
 PULL, LOST, STIFFNESS, LENGTH = 150e3, 500e3, 80e6, 0.5
@@ -84,12 +84,12 @@ def iterations(n: int) -> float:
 @contextmanager
 def without_coarse() -> Iterator[None]:
     """The global stage as it would be without its coarse problem."""
-    size = CoarseProblem.size
-    CoarseProblem.size = property(lambda _: 0)  # type: ignore[method-assign, assignment]
+    sizes = CoarseProblem.sizes
+    CoarseProblem.sizes = {"n_coarse": 0, "n_coarse_here": 0, "n_coarse_own": 0}  # type: ignore[method-assign, assignment]
     try:
         yield
     finally:
-        CoarseProblem.size = size  # type: ignore[method-assign]
+        CoarseProblem.sizes = sizes  # type: ignore[method-assign]
 
 
 def draw_loop(axis: Axes, bar: latin_fmu.Solution, force: Array) -> None:

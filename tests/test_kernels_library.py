@@ -22,6 +22,7 @@ import latin_fmu
 from latin_fmu.aot import declared, linking
 from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.cholesky.many_columns import MANY
 from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
@@ -298,6 +299,7 @@ def test_every_entry_equals_its_python_function(monkeypatch):
         shape, four = face.symbolic, np.random.default_rng(4).normal(size=4 * 400)
         pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start, shape.face_start)
         sweeps.forward_four(*pattern, face.panels, four)
+        face.face_solve(np.random.default_rng(6).normal(size=(10, MANY)))
         face.face_inverse(sp.csr_array(sp.diags_array((np.arange(400) // 10 == 30).astype(float))))
     accelerated = Anderson(np.ones(7), 3, 0.8)
     for q in np.random.default_rng(2).normal(size=(3, 7)):
