@@ -13,7 +13,7 @@ from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import envelope, laws
 from latin_fmu.kernels.laws import LAWS
 from latin_fmu.latin import search_direction
-from latin_fmu.latin.relative_operator import LARGEST, ordered_blocks, relative_operator
+from latin_fmu.latin.search_direction import LARGEST, ordered_blocks, relative_operator
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, rubbing
 
 RNG = np.random.default_rng(5)
