@@ -2,7 +2,7 @@
 
 The points are numbered block after block as the interfaces are coupled, those of all processes of a run. A process has
 the columns and rows of the points of the interfaces it holds, and adds what its substructures contribute to the matrix;
-the others are told how many unknowns each point has (``elsewhere``). Contributions of a point alone are added where its
+the others receive the numbers of unknowns of its points (``elsewhere``). Contributions of a point alone are added where its
 interface is owned.
 """
 
