@@ -2,8 +2,8 @@
 
 The points are numbered block after block as the interfaces are coupled, those of all processes of a run. A process has
 the columns and rows of the points of the interfaces it holds, and adds what its substructures contribute to the matrix;
-the others receive the numbers of unknowns of its points (``elsewhere``). Contributions of a point alone are added where its
-interface is owned.
+the others receive the numbers of unknowns of its points (``elsewhere``). Contributions of a point alone are added where
+its interface is owned.
 """
 
 from __future__ import annotations
