@@ -15,6 +15,7 @@ from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
 from .active_points import activate
 from .communication import communicate, present
+from .half_solves import add_reference
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     end_instant,
@@ -398,6 +399,7 @@ def _call_of_class(pools: Any, action: int, a: int, b: int, c: int, d: int) -> i
         end_class(pools, a, b)
     elif action == FREE_LOAD:
         free_load(pools, a, b)
+        add_reference(pools, a)
     elif action == FREE_VELOCITY:
         free_velocity(pools, a, b)
     elif action == INTERFACE_LOAD:

@@ -2,12 +2,12 @@
 
 ``forward`` and ``backward`` are the halves of the solution with the operator of the march. A class with dense matrices
 keeps its interface dofs for last, between the two. Of a ``swept`` class the factor holds all dofs, and solves with its
-interfaces are substitutions through the part of it next to them (``propagator.interface_sweeps``); with the tractions
-F_0 of the last instant as reference,
+interfaces are substitutions through the part of it next to them (``propagator.interface_sweeps``): Y is that with the
+dashpots k in the factor, and the tractions of an instant enter before ``backward`` ends it by
 
-    w_free    velocities of the channels under the loads and F_0
-    W = w_free + Y area (q - q_0),  q_0 = F_0 + k w_free      the linear stage, Y with the dashpots k in the factor
-    half_solution += L^-1 T^T area (F - F_0)                  before ``backward`` ends the instant
+    half_solution += L^-1 T^T area (F - F_0)
+
+with the tractions F_0 of the last instant, which are among the loads of ``forward`` (``substructure``).
 """
 
 from __future__ import annotations
@@ -26,9 +26,6 @@ from .sparse_response import add_response
 from .splits import substitute
 
 Array = NDArray[np.float64]
-
-ROUND_OFF = 1e-14
-"""Change of q, over its largest value, that counts as none."""
 
 
 @kernel
@@ -124,14 +121,14 @@ def from_face(pools: Any, c: int, values: Array) -> None:
 
 @kernel
 def add_reference(pools: Any, c: int) -> None:
-    """Add the tractions of the last instant, as the reference of the new ones, to the load of a swept class; none where
-    it rests, and without inertia."""
+    """Add the tractions of the last instant, as the reference of the new ones, to the load of a class; none where it
+    rests, and without inertia."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     reference, nodal = work[row.reference : row.reference + size], work[row.channel : row.channel + size]
     inner, load = work[row.inner : row.inner + n_inner * m], work[row.load : row.load + row.n * m]
     reference[:] = 0.0
-    if work[row.passed] == 1.0 or row.kind == STATIC:
+    if run.from_last == 0 or work[row.passed] == 1.0 or row.kind == STATIC:
         return
     channels = pools.fixed_int[row.channels : row.channels + size]
     area, dofs = pools.fixed[row.area : row.area + row.n_channel], pools.fixed_int[row.dofs : row.dofs + n_inner]
@@ -164,37 +161,22 @@ def face_response(pools: Any, c: int, with_k: bool, force: Array, answer: Array)
 
 
 @kernel
-def swept_response(pools: Any, c: int, q: Array, w: Array) -> None:
-    """``linear_response`` by substitution on the face with the factor that has the dashpots k on the interfaces, or by
-    the table of Y. With the reference F_0 among the loads, w_free is the velocity under these tractions,
-    W = w_free + Y area (q - q_0) with q_0 = F_0 + k w_free, and W = w_free for q_0 itself, the first guess of an
-    instant."""
-    row, run, work = pools.classes[c], pools.run[0], pools.moving
-    m, size = row.m, row.n_channel * row.m
-    channels = pools.fixed_int[row.channels : row.channels + size]
-    area, k = pools.fixed[row.area : row.area + row.n_channel], pools.fixed[row.k : row.k + row.n_channel]
-    w_free, damped = work[row.w_free : row.w_free + size], work[row.w_damped : row.w_damped + size]
-    incoming, answer = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
-    reference, largest, apart = work[row.reference : row.reference + size], 0.0, 0.0
-    gain = gain_of(row, run)
-    for i in range(row.n_channel):
-        for j in range(m):
-            at = i * m + j
-            now = q[channels[at]]
-            change = now - reference[at] - k[i] * damped[at]
-            largest, apart = max(largest, abs(now)), max(apart, abs(change))
-            incoming[at] = gain * area[i] * change
-            answer[at] = w_free[at]
-    if apart <= ROUND_OFF * largest:
-        for at in range(size):
-            w[channels[at]] = answer[at]
-        return
+def swept_response(pools: Any, c: int, incoming: Array, w: Array) -> None:
+    """Add Y times the nodal forces ``incoming`` (c, m) on the channels of a swept class to its W, (N,), by substitution
+    on the face with the factor that has the dashpots k on the interfaces, or by the table of Y."""
+    row, work = pools.classes[c], pools.moving
+    size = row.n_channel * row.m
+    channels, answer = pools.fixed_int[row.channels : row.channels + size], work[row.answer : row.answer + size]
+    gain = gain_of(row, pools.run[0])
+    for at in range(size):
+        incoming[at] *= gain
+        answer[at] = 0.0
     if row.sparse == 1:
         add_response(pools, c, incoming, answer)
     else:
         face_response(pools, c, True, incoming, answer)
     for at in range(size):
-        w[channels[at]] = answer[at]
+        w[channels[at]] += answer[at]
 
 
 @kernel

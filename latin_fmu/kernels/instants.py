@@ -93,8 +93,9 @@ def correct(pools: Any, instant: int, call: int) -> int:
 
 @kernel
 def first_guess(pools: Any, instant: int) -> None:
-    """q of the first iterate of an instant: that of the last fields; where no traction acted, that of the free motion,
-    which is the solution as long as no gap closes. With ``direct_bonds`` the solution itself.
+    """q of the first iterate of an instant: that of the last tractions and of the velocities under them, or of the last
+    velocities where steps are long; where no traction acted, that of the free motion, which is the solution as long as
+    no gap closes. With ``direct_bonds`` the solution itself.
 
     The fields are not extrapolated: an extrapolation accepted within the tolerance would feed its own error and gain
     energy.
@@ -126,15 +127,15 @@ def first_guess(pools: Any, instant: int) -> None:
 
 @kernel
 def guess_from_reference(pools: Any, q: Array, sparse: bool) -> None:
-    """q of the reference tractions and of the velocities that they give at the channels of swept classes with inertia,
-    ``sparse``: of those with a table of Y alone. Not where steps are so long that Newton steps end them: there the last
-    velocities are closer to the new ones."""
+    """q of the reference tractions and of the velocities that they give at the channels of classes with inertia,
+    ``sparse``: of those with a table of Y alone. Not where steps are long: there the last velocities are closer to the
+    new ones."""
     run, work = pools.run[0], pools.moving
-    if run.newton == 1:
+    if run.from_last == 0:
         return
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        if row.swept == 0 or run.static == 1 or (sparse and row.sparse == 0):
+        if sparse and row.sparse == 0:
             continue
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]

@@ -185,7 +185,7 @@ def first_of(pools: Any, instant: int) -> int:
     if work[run.touched] == 0.0:  # W is that of the free motion
         pack(pools, run.w, run.n_flat, 1)
         return FREE
-    if run.swept == 1 and run.newton == 0:
+    if run.from_last == 1:
         pack(pools, run.q, run.n_flat, 1)
         return GUESS
     return NOTHING

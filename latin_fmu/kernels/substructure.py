@@ -4,10 +4,12 @@ With the predictors u_free, v_free of the scheme and A the operator of the march
 class is
 
     A a = w (f - K u_free - C v_free) - w_memory R_old - w_m M a_imposed + w_t T^T area F
-    W = w_free + Y area (q - k w_free)                     the linear stage F = q - k W on the dashpots k
+    W = w_free + Y area (q - q_0), q_0 = F_0 + k w_free    the linear stage F = q - k W on the dashpots k
     v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
 
-with w, w_memory, w_m, w_t = ``force_weight``, ``memory_weight``, ``mass_weight``, ``traction_weight``. Where
+with the velocities w_free of the channels under the loads and under tractions F_0, those of the last instant
+(``reference``) where steps are short: q_0 is the first guess then, and its linear stage W = w_free takes no product.
+w, w_memory, w_m, w_t = ``force_weight``, ``memory_weight``, ``mass_weight``, ``traction_weight``. Where
 ``force_old`` is not zero, forces and M a of the old instant enter each with a weight of their own,
 
     A a = f_w - K u_w - C v_w - mass_old (M a)_old - w_m M a_imposed + w_t T^T area F
@@ -25,7 +27,7 @@ solution with A, for factors that the kernels do not hold (``factored`` 0).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +41,15 @@ from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute
 
 Array = NDArray[np.float64]
 
+ROUND_OFF: Final = 1e-14
+"""Change of q, over its largest value, that counts as none."""
+
 
 @kernel
 def predict(pools: Any, c: int, instant: int) -> None:
     """Free response of the new ``instant``; leaves w_free, free_a and the half solution of the load."""
     free_load(pools, c, instant)
-    if pools.classes[c].swept == 1:
-        add_reference(pools, c)
+    add_reference(pools, c)
     if pools.moving[pools.classes[c].passed] == 0.0:
         forward(pools, c)
         free_velocity(pools, c, instant)
@@ -118,7 +122,8 @@ def free_load(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def free_velocity(pools: Any, c: int, instant: int) -> None:
-    """Velocities of the channels without tractions, from the interface part of the half solution in ``inner``."""
+    """Velocities of the channels under the reference tractions, from the interface part of the half solution in
+    ``inner``."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     inner, reached = (
@@ -181,8 +186,8 @@ def channel_velocity(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> int:
-    """W at the channels of the class for q of one instant of the window: w_free + Y area (q - k w_damped); number of
-    substructures solved for.
+    """W at the channels of the class for q of one instant of the window (``linear_response``); number of substructures
+    solved for.
 
     W of a class at rest is zero as long as q stays below ``rest_traction``. With ``reuse`` the last solution of a class
     is taken again where its q has changed by no more than a hundredth of the tolerance since then, in the norm of the
@@ -234,26 +239,34 @@ def change_of(pools: Any, c: int, i: int) -> float:
 
 @kernel
 def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
-    """W = w_free + Y area (q - k w_damped) at the channels of the class, both (N,)."""
+    """W = w_free + Y area (q - q_0), q_0 = F_0 + k w_damped, at the channels of the class, both (N,); w_free alone for
+    q_0 itself, the first guess of an instant."""
     row, work = pools.classes[c], pools.moving
     m, n_live, size = row.m, row.n_live, row.n_channel * row.m
-    channels = pools.fixed_int[row.channels : row.channels + size]
-    live, area = (pools.fixed_int[row.live : row.live + n_live], pools.fixed[row.area : row.area + row.n_channel])
-    k, w_free = pools.fixed[row.k : row.k + row.n_channel], work[row.w_free : row.w_free + size]
-    damped = work[row.w_damped : row.w_damped + size]
-    incoming, answer = (work[row.channel : row.channel + n_live * m], work[row.answer : row.answer + n_live * m])
-    for i in range(n_live):
+    channels, w_free = pools.fixed_int[row.channels : row.channels + size], work[row.w_free : row.w_free + size]
+    area, k = pools.fixed[row.area : row.area + row.n_channel], pools.fixed[row.k : row.k + row.n_channel]
+    damped, reference = work[row.w_damped : row.w_damped + size], work[row.reference : row.reference + size]
+    incoming, answer = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
+    largest, apart = 0.0, 0.0
+    for i in range(row.n_channel):
         for j in range(m):
-            at = live[i] * m + j
-            incoming[i * m + j] = area[live[i]] * (q[channels[at]] - k[live[i]] * damped[at])
-    if row.swept == 1:
-        swept_response(pools, c, q, w)
+            at = i * m + j
+            now = q[channels[at]]
+            change = now - reference[at] - k[i] * damped[at]
+            largest, apart = max(largest, abs(now)), max(apart, abs(change))
+            incoming[at] = area[i] * change
+            w[channels[at]] = w_free[at]
+    if apart <= ROUND_OFF * largest:
         return
-    plain = row.plain_response
+    if row.swept == 1:
+        swept_response(pools, c, incoming, w)
+        return
+    live, plain = pools.fixed_int[row.live : row.live + n_live], row.plain_response
+    for i in range(n_live):  # in ascending order
+        for j in range(m):
+            incoming[i * m + j] = incoming[live[i] * m + j]
     table = pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)]
-    dense(pools, c, n_live, table, plain, m, incoming, answer)
-    for at in range(size):
-        w[channels[at]] = w_free[at]
+    dense(pools, c, n_live, table, plain, m, incoming[: n_live * m], answer[: n_live * m])
     for i in range(n_live):
         for j in range(m):
             w[channels[live[i] * m + j]] += answer[i * m + j]
@@ -309,10 +322,10 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             now = flat[channels[i * m + j]]
             nodal[i * m + j] = area[i] * now
             largest = max(largest, abs(now))
-    if row.swept == 1:
-        for i in range(n_channel):
-            for j in range(m):
-                nodal[i * m + j] -= area[i] * work[row.reference + i * m + j]
+    reference = work[row.reference : row.reference + size]
+    for i in range(n_channel):
+        for j in range(m):
+            nodal[i * m + j] -= area[i] * reference[i * m + j]
     if work[row.passed] == 1.0:
         if largest <= run.rest_traction:
             return False

@@ -30,7 +30,6 @@ RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("n_process", "processes"),
     ("n_neighbour", "processes that hold the other side of an interface"),
     ("n_norm", "classes of all processes, each with the members that one holds, plus ``n_process``"),
-    ("swept", "1 where some class of some process is swept"),
     ("send_starts", "constants, int64 (n_neighbour + 1,): first of the channels that each neighbour takes"),
     ("send_places", "constants, int64: these channels"),
     ("take_starts", "constants, int64 (n_neighbour + 1,): first of the channels taken from each neighbour"),

@@ -122,7 +122,6 @@ class Part:
             "part_order": self.gathered_order(),
             "tangential": int(not whole.layout.normal.all()),
             "layers": int(any(g.behaviour.elastic for g in whole.layout.groups)),
-            "swept": int(whole.swept),
             "n_norm": len(rows),
             "norm_order": _integers(rows),
             "n_send": sum(map(len, given)),

@@ -88,7 +88,6 @@ def make_image(
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
         "longest_step": _LONGEST_STATIC if static else np.inf,
-        "direct_bonds": 0,
         **({} if direction.coarse is None else direction.coarse.sizes),
         **direction.relative_fields(),
         **rules(settings),
@@ -265,7 +264,11 @@ class Stages:
         self.image.call(entries.OPEN, self.n, self.first - 1)
 
     def free_motion(self) -> None:
-        """Velocities of all channels without tractions, into ``w``."""
+        """Velocities of all channels without tractions, into ``w``: in the rest of the window there is no reference."""
+        if self.image.run_fields["from_last"]:
+            self.image.set({"from_last": 0})
+            self.predict()
+            self.image.set({"from_last": 1})
         self.image.call(entries.FREE_MOTION, self.first)
 
     def first_guess(self) -> None:
@@ -391,9 +394,8 @@ class Stages:
     def points_one_by_one(self, f_hat: Array) -> None:
         """Set q of one instant by the solution point by point, from tractions f_hat (n_flat,)."""
         self.free_motion()
-        image, groups = self.image, self._groups
-        gaps = [self._reach(g) for g in range(len(groups))]
-        solved = self.direction.points.solve(image.field("w", image.n_flat).copy(), f_hat, gaps, self._rates())
+        gaps, w = [self._reach(g) for g in range(len(self._groups))], self.image.field("w", self.image.n_flat).copy()
+        solved = self.direction.points.solve(w, f_hat, gaps, self._rates())
         self.field("q")[0] = self.direction.incoming(*solved)
 
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:
@@ -431,8 +433,7 @@ class Stages:
 
     def leave_newton(self) -> None:
         """No Newton steps in the rest of this window: a fall-back follows."""
-        course = self.image.field("course", 8)
-        course[ACTIVE], course[LEFT] = 0.0, 1.0
+        self.image.field("course", 8)[[ACTIVE, LEFT]] = 0.0, 1.0
 
     def measures(self) -> Array:
         """Measures (8,) of the last iterate, a copy."""
@@ -446,5 +447,4 @@ class Stages:
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
         for name, values in zip(_ITERATE, vars(iterate).values(), strict=True):
-            field = self.image.field("measure", 8) if name == "measure" else self.field(name)
-            field[...] = values
+            (self.image.field("measure", 8) if name == "measure" else self.field(name))[...] = values

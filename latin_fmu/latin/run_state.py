@@ -28,7 +28,7 @@ from .run_image import Stages, all_in_kernels, histories, law_of, make_image, ne
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
-from .status import WindowList, status, with_energy
+from .status import WindowList, round_off, status, with_energy
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
@@ -373,7 +373,7 @@ class RunState:
         converged, sentence = status(self.assembly, self.settings, self.windows, self.interface_indicator)
         if energy is None or self.assembly.quasi_static:
             return converged, sentence
-        return with_energy(converged, sentence, self.assembly.time, energy, stored)
+        return with_energy(converged, sentence, self.assembly.time, energy, stored, round_off(self.assembly))
 
     def named_indicator(self) -> dict[str, float]:
         """Largest indicator of each interface by name; empty where there is none."""

@@ -223,7 +223,8 @@ class Direction:
         self.metric = assembly.layout.area * self.z
         self.coarse: CoarseProblem | None = None  # without inertia, from ``bind``
         wanted = settings.newton and n == 1 and settings.anderson_depth > 0
-        wanted &= not assembly.swept or assembly.quasi_static or self._long_steps()
+        self._long_steps = not assembly.quasi_static and self._of_long_range()
+        wanted &= not assembly.swept or assembly.quasi_static or self._long_steps
         self.relative = relative_operator(assembly) if wanted else {}
         numbers = self.relative.get("n_matrix", 0)
         largest = LARGEST_STATIC if assembly.quasi_static else LARGEST
@@ -233,22 +234,22 @@ class Direction:
         self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
         self.tables: list[dict[str, Table]] | None = None
 
-    @cached_property
+    @property
     def _short(self) -> bool:
-        """Whether windows have one instant, in which a force on a swept class reaches little beyond its point."""
-        return self.assembly.swept and self._n == 1 and not self.assembly.quasi_static and not self._long_steps()
+        """Whether windows have one instant, in which a force reaches little beyond its point."""
+        return self._n == 1 and not self.assembly.quasi_static and not self._long_steps
 
     @property
     def _single(self) -> bool:
         """Whether the iteration may take factors in single precision, read in half the time: the motion is marched with
         the others, so that the contact laws alone are met to some 1e-6 of what changes within an instant."""
-        return self._short and min(self._settings.tolerance, self._settings.force_tolerance) >= ROUGH
+        tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
+        return self._short and self.assembly.swept and tolerance >= ROUGH
 
-    def _long_steps(self) -> bool:
+    def _of_long_range(self) -> bool:
         """Whether steps are so long that the iteration alone is slow."""
         weights = self.assembly.scheme.operator(self.assembly.dt)
-        swept = [p.operators for p in self.assembly.propagators if p.swept]
-        return any(long_steps(weights, ops.mass, ops.stiffness) for ops in swept)
+        return any(long_steps(weights, p.operators.mass, p.operators.stiffness) for p in self.assembly.propagators)
 
     @cached_property
     def points(self) -> PointByPoint:
@@ -279,7 +280,7 @@ class Direction:
             return
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)
-        if self._short:
+        if self._short and self.assembly.swept:
             self.tables = self._made_tables() if self.tables is None else self.tables
             for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
                 propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
@@ -315,6 +316,7 @@ class Direction:
             proximal /= _WIDENING  # the same share of z
         sparse = any("y" in p.tables for p in self.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
+        fields["from_last"] = int(self._short)
         fields["newton_z"] = self.newton_z
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()

@@ -21,6 +21,7 @@ _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called 
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
 _CANCELLED = 1e-6  # of the work of the interfaces
+_ROUND_OFF = 1e-9  # of the work of the largest tractions on the velocities they give, over a time step
 
 
 def status(
@@ -45,7 +46,12 @@ def status(
 
 
 def with_energy(
-    converged: bool, sentence: str, time: Array, energy: Mapping[str, Array] | None, stored: float | None = None
+    converged: bool,
+    sentence: str,
+    time: Array,
+    energy: Mapping[str, Array] | None,
+    stored: float | None = None,
+    negligible: float = 0.0,
 ) -> tuple[bool, str]:
     """The status of a run, which has not converged where the dissipations of all kinds together are negative by more
     than half of the energy put in.
@@ -57,12 +63,13 @@ def with_energy(
     Parameters
     ----------
     energy : terms (n_time,) of the assembly, J; None where they are not accounted for. stored : kinetic and elastic
-        energy at t = 0, J, where ``time`` begins later.
+        energy at t = 0, J, where ``time`` begins later. negligible : work that round-off can do, J (``round_off``).
     """
     if energy is None or not len(time):
         return converged, sentence
     now = energy["kinetic"] + energy["elastic"]
-    put_in = np.full(len(now), (float(now[0]) if stored is None else stored) + float(np.finfo(float).tiny))
+    before = float(now[0]) if stored is None else stored
+    put_in = np.full(len(now), before + negligible + float(np.finfo(float).tiny))
     zero = np.zeros(len(now))
     ground, layers = energy.get("ground_work", zero), energy.get("layer_energy", zero)
     with np.errstate(all="ignore"):  # a run that blew up
@@ -83,6 +90,13 @@ def with_energy(
         '"generalized_alpha", or "hht" with smaller steps'
     )
     return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
+
+
+def round_off(assembly: Assembly) -> float:
+    """Work, J, that round-off of the motion can do, as of bodies that a preload holds at rest."""
+    layout, impedance = assembly.layout, assembly.impedance
+    yielding = np.divide(layout.area, impedance, out=np.zeros_like(impedance), where=layout.normal & (impedance > 0))
+    return _ROUND_OFF * assembly.characteristic_traction**2 * float(yielding.sum()) * assembly.dt
 
 
 def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:

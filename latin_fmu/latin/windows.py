@@ -178,11 +178,12 @@ class Run(RunState):
         bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
         operator = None if self.part is not None else bonds.incoming(direction.k)
         self._direct_bonds = True
+        fields = {**direction.run_fields(), "from_last": 0}
         if operator is None:
             self._bonds = bonds
         else:
-            fields = {**direction.run_fields(), "direct_bonds": 1, "bonds": operator}
-            self.image.bind(ONE, fields, direction.group_fields(), afresh=True)
+            fields |= {"direct_bonds": 1, "bonds": operator}
+        self.image.bind(ONE, fields, direction.group_fields(), afresh=True)
 
     # -- the compiled driver --------------------------------------------------------------------------------------
     def _march(self, n: int) -> int:

@@ -329,7 +329,6 @@ class Propagator(ABC):
             image.field("f_hat", *self._opening.shape)[:] = self._opening
             image.set({"first_row": self.instant})
             image.call(entries.OPEN_ACCOUNTS)
-            image.field("f_hat", *self._opening.shape)[:] = 0.0  # no reference: ``predict`` is without tractions
             self._opening = None
         return image
 

@@ -375,7 +375,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "weighted_v": n * m * row["accounted"],
         "half_solution": padded(m) * n,
         "face_vector": max(padded(m), LANES) * n * row.get("swept", 0),
-        "reference": c * m * row.get("swept", 0),
+        "reference": c * m,
         "point_vectors": 6 * c * row.get("swept", 0),
         "ended": row.get("swept", 0),
         "inner": g * m,

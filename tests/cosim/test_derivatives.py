@@ -1,4 +1,4 @@
-"""Directional derivatives of a step against differences of sessions, whose iteration is converged to 1e-11."""
+"""Directional derivatives of a step against differences of sessions, whose iteration is converged to 1e-13."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from latin_fmu.scene.schema import Scene
 from .scenes import blocks
 from .test_driven import bars
 
-PRECISE = Settings(tolerance=1e-11, keep=False)
+PRECISE = Settings(tolerance=1e-13, keep=False)
 EXACT, SLIP = 1e-8, 1e-5  # of the largest derivative of a quantity
 COUNTED = ("solver", "closed", "sticking", "slipping")
 

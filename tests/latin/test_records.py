@@ -191,7 +191,7 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "passed": 1,
         "ended": int(row["swept"]),
         "face_vector": max(padded_(m), LANES) * n * int(row["swept"]),
-        "reference": c * m * int(row["swept"]),
+        "reference": c * m,
         "point_vectors": 6 * c * int(row["swept"]),
         "known": 1,
         **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m),

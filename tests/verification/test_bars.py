@@ -95,8 +95,9 @@ def test_bouncing_bar_two_contacts():
     """Contacts [1, 5/3] and [11/3, 13/3], impulse 800/3 each, foot at 3.8889 at t = 8/3."""
     losses = []
     for level in (1, 2, 4):
-        overrides = (f"time.instants={1100 * level}", f"substructure.bar.box.elements=[1, 1, {100 * level}]")
-        solution = solved("bouncing_bar/scene", "output.fields=false", *overrides)
+        mesh = (f"time.instants={1100 * level}", f"substructure.bar.box.elements=[1, 1, {100 * level}]")
+        # at the default tolerance a third of the loss is of the iteration
+        solution = solved("bouncing_bar/scene", "output.fields=false", "solver.tolerance=1e-5", *mesh)
         history, time = pressure(solution, "wall"), solution.time
         on = history > 0.01 * history.max()
         early, late = time[on & (time < 2.6)], time[on & (time > 2.6)]
@@ -115,7 +116,7 @@ def test_bouncing_bar_two_contacts():
         losses.append(-(energy["kinetic"] + energy["elastic"] - energy["work_of_loads"])[-1] / 500)
     assert losses[0] < 0.015  # of the energy of the fall, lost by the scheme at the impacts (HHT: 0.039)
     ratios = np.array(losses[:-1]) / np.array(losses[1:])
-    assert (ratios > 1.2).all(), f"losses {losses}"
+    assert (ratios > 1.5).all(), f"losses {losses}"
 
 
 def test_shear_wave_on_a_frictional_interface():
