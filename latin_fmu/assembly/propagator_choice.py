@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
@@ -23,7 +23,7 @@ from ..propagator import StaticPropagator
 from ..propagator.base import Propagator
 from ..propagator.direct import CgPropagator, DirectPropagator
 from ..propagator.explicit import ExplicitPropagator
-from ..propagator.interface_sweeps import Form, flops, in_form, swept_shape, takes_sweeps
+from ..propagator.interface_sweeps import Interfaces, flops, in_form, swept_shape, takes_sweeps
 from ..propagator.model import Array, SubstructureModel
 from ..propagator.reduced import ReducedPropagator
 from ..scene import settings as tables
@@ -49,13 +49,13 @@ class PropagatorSettings:
     Attributes
     ----------
     kind : registry key. modes : elastic modes of each reduced substructure. precision : of the direct factors.
-    interface : how direct propagators solve with interfaces (``interface_sweeps.Form``).
+    interfaces : how direct propagators solve with them.
     """
 
     kind: Kind = "direct"
     modes: int = 50
     precision: Literal["float64", "float32"] = "float64"
-    interface: Form = "automatic"
+    interfaces: Interfaces = field(default_factory=Interfaces)
 
 
 Members = Sequence[SubstructureModel]
@@ -67,7 +67,7 @@ def _direct(
 ) -> Propagator:
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
-    members = in_form(members, settings.interface)
+    members = in_form(members, settings.interfaces)
     return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
 
 
@@ -113,6 +113,9 @@ def make_propagator(
     return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings, twin)
 
 
+DENSE: Final = Interfaces("dense")
+
+
 @dataclass(frozen=True)
 class ClassSize:
     """Sizes of the operators of a class of identical substructures.
@@ -155,8 +158,8 @@ def factor_bytes(unknowns: int) -> float:
     return float(8 * _ENTRIES * unknowns ** (4 / 3))
 
 
-def class_size(model: SubstructureModel, members: int, form: Form = "dense") -> ClassSize:
-    """Sizes of a class of so many members like ``model``; ``form`` : how interfaces are solved with."""
+def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = DENSE) -> ClassSize:
+    """Sizes of a class of so many members like ``model``; ``interfaces`` : how they are solved with."""
     mass = damping = 0
     if model.mass is None:
         stiffness = model.reduced_stiffness
@@ -167,7 +170,7 @@ def class_size(model: SubstructureModel, members: int, form: Form = "dense") -> 
     last, trace, rank = model.at_interface
     factor, multiplications = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
     swept = 0.0
-    if takes_sweeps(model, form):
+    if takes_sweeps(model, interfaces):
         shape = swept_shape(model)
         factor, multiplications, swept = float(shape.panel_start[-1]), flops(shape), float(shape.face_entries)
     elif COMPILES and n:
@@ -206,7 +209,7 @@ def _march_cost(scene: Scene, model: SubstructureModel) -> float:
     """Numbers that an instant of a substructure reads, about: those of the sweeps twice, and of its interface matrices
     in a few iterations."""
     settings = propagator_settings(scene)
-    size = class_size(model, 1, interface_form(scene))
+    size = class_size(model, 1, interfaces_of(scene))
     if settings.kind == "explicit":
         return float(size.sparse + 4 * size.channels**2 + size.unknowns)
     if settings.kind == "reduced":
@@ -243,7 +246,7 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
     if sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room:  # far from the limit
         return settings
     needed = sum(
-        operator_bytes(class_size(c.members[0], len(c.members), settings.interface), settings) for c in classes
+        operator_bytes(class_size(c.members[0], len(c.members), settings.interfaces), settings) for c in classes
     )
     return replace(settings, kind="cg") if needed > room else settings
 
@@ -282,7 +285,7 @@ def made_propagators(
         own = springs[c.channels[:, 0]]
         known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
         known = known if statics is None else statics.setdefault(c.key, [])
-        members = in_form(c.members, interface_form(scene))
+        members = in_form(c.members, interfaces_of(scene))
         made.append(StaticPropagator(members, dt, scene.output.energy, own, known))
     if kept is not None:
         kept.replace([c.members[0] for c in classes], made, made_with)
@@ -304,24 +307,26 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     ]
 
 
-def interface_form(scene: Scene) -> Form:
+def interfaces_of(scene: Scene) -> Interfaces:
     """How the interfaces of directly marched substructures are solved with; dense where none are."""
     requested = scene.solver.propagator.type
     direct = requested == "direct" or (requested == "automatic" and scene.time.scheme.type != CENTRAL)
-    return scene.solver.interface_operator if direct or scene.time.quasi_static else "dense"
+    if not (direct or scene.time.quasi_static):
+        return DENSE
+    one_solve = scene.solver.bonds == "direct" and all(i.behaviour == "perfect" for i in scene.joints.values())
+    short = scene.solver.window == 1 and not one_solve
+    return Interfaces(scene.solver.interface_operator, scene.time.time_step if short else None)
 
 
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene requests, whether they fit into memory or not."""
     requested = scene.solver.propagator
-    if isinstance(requested, tables.AutomaticPropagator):
-        kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-        return PropagatorSettings(kind, precision=scene.solver.precision, interface=scene.solver.interface_operator)
     if isinstance(requested, tables.ReducedPropagator):
         return PropagatorSettings("reduced", modes=requested.modes)
-    return PropagatorSettings(
-        requested.type, precision=scene.solver.precision, interface=scene.solver.interface_operator
-    )
+    kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
+    if not isinstance(requested, tables.AutomaticPropagator):
+        kind = requested.type
+    return PropagatorSettings(kind, precision=scene.solver.precision, interfaces=interfaces_of(scene))
 
 
 def box_memory(scene: Scene) -> list[Problem]:

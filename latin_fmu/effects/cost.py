@@ -22,7 +22,7 @@ from ..assembly.propagator_choice import (
     PropagatorSettings,
     chosen_propagators,
     class_size,
-    interface_form,
+    interfaces_of,
     operator_bytes,
 )
 from ..interface.laws import bonds
@@ -57,7 +57,7 @@ _LANCZOS = 60  # products with the stiffness for the stable step of an explicit 
 _STRESS = numbers(sparse=144.0, value=30.0)  # per cell of the stress recovery
 
 # LATIN iterations per window, measured on the shipped models and benchmarks; friction: per coupled interface
-FRICTION, PER_INTERFACE, MOST_COUPLED = 2.25, 0.27, 7
+FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
 CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
 
 
@@ -120,8 +120,8 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
     """Sizes of the run of a discretised problem."""
     scene, units = discretised.scene, discretised.units
     share, output, start = _marched(discretised), scene.output, scene.time.start
-    classes, form = [], interface_form(scene)
-    sizes = iterated(discretised, [class_size(c.members[0], len(c.members), form) for c in discretised.classes])
+    classes, interfaces = [], interfaces_of(scene)
+    sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
         body = discretised.bodies[c.members[0].name]
         marched = float(np.mean([share[m.name] for m in c.members]))

@@ -146,15 +146,12 @@ def _interfaces(p: Prediction) -> str:
         return "dense matrices"
     read, whole = (readable(8.0 * max(x), "B", 3) for x in ([s.swept for s in large], [s.factor for s in large]))
     dense = readable(8.0 * max(0.5 * s.channels**2 for s in large), "B", 3)
-    others = "" if len(large) == len(p.run.classes) else "; dense matrices in the others"
+    others = "" if len(large) == len(p.run.classes) else "; others dense"
     where = f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
     if (tables := p.tables) is not None:
-        return (
-            f"sparse tables, truncated at {tables.truncation:.2g} of the largest entry (points within "
-            f"{1e3 * tables.reach:.3g} mm of each other), corrected where the exact motion leaves more than the "
-            f"tolerance, in {where}"
-        )
-    return f"exact, by substitution through at most {read} of a factor of {whole} (a dense matrix: {dense}) in {where}"
+        rule = f"truncated at {tables.truncation:.2g} of the largest entry, points within {1e3 * tables.reach:.3g} mm"
+        return f"sparse tables, {rule}, in {where}"
+    return f"exact, by substitution through {read} of a factor of {whole} (a dense matrix: {dense}) in {where}"
 
 
 def choices(p: Prediction) -> dict[str, str]:

@@ -14,7 +14,8 @@ from ..assembly.problem import DiscretisedProblem, settings_of
 from ..assembly.propagator_choice import ClassSize
 from ..latin.assembly import Array, class_points
 from ..propagator.direct import ConjugateGradients
-from ..propagator.interface_probing import ROUGH, Points, long_steps, truncation_of
+from ..propagator.interface_probing import ROUGH, Points, truncation_of
+from ..propagator.interface_sweeps import long_steps
 from ..propagator.model import SubstructureModel
 from ..time_scheme import TimeScheme
 

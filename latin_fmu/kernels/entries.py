@@ -18,6 +18,7 @@ from .communication import communicate, present
 from .half_solves import add_reference
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
+    correct,
     end_instant,
     end_window_instant,
     first_guess,
@@ -86,6 +87,7 @@ from .tasks import after_class, end_class, serve
 
 (
     MARCH,
+    CORRECT,
     PREDICT,
     END_CLASS,
     END_INSTANT,
@@ -151,7 +153,7 @@ from .tasks import after_class, end_class, serve
     SIZE,
     TRY,
     PARTS,
-) = range(66)
+) = range(67)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -232,6 +234,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)
+    if action == CORRECT:
+        return correct(pools, a, 0)
     if action == JUDGE:
         return judge(pools, a, b, c, d == 1)
     if action == COMMUNICATE:

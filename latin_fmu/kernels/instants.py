@@ -35,12 +35,15 @@ def march_instants(pools: Any, first: int, n: int) -> int:
         if not solve_instant(pools, instant, call):
             return call
         while pools.run[0].sparse == 1:
-            each_class(pools, SOLUTION, instant, 0)
             verdict = correct(pools, instant, call)
-            if verdict == FAILED:
-                return call
             if verdict == WITHIN:
                 break
+            used = -1
+            if verdict == CORRECTED:
+                used = iterate(pools, 1, instant, call, int(pools.moving_int[pools.run[0].iterations + call]))
+                pools.moving_int[pools.run[0].iterations + call] = used
+            if used <= 0:
+                return call
         each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
     return n
@@ -74,9 +77,11 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
 
 @kernel
 def correct(pools: Any, instant: int, call: int) -> int:
-    """Compare the defect of the solutions under its tractions with the tolerance: WITHIN, or CORRECTED after further
-    iterations from their tractions and exact velocities, to be followed by new solutions; or FAILED."""
+    """Solve under the tractions of the instant and compare the defect with the tolerance: WITHIN, and the
+    instant is accepted; CORRECTED, these tractions and their exact velocities are the reference and the next iterate;
+    or FAILED."""
     run = pools.run[0]
+    each_class(pools, SOLUTION, instant, 0)
     size = defect(pools)
     if size <= run.tolerance:
         pools.moving[run.defects + call] = size
@@ -86,9 +91,10 @@ def correct(pools: Any, instant: int, call: int) -> int:
         return FAILED
     pools.moving_int[run.corrections + call] += 1
     guess_from_reference(pools, pools.moving[run.q : run.q + run.n_flat], True)
-    used = iterate(pools, 1, instant, call, int(pools.moving_int[run.iterations + call]))
-    pools.moving_int[run.iterations + call] = used
-    return CORRECTED if used > 0 else FAILED
+    for c in range(len(pools.classes)):
+        if pools.classes[c].sparse == 1:
+            pools.moving[pools.classes[c].ended] = 0.0
+    return CORRECTED
 
 
 @kernel

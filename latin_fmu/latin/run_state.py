@@ -277,8 +277,8 @@ class RunState:
         return direction if self.part is None else self.part.direction(direction)
 
     def _use(self, n: int, exact: bool = False) -> None:
-        """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of Y,
-        which the compiled driver takes alone."""
+        """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of
+        Y."""
         direction = self.direction(n)
         exact &= direction.sparse
         key = EXACT if exact else min(n, LONG)

@@ -23,7 +23,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..propagator.interface_matrices import resistance
-from ..propagator.interface_probing import ROUGH, Table, interface_tables, long_steps, truncation_of
+from ..propagator.interface_probing import ROUGH, Table, interface_tables, truncation_of
+from ..propagator.interface_sweeps import long_steps
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index
 from .coarse_problem import CoarseProblem

@@ -21,6 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..kernels import entries
+from ..kernels.instants import CORRECTED, WITHIN
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
 from ..propagator.image import Image
 from .assembly import Array
@@ -73,14 +75,30 @@ class WindowSolver:
     ) -> None:
         self._settings, self._observer, self._progress, self._trial = settings, observer, progress, trial
 
-    def solve(self, stages: Stages, record: WindowRecord, number: int) -> Iterate:
-        """Iterate from the q of the image; fills ``record`` and returns the accepted (else the best) iterate, which is
-        the last one of the image then."""
+    def solve_by_tables(self, stages: Stages, record: WindowRecord, number: int) -> bool:
+        """Solve one instant as ``kernels.instants.march_instants`` does where tables of Y are taken; whether they end
+        it."""
+        begin, verdict, image = 0, CORRECTED, stages.image
+        while verdict == CORRECTED:
+            self.solve(stages, record, number, begin)
+            if not record.converged or record.fallbacks:
+                break
+            image.counts("corrections", 1)[0] = record.corrections
+            verdict, begin = image.call(entries.CORRECT, stages.first), record.iterations
+            record.corrections = int(image.counts("corrections", 1)[0])
+            record.defect = float(image.field("defects", 1)[0])
+            record.converged = verdict == WITHIN
+        return record.converged
+
+    def solve(self, stages: Stages, record: WindowRecord, number: int, begin: int = 0) -> Iterate:
+        """Iterate from the q of the image, with ``begin`` iterations made before in this window under another
+        reference; fills ``record`` and returns the accepted (else the best) iterate, which is the last one of the image
+        then."""
         settings, used = self._settings, list[str]()
         best: Iterate | None = None
-        limit, phase, iteration = record.iterations + settings.max_iterations, 0, 0
+        limit, phase, iteration = record.iterations + settings.max_iterations - begin, begin, begin
         while True:
-            self._evaluate(stages, record, iteration, phase)
+            self._evaluate(stages, record, iteration - begin, phase)
             accelerated = settings.anderson_depth > 0 and used[-1:] != [RELAXED]
             verdict = stages.judge(phase, iteration, accelerated)
             if verdict & (BEST | CONVERGED) or best is None:

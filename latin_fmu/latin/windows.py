@@ -100,7 +100,6 @@ class Run(RunState):
     ) -> None:
         self._observer, self._progress, self._monitor, self._fields = observer, progress, monitor, fields
         self.interrupted = False
-        settings = settings if observer is None else replace(settings, tables=0.0)
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
@@ -250,7 +249,9 @@ class Run(RunState):
         given = guess is not None
         if not given:
             guess = self._own_guess(n)
-        self._use(n, exact=True)
+        # the others are here because the kernels have refused their instant, or do not hold them
+        by_tables = self._observer is not None and n == 1 and self.compiles() and self.refusals <= _MOST_REFUSALS
+        self._use(n, exact=not by_tables)
         stages = self.stages(n, first)
 
         def report(iteration: int, error: float) -> None:
@@ -261,7 +262,12 @@ class Run(RunState):
 
         solver = WindowSolver(self.settings, self._observer, report, self._trial)
         self._begin_window(stages, guess)
-        solver.solve(stages, record, number)
+        if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
+            self.refusals, record, by_tables = self.refusals + 1, WindowRecord(first, first), False
+            self._use(n, exact=True)
+            self._begin_window(stages, guess)
+        if not record.converged:
+            solver.solve(stages, record, number)
         if given and not record.converged:
             self.image.call(entries.REWIND)
             record.fallbacks.append(COLD)

@@ -19,7 +19,6 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -39,7 +38,6 @@ SHARE: Final = 0.15
 ROUGH: Final = 1e-5
 """Tolerance from which on the iteration may take factors in single precision, and tables."""
 _OF_TOLERANCE = 0.1  # truncation of tables of Y
-_LONG = 100.0  # diagonals of the stiffness over those of the mass in the operator: Courant number of about 7
 _COLUMNS = 96  # of right-hand sides at a time
 _SEED = 19
 
@@ -153,14 +151,6 @@ def truncation_of(tolerance: float) -> float:
     return _OF_TOLERANCE * tolerance if tolerance >= ROUGH else 0.0
 
 
-def long_steps(weights: tuple[float, float, float], mass: sp.csr_array, stiffness: sp.csr_array) -> bool:
-    """Whether an instant is of long range: the stiffness in the operator of the march is many times the mass; weights
-    of M, C and K in it."""
-    diagonal, inertia = weights[2] * stiffness.diagonal(), weights[0] * mass.diagonal()
-    heavy = inertia > 0.0
-    return bool(heavy.any()) and float(np.median(diagonal[heavy] / inertia[heavy])) > _LONG
-
-
 def _probed(
     solve: Callable[[Array], Array], points: Points, n_channel: int, truncation: float, most: float
 ) -> Table | None:
@@ -257,14 +247,15 @@ def _accurate(table: Table, solve: Callable[[Array], Array], points: Points, n_c
 
 def coloured(tree: cKDTree, positions: Array, distance: float) -> Index:
     """Colours (n,) so that points of one colour are further apart than a distance, by the first that is free."""
-    colour = np.full(len(positions), -1)
-    near = tree.query_ball_point(positions, distance)
-    for p, others in enumerate(near):
-        taken = set(colour[others].tolist())
-        free = 0
-        while free in taken:
-            free += 1
-        colour[p] = free
+    n = len(positions)
+    pairs = tree.query_pairs(distance, output_type="ndarray")
+    ends = np.concatenate([pairs, pairs[:, ::-1]])
+    order = np.argsort(ends[:, 0], kind="stable")
+    near, starts = ends[order, 1], np.searchsorted(ends[order, 0], np.arange(n + 1))
+    taken, colour = np.zeros((n, int(np.diff(starts).max(initial=0)) + 1), dtype=bool), np.empty(n, dtype=np.int64)
+    for p in range(n):
+        colour[p] = taken[p].argmin()
+        taken[near[starts[p] : starts[p + 1]], colour[p]] = True
     return colour
 
 

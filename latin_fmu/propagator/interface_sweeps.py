@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Final, Literal
+from functools import cached_property
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -34,41 +35,75 @@ Form = Literal["automatic", "dense", "exact", "sparse"]
 """How interfaces are solved with: by dense matrices, by substitution (exact too), by tables, or by what costs less."""
 
 NONE = np.zeros(0, dtype=np.int64)
-_SMALL: Final = 2100
-"""Channels of a substructure below which dense matrices are taken without comparison: 700 points with friction, up to
-which Newton steps take them where steps are long."""
+_SMALL: Final = 750
+"""Channels of a substructure below which dense matrices are taken without comparison: 250 points with friction."""
+_SMALL_LONG: Final = 2100
+"""The same where tables would not be sparse, in longer steps, in which Newton steps take dense matrices up to there,
+and in windows of several instants."""
 SET_UP: Final = 4.0
 """Multiplications of both factors and of the diagonal of C, over those of one factor."""
 _SMALL_STATIC: Final = 4000
 """The same without inertia, where Newton steps take a dense matrix in either case."""
+_LONG = 100.0  # diagonals of the stiffness over those of the mass in the operator: Courant number of about 7
+_NEAR = 5.0  # the same up to which tables are sparse: 2
 _INSTANTS, _ITERATIONS = 500.0, 4.0  # of the march that the two forms are compared in
-_FLOP, _ENTRY = 3.5e-11, 1.8e-10  # CPU time of a multiplication, and of an entry that is read, s
+_FLOP = 3.5e-11  # CPU time of a multiplication, s
+_ENTRY, _DENSE_ENTRY = 1.7e-10, 6e-10  # of an entry of a factor in single precision, of a matrix beyond the cache, s
 _COLUMNS = 128  # solved at a time
 _ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
 
 
-def in_form(members: Sequence[SubstructureModel], form: Form) -> list[SubstructureModel]:
+class Interfaces(NamedTuple):
+    """How interfaces are solved with. form : as requested. step : time step of windows of one instant with contact, s;
+    None in other runs."""
+
+    form: Form = "automatic"
+    step: float | None = None
+
+
+def in_form(members: Sequence[SubstructureModel], interfaces: Interfaces) -> list[SubstructureModel]:
     """Identical substructures, with sweeps where the form is "exact" or "sparse", or where that costs less than dense
     matrices."""
-    return [m.with_sweeps() for m in members] if takes_sweeps(members[0], form) else list(members)
+    return [m.with_sweeps() for m in members] if takes_sweeps(members[0], interfaces) else list(members)
 
 
-def takes_sweeps(model: SubstructureModel, form: Form) -> bool:
+def long_steps(
+    weights: tuple[float, float, float], mass: sp.csr_array, stiffness: sp.csr_array, limit: float = _LONG
+) -> bool:
+    """Whether an instant is of long range: the stiffness in the operator of the march is ``limit`` times the mass;
+    weights of M, C and K in it."""
+    diagonal, inertia = weights[2] * stiffness.diagonal(), weights[0] * mass.diagonal()
+    heavy = inertia > 0.0
+    return bool(heavy.any()) and float(np.median(diagonal[heavy] / inertia[heavy])) > limit
+
+
+def _smallest(model: SubstructureModel, step: float | None) -> int:
+    """Channels below which dense matrices are taken without comparison."""
+    if model.mass is None:
+        return _SMALL_STATIC
+    if step is None or model.channel_area.size < _SMALL:
+        return _SMALL_LONG
+    mass, _, stiffness = model.reduced
+    return _SMALL_LONG if long_steps((1.0, 0.0, 0.25 * step**2), mass, stiffness, _NEAR) else _SMALL
+
+
+def takes_sweeps(model: SubstructureModel, interfaces: Interfaces) -> bool:
     """Whether the interfaces of a directly marched model are solved with by substitution.
 
-    Per instant dense matrices are read g^2 + 2.75 c^2 entries (g interface dofs, c channels), and take about 4 c^3
-    multiplications to make; the substitutions of four iterations read the part of the factor for the interface twelve
+    Per instant dense matrices are read g^2 + 1.5 c^2 entries (g interface dofs, c channels), and take about 4 c^3
+    multiplications to make; the substitutions of the iterations read the part of the factor for the interface twelve
     times. Compared over a march of 500 instants.
     """
+    form = interfaces.form
     channels = model.channel_area.size
     if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
         return False
     if form in ("exact", "sparse"):
         return True
-    if channels < (_SMALL if model.mass is not None else _SMALL_STATIC):
+    if channels < _smallest(model, interfaces.step):
         return False
     g, c = float(len(model.at_interface[0])), float(channels)
-    dense = _INSTANTS * _ENTRY * (g**2 + (0.75 + 0.5 * _ITERATIONS) * c**2) + _FLOP * 4.0 * c**3
+    dense = _INSTANTS * _DENSE_ENTRY * (g**2 + 1.5 * c**2) + _FLOP * 4.0 * c**3
     shape = swept_shape(model)
     return swept_entries(shape, _ITERATIONS) * _INSTANTS * _ENTRY + _FLOP * flops(shape) * SET_UP < dense
 
@@ -236,7 +271,7 @@ class DashpotPattern:
         self._dofs, _, rank = model.at_interface
         self.rank = None if rank is None else interface_last(rank, model.reduced_parts, self._dofs)
 
-    @property
+    @cached_property
     def symbolic(self) -> Symbolic:
         """Pattern of the factor, interface dofs its face."""
         some = self.sum([1.0] * len(self._matrices))

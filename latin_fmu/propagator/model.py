@@ -99,11 +99,20 @@ class OperatorPattern:
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:
         """Matrix of zeros with the common pattern; where the entries of each matrix are, None where they are all."""
         filled = [with_data(m, np.ones(m.nnz)) for m in self._given]
-        numbers: sp.csr_array = sum(filled[1:], filled[0])
-        numbers.sort_indices()
-        numbers.data = np.arange(1.0, numbers.nnz + 1)
-        places = [None if m.nnz == numbers.nnz else _picked(numbers, m) for m in filled]
-        return with_data(numbers, np.zeros(numbers.nnz)), places
+        largest = max(filled, key=lambda m: m.nnz)
+        found = self._within(largest, filled)
+        if any(at is not None and len(at) < m.nnz for at, m in zip(found[1], filled, strict=True)):
+            numbers: sp.csr_array = sum(filled[1:], filled[0])
+            numbers.sort_indices()
+            found = self._within(numbers, filled)
+        return found
+
+    @staticmethod
+    def _within(pattern: sp.csr_array, matrices: Sequence[sp.csr_array]) -> tuple[sp.csr_array, list[Index | None]]:
+        """Zeros with a pattern, and where the entries of the matrices that it has are; None where they are all."""
+        numbers = with_data(pattern, np.arange(1.0, pattern.nnz + 1))
+        places = [None if _equal_patterns(m, numbers) else _picked(numbers, m) for m in matrices]
+        return with_data(pattern, np.zeros(pattern.nnz)), places
 
     def sum(self, factors: Sequence[float], matrices: Sequence[sp.csr_array]) -> sp.csr_array:
         """Sum of factors times matrices, which have the patterns of those given at first, in their order."""
@@ -115,6 +124,13 @@ class OperatorPattern:
             else:
                 data[places] += factor * matrix.data
         return with_data(empty, data)
+
+
+def _equal_patterns(first: sp.csr_array, second: sp.csr_array) -> bool:
+    """Whether two matrices have their entries at the same places."""
+    if first.nnz != second.nnz or first.indices is second.indices:
+        return first.nnz == second.nnz
+    return np.array_equal(first.indices, second.indices) and np.array_equal(first.indptr, second.indptr)
 
 
 def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:

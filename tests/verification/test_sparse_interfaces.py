@@ -283,7 +283,7 @@ def test_truncation_and_reach_are_predicted(monkeypatch: pytest.MonkeyPatch) -> 
     """``explain`` predicts the distance that the tables of the run have, without a factor."""
     scene = latin_fmu.scene_from_dict(plates(28, 1))
     text = choices(Prediction(discretise(scene)))["interfaces"]
-    assert text.startswith("sparse tables, truncated at 0.0001 of the largest entry (points within ")
+    assert text.startswith("sparse tables, truncated at 0.0001 of the largest entry, points within ")
     assert text.endswith("in lower, upper")
     made, radii = search_direction.interface_tables, list[float]()
 
