@@ -100,6 +100,41 @@ friction_coefficient = 0.3
 sides = ["b{0}.zmax", "plate.zmin"]
 friction_coefficient = 0.2
 """
+# Two plates in steps that a wave crosses within two elements: tables of Y leave defects that are corrected.
+PLATES = """\
+name = "plates"
+[material.steel]
+young_modulus = 210e9
+poisson_ratio = 0.3
+density = 7800.0
+[material.aluminium]
+young_modulus = 70e9
+poisson_ratio = 0.3
+density = 2700.0
+[substructure.lower]
+material = "aluminium"
+box = { size = [8e-3, 8e-3, 2e-3], elements = [8, 8, 2] }
+[substructure.upper]
+material = "steel"
+box = { origin = [0.0, 0.0, 2e-3], size = [8e-3, 8e-3, 2e-3], elements = [8, 8, 2] }
+[interface.crush]
+sides = ["lower.zmax", "upper.zmin"]
+friction_coefficient = 0.3
+[boundary.base]
+type = "symmetry"
+face = "lower.zmin"
+[load.press]
+face = "upper.zmax"
+pressure = 2e8
+law = { type = "half_sine", duration = 1e-5 }
+[time]
+end = 5.4e-6
+instants = 12
+scheme = "hht"
+[output]
+energy = true
+fields = true
+"""
 MAIN = """
 import json, sys
 from latin_fmu.cli import main
@@ -117,10 +152,21 @@ VARIANTS = {
         *("--set", "time.quasi_static=true", "--set", "time.instants=12", "--set", "load.push.law.duration=1e-4"),
         *("--set", "load.push.traction=[1e8, 1e6, 1e6]", "--set", "interface.i1.friction_coefficient=0.3"),
     ),
+    "substitution": ("--set", 'solver.interface_operator="exact"'),
+    "tables": ("--set", 'solver.interface_operator="sparse"'),
+    "corrected tables": ("--set", 'solver.interface_operator="sparse"'),
+    "class by tables": ("--set", 'solver.interface_operator="sparse"', "--set", "solver.tolerance=1e-2"),
     "long steps": ("--set", "time.instants=6", "--set", "time.end=2.4e-4", "--set", "load.push.law.duration=2e-4"),
 }
-SCENES = {"class": "pillars.toml", "class in windows": "pillars.toml", "bonded": "bonded.toml"}
-THREE, FOUR = ("class", "class in windows", "long steps"), ("plain", "windows of 12")
+SCENES = {
+    "class": "pillars.toml",
+    "class by tables": "pillars.toml",
+    "corrected tables": "plates.toml",
+    "class in windows": "pillars.toml",
+    "bonded": "bonded.toml",
+}
+THREE = ("class", "class in windows", "class by tables", "long steps")
+FOUR = ("plain", "windows of 12", "tables")
 RESIDUES = ("passes", "force_mismatch", "error_indicator", "balance", "unbalanced_force", "unbalanced_moment")
 LIMIT = 1e-10
 
@@ -136,6 +182,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ).replace("sides =", 'behaviour = "perfect"\nsides =')
     (folder / "bonded.toml").write_text(bonded.format(blocks=blocks))
     (folder / "pillars.toml").write_text(PLATE + "".join(PILLAR.format(i, 0.01 * i) for i in range(6)))
+    (folder / "plates.toml").write_text(PLATES)
     return folder
 
 
@@ -225,6 +272,14 @@ def test_shares_of_the_cost() -> None:
 )
 def test_results_of_one_process(place: Path, n: int, variant: str) -> None:
     assert_equal(run(place, 1, variant), run(place, n, variant))
+
+
+@started
+def test_instants_by_tables_are_corrected(place: Path) -> None:
+    """What the variant is for: some instants take corrections, on one process and on two."""
+    for n in (1, 2):
+        tree = open_results(run(place, n, "corrected tables"))
+        assert int(tree["convergence/corrections"].sum()) > 3
 
 
 FAILS = """

@@ -70,6 +70,7 @@ from .records import CLASS, GROUP, RUN
 from .shared import (
     begin_instant,
     changes,
+    decide,
     error_of_all,
     first_of,
     forces_of_all,
@@ -135,6 +136,7 @@ from .tasks import after_class, end_class, serve
     BALANCE,
     LOCAL_PARTS,
     VERDICT,
+    DECIDE,
     ERROR,
     NORMS,
     RELATIVE_FORCES,
@@ -153,7 +155,7 @@ from .tasks import after_class, end_class, serve
     SIZE,
     TRY,
     PARTS,
-) = range(67)
+) = range(68)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -255,12 +257,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == OUTGOING:
         for g in range(len(pools.groups)):
             outgoing(pools, g, a, 0, pools.groups[g].n_point)
-    elif action == PREPARE:
-        prepare(pools, a, b, 0, pools.groups[a].n_point)
-    elif action == POINTS:
-        solve_points(pools, a, 0, pools.groups[a].n_point)
-    elif action == FINISH:
-        finish(pools, a, b, c, 0, pools.groups[a].n_point)
+    elif PREPARE <= action <= FINISH:
+        _call_of_group(pools, action, a, b, c)
     elif action == MEASURE:
         measure(pools, a)
     elif action == NEXT:
@@ -300,6 +298,8 @@ def _call_of_process(pools: Any, action: int, a: int, b: int, c: int, d: int) ->
     run = pools.run[0]
     if action == VERDICT:
         return verdict(pools, a, b, c, d)
+    if action == DECIDE:
+        return decide(pools, a, b)
     if action >= ADMIT:
         return _call_of_shared_step(pools, action, a)
     if action == LOCAL_PARTS:
@@ -390,6 +390,18 @@ def _call_of_newton(pools: Any, action: int, a: int) -> int:
     elif action == LEAVE:
         leave(pools, a)
     return 0
+
+
+@kernel
+def _call_of_group(pools: Any, action: int, a: int, b: int, c: int) -> None:
+    """Local stage of the group ``a``."""
+    n = pools.groups[a].n_point
+    if action == PREPARE:
+        prepare(pools, a, b, 0, n)
+    elif action == POINTS:
+        solve_points(pools, a, 0, n)
+    elif action == FINISH:
+        finish(pools, a, b, c, 0, n)
 
 
 @kernel

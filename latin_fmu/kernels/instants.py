@@ -16,7 +16,7 @@ from .local_stage import open_window, read_gaps
 from .matrices import probe, read_channels
 from .newton import MADE
 from .products import add_dense
-from .sparse_response import MOST_CORRECTIONS, defect
+from .sparse_response import MOST_CORRECTIONS, squared_defect
 from .tasks import END, END_OF_WINDOW, PREDICT, SOLUTION, each_class
 
 Array = NDArray[np.float64]
@@ -80,9 +80,15 @@ def correct(pools: Any, instant: int, call: int) -> int:
     """Solve under the tractions of the instant and compare the defect with the tolerance: WITHIN, and the
     instant is accepted; CORRECTED, these tractions and their exact velocities are the reference and the next iterate;
     or FAILED."""
-    run = pools.run[0]
     each_class(pools, SOLUTION, instant, 0)
-    size = defect(pools)
+    return decided(pools, call, squared_defect(pools))
+
+
+@kernel
+def decided(pools: Any, call: int, squared: float) -> int:
+    """``correct`` from the squared defect of all classes."""
+    run = pools.run[0]
+    size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
     if size <= run.tolerance:
         pools.moving[run.defects + call] = size
         accept(pools, 1)

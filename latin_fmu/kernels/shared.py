@@ -15,12 +15,13 @@ from typing import Any, Final
 from ..compiled import kernel
 from .acceleration import difference_parts
 from .indicator import accept, relative_forces, residual_parts, set_error
-from .instants import end_instant, first_guess
+from .instants import CORRECTED, WITHIN, decided, end_instant, first_guess
 from .iteration import BROKEN, CONVERGED, STALLED, judge, linear_stage
 from .local_stage import open_window
 from .newton import ACTIVE, MADE, advance_iterate, steps_made
+from .sparse_response import squared_defect
 from .substructure import change_of
-from .tasks import END, NORMS, PREDICT, each_class, each_point
+from .tasks import END, NORMS, PREDICT, SOLUTION, each_class, each_point
 
 NEEDED, NEWTON, LONG = 16, 32, 64
 """Bits of ``verdict`` beside those of ``judge``: the norms of the force residual have to be exchanged first; the next
@@ -132,8 +133,8 @@ def error_of_all(pools: Any, window: int) -> bool:
 @kernel
 def verdict(pools: Any, instant: int, call: int, iteration: int, how: int) -> int:
     """Verdict on an iterate of a window of one instant; bits of ``judge`` and those of this file. Where it has not
-    converged the next one is begun, where it has the instant is ended. ``how``: 1 once the norms are exchanged, plus
-    FUSED."""
+    converged the next one is begun, where it has the instant is ended; with tables of Y its squared defect here goes to
+    ``course[7]``, and ``decide`` follows. ``how``: 1 once the norms are exchanged, plus FUSED."""
     run, work = pools.run[0], pools.moving
     if how % FUSED == 1:
         forces_of_all(pools, 1)
@@ -141,22 +142,49 @@ def verdict(pools: Any, instant: int, call: int, iteration: int, how: int) -> in
         return NEEDED
     at = call * run.max_iterations + iteration
     work[run.errors + at], work[run.force_residuals + at] = work[run.measure], work[run.measure + 1]
-    bits = judge(pools, 1, 0, iteration, run.depth > 0)
+    begin = pools.moving_int[run.iterations + call]
+    bits = judge(pools, 1, begin, iteration, run.depth > 0)
     if bits & CONVERGED:
         pools.moving_int[run.iterations + call] = iteration + 1
         pools.moving_int[run.newton_steps + call] = int(work[run.course + MADE])
+        if run.sparse == 1:
+            each_class(pools, SOLUTION, instant, 0)
+            work[run.course + 7] = squared_defect(pools)
+            return bits
+        work[run.defects + call] = 0.0
         accept(pools, 1)
-        work[run.touched] = work[run.acting]
-        each_class(pools, END, instant, 0)
-        pack(pools, run.displacement, run.layer - run.displacement, 1 + run.layers)
+        _end(pools, instant)
     elif bits & (STALLED | BROKEN) == 0 and iteration + 1 < run.max_iterations:
-        if advance_iterate(pools, 1, iteration, 0):
+        if advance_iterate(pools, 1, iteration, begin):
             bits |= LONG
         if work[run.course + ACTIVE] == 1.0:
             bits |= NEWTON
         elif how >= FUSED:
-            send_stage(pools, 1, instant, iteration + 1)
+            send_stage(pools, 1, instant, iteration + 1 - begin)
     return bits
+
+
+@kernel
+def _end(pools: Any, instant: int) -> None:
+    """End an instant that is accepted, and the messages with its displacements."""
+    run, work = pools.run[0], pools.moving
+    work[run.touched] = work[run.acting]
+    each_class(pools, END, instant, 0)
+    pack(pools, run.displacement, run.layer - run.displacement, 1 + run.layers)
+
+
+@kernel
+def decide(pools: Any, instant: int, call: int) -> int:
+    """``instants.correct`` with the squared defects of all processes added in ``course[7]``: what it returns. The
+    messages hold displacements where the instant is ended, q where it goes on."""
+    run, work = pools.run[0], pools.moving
+    result = decided(pools, call, work[run.course + 7])
+    work[run.course : run.course + 8] = 0.0
+    if result == WITHIN:
+        _end(pools, instant)
+    elif result == CORRECTED:
+        pack(pools, run.q, run.n_flat, 1)
+    return result
 
 
 @kernel

@@ -266,7 +266,7 @@ class RunState:
         key = min(n, LONG)
         if key not in self._directions:
             compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
-            usable = self.settings.window == 1 and self.part is None and compiled
+            usable = self.settings.window == 1 and compiled
             settings = self.settings if usable else replace(self.settings, tables=0.0)
             self._directions[key] = self.made_direction(settings, n)
         return self._directions[key]

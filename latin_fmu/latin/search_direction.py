@@ -298,7 +298,7 @@ class Direction:
     @property
     def sparse(self) -> bool:
         """Whether some class has a table of Y."""
-        return any("y" in tables for tables in self.tables or ())
+        return any("y" in tables for tables in self.whole.tables or ())
 
     def incoming(self, f_hat: Array, w_hat: Array) -> Array:
         """Quantity q = F_hat + k W_hat that the linear stage starts from."""
@@ -315,7 +315,7 @@ class Direction:
         proximal = _PROXIMAL_STATIC if self.assembly.quasi_static else _PROXIMAL
         if self.relative.get("krylov"):
             proximal /= _WIDENING  # the same share of z
-        sparse = any("y" in p.tables for p in self.assembly.propagators)
+        sparse = any("y" in p.tables for p in self.whole.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["from_last"] = int(self._short)
         fields["newton_z"] = self.newton_z

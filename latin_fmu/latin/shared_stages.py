@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..kernels import entries
+from ..kernels.instants import CORRECTED, WITHIN
 from ..kernels.iteration import BROKEN, CONVERGED, STALLED
 from ..kernels.newton import ACTIVE
-from ..kernels.shared import FUSED, LONG, NEEDED, NEWTON
+from ..kernels.shared import FUSED, GUESS, LONG, NEEDED, NEWTON
 from ..propagator.image import Image
 from .assembly import Array
 from .exchange import Exchange
@@ -134,25 +135,40 @@ class SharedStages(Stages):
                 image.call(entries.BEGIN_INSTANT, self.first, int(call > 0), int(self._fused)), self._fused
             )
             solved = counts[1]
-            if not self._iterate(call):
+            for name in ("iterations", "corrections"):
+                image.counts(name, call + 1)[call] = 0
+            if not (self._iterate(call) and self._within(call)):
                 counts[1] = solved  # the Python driver solves this instant again, and counts
                 return call
             exchange.neighbours(exchange.fields)
         image.call(entries.TAKE_END, first + n - 1)
         return n
 
+    def _within(self, call: int) -> bool:
+        """Correct an instant solved by tables of Y until its defect is within the tolerance; whether it is."""
+        image, result = self.image, CORRECTED if self.image.run[0]["sparse"] else WITHIN
+        while result == CORRECTED:
+            self._exchange.processes.add(image.field("course", 8)[7:])
+            result = image.call(entries.DECIDE, self.first, call)
+            if result == CORRECTED:
+                self._take_guess(GUESS, self._fused)
+                if not self._iterate(call):
+                    return False
+        return result == WITHIN
+
     def _iterate(self, call: int) -> bool:
         """``kernels.iteration.iterate`` for one instant; whether it converged."""
         image, exchange, how, bits = self.image, self._exchange, FUSED * self._fused, 0
-        for iteration in range(int(image.run[0]["max_iterations"])):
+        begin = int(image.counts("iterations", call + 1)[call])
+        for iteration in range(begin, int(image.run[0]["max_iterations"])):
             if not (bits & NEWTON and self._newton_step(iteration)):
                 if bits & NEWTON:
                     image.call(entries.LEAVE, iteration)
                 if bits & NEWTON or not self._fused:
-                    self._linear_stage(iteration)
+                    self._linear_stage(iteration - begin)
                 else:
                     exchange.neighbours(1)
-                image.call(entries.LOCAL_PARTS, 1, iteration)
+                image.call(entries.LOCAL_PARTS, 1, iteration, begin)
             exchange.parts()
             bits = image.call(entries.VERDICT, self.first, call, iteration, how)
             if bits & NEEDED:

@@ -249,8 +249,9 @@ class Run(RunState):
         given = guess is not None
         if not given:
             guess = self._own_guess(n)
-        # the others are here because the kernels have refused their instant, or do not hold them
-        by_tables = self._observer is not None and n == 1 and self.compiles() and self.refusals <= _MOST_REFUSALS
+        # not where the kernels have refused this instant
+        by_tables = n == 1 and self.part is None and self._in_kernels and not self._refused
+        by_tables &= self.refusals <= _MOST_REFUSALS
         self._use(n, exact=not by_tables)
         stages = self.stages(n, first)
 
@@ -263,7 +264,7 @@ class Run(RunState):
         solver = WindowSolver(self.settings, self._observer, report, self._trial)
         self._begin_window(stages, guess)
         if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
-            self.refusals, record, by_tables = self.refusals + 1, WindowRecord(first, first), False
+            self.refusals, record = self.refusals + 1, WindowRecord(first, first)
             self._use(n, exact=True)
             self._begin_window(stages, guess)
         if not record.converged:
