@@ -10,8 +10,8 @@
 
 All but the last are seconds of the processor, those of processes without the exchanges. Threads are compared by the
 wall clock, in turn, and the least of the rounds is taken; beside the gain stands the memory that an instant reads, over
-its time: factors twice, in each iteration the matrices or the part of the factors at the interfaces. A wall clock means
-little on a machine with other work: its load is printed. Figure: cost against points, unknowns, blocks and processes.
+its time: factors twice, in each iteration but the first the matrices or the part of the factors at the interfaces. A
+wall clock means little on a machine with other work: its load is printed. Figure: cost against points, unknowns, blocks and processes.
 """
 
 from __future__ import annotations

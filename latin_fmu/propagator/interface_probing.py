@@ -38,7 +38,7 @@ SHARE: Final = 0.15
 ROUGH: Final = 1e-5
 """Tolerance from which on the iteration may take factors in single precision, and tables."""
 _OF_TOLERANCE = 0.1  # truncation of tables of Y
-_COLUMNS = 96  # of right-hand sides at a time
+_COLUMNS = 72  # of right-hand sides at a time
 _SEED = 19
 
 
