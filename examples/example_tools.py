@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from latin_fmu.pictures.style import DISTINCT
@@ -51,6 +52,14 @@ def halves(figure: Figure, ratio: float) -> tuple[SubFigure, SubFigure]:
     """Left and right part of a figure, the left one ``ratio`` times as wide."""
     grid = figure.add_gridspec(1, 2, width_ratios=(ratio, 1.0))
     return figure.add_subfigure(grid[0]), figure.add_subfigure(grid[1])
+
+
+def label_few(axis: Axes) -> None:
+    """Label a logarithmic y axis at powers of ten, and at 2 and 5 times them where it has few."""
+    low, high = axis.get_ylim()
+    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def tidy(axis: Axes) -> None:

@@ -11,7 +11,8 @@
 All but the last are seconds of the processor, those of processes without the exchanges. Threads are compared by the
 wall clock, in turn, and the least of the rounds is taken; beside the gain stands the memory that an instant reads, over
 its time: factors twice, in each iteration but the first the matrices or the part of the factors at the interfaces. A
-wall clock means little on a machine with other work: its load is printed. Figure: cost against points, unknowns, blocks and processes.
+wall clock means little on a machine with other work: its load is printed. Figure: cost against points, unknowns, blocks
+and processes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from benchmark_processes import INSTANTS, stack, started
-from example_tools import BLUE, GREEN, VERMILION, options, save, tidy
+from example_tools import BLUE, GREEN, VERMILION, label_few, options, save, tidy
 from large_faces import in_a_process
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -119,8 +120,8 @@ def drawn(lines: dict[str, Line]) -> Figure:
         ticks = sizes[:: 1 + len(sizes) // 6]
         axis.set_xticks(ticks, [f"{n:,.0f}" for n in ticks])
         axis.minorticks_off()
-        axis.yaxis.set_major_formatter("{x:g}")
         axis.set_ylim(0.5 * 1e3 * costs.min(), 2.0 * 1e3 * costs.max())
+        label_few(axis)
         axis.set_xlabel("processes, eight blocks on each" if flat else what)
         axis.set_ylabel("CPU ms per instant")
         tidy(axis)

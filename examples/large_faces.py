@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from example_tools import BLUE, GREEN, VERMILION, options, save, tidy
+from example_tools import BLUE, GREEN, VERMILION, label_few, options, save, tidy
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
@@ -168,8 +168,7 @@ def drawn(costs: dict[str, list[Cost]]) -> Figure:
     for axis, label in ((march, "CPU ms per instant"), (set_up, "CPU s of the set-up")):
         axis.set_xticks([c.points for c in first], [f"{c.points:,}" for c in first])
         axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter(NullFormatter())
+        label_few(axis)
         axis.set_xlabel("points of the face")
         axis.set_ylabel(label)
         tidy(axis)
