@@ -42,6 +42,9 @@ _STATE_VECTORS = 12  # per member: displacement, velocity, acceleration, loads a
 Kind = Literal["direct", "explicit", "reduced", "cg"]
 
 
+DENSE: Final = Interfaces("dense")
+
+
 @dataclass(frozen=True)
 class PropagatorSettings:
     """Settings of the propagators of a run.
@@ -111,9 +114,6 @@ def make_propagator(
     KeyError : unknown name (the scene reader checks names first).
     """
     return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings, twin)
-
-
-DENSE: Final = Interfaces("dense")
 
 
 @dataclass(frozen=True)
@@ -323,9 +323,8 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
     requested = scene.solver.propagator
     if isinstance(requested, tables.ReducedPropagator):
         return PropagatorSettings("reduced", modes=requested.modes)
-    kind: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
-    if not isinstance(requested, tables.AutomaticPropagator):
-        kind = requested.type
+    automatic: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
+    kind: Kind = automatic if isinstance(requested, tables.AutomaticPropagator) else requested.type
     return PropagatorSettings(kind, precision=scene.solver.precision, interfaces=interfaces_of(scene))
 
 

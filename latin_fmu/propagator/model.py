@@ -109,7 +109,7 @@ class OperatorPattern:
 
     @staticmethod
     def _within(pattern: sp.csr_array, matrices: Sequence[sp.csr_array]) -> tuple[sp.csr_array, list[Index | None]]:
-        """Zeros with a pattern, and where the entries of the matrices that it has are; None where they are all."""
+        """Zeros with a pattern, and the places of the entries of each matrix in it, None where they are all of it."""
         numbers = with_data(pattern, np.arange(1.0, pattern.nnz + 1))
         places = [None if _equal_patterns(m, numbers) else _picked(numbers, m) for m in matrices]
         return with_data(pattern, np.zeros(pattern.nnz)), places

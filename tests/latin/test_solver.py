@@ -223,3 +223,22 @@ def test_a_failed_window_commits_its_best_iterate(blocks_scene: Any, made: Any, 
     assert len(seen) == 9
     best = min(seen, key=lambda pair: pair[0])
     np.testing.assert_array_equal(run.f_hat, best[1][-1])
+
+
+def test_free_motion_is_without_the_tractions_of_the_last_instant(blocks_scene: Any, made: Any, begun: Any) -> None:
+    """``predict`` has them among the loads: the velocities differ by the compliance times these tractions."""
+    run = begun(made(blocks_scene()))
+    for number in range(6):
+        run.advance(1, number, 12)
+    stages, image, assembly = run.stages(1, run.assembly.instant + 1), run.image, run.assembly
+    image.call(entries.BEGIN)
+    stages.begin()
+    stages.predict()
+    under = [image.class_field(c, "w_free", *channels.shape).copy() for c, channels in enumerate(assembly.channels)]
+    stages.free_motion()
+    free = image.field("w", image.n_flat)
+    for velocity, channels, propagator in zip(under, assembly.channels, assembly.propagators, strict=True):
+        operators = propagator.operators
+        change = operators.compliance @ (operators.area[:, None] * run.f_hat[channels])
+        assert np.abs(change).max() > 0.0
+        np.testing.assert_allclose(velocity - free[channels], change, rtol=0.0, atol=1e-10 * np.abs(change).max())
