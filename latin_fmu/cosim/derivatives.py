@@ -275,9 +275,9 @@ def march(run: Run, laws: list[list[PointLaws]]) -> None:
     ------
     SolverError : the linear system of an instant cannot be solved: several interfaces hold a point, or nothing does.
     """
-    image, kept = run.image, {name: run.image.run[0][name] for name in ("deepest", "rest_traction", "reuse")}
+    image, kept = run.image, {name: run.image.run[0][name] for name in ("deepest", "rest_traction", "reuse", "make_up")}
     run.use_single_instants()
-    image.set({"deepest": -np.inf, "rest_traction": -1.0, "reuse": -1.0})
+    image.set({"deepest": -np.inf, "rest_traction": -1.0, "reuse": -1.0, "make_up": 0.0})
     try:
         for at, about in enumerate(laws):
             instant = _Instant(run, at + 1, about)

@@ -27,6 +27,10 @@ Rules
 7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
    in ``kernels.laws`` under its name, and ``local`` applies it; the compiled driver needs that. ``PointLaw`` has
    defaults for both.
+8. ``keeps`` says where the law fixes velocities only and the place of the sides follows from them: along N, where
+   points are pressed or bonded, and along the face, where they stick. There the solver carries its own error of place
+   along and makes it up (``kernels.local_stage``). A law that reads displacements needs none, one of velocities alone
+   fixes none.
 
 Interfaces that may open: contact with Coulomb friction, contact without slip, contact through an elastic layer.
 
@@ -114,6 +118,7 @@ class Behaviour(Protocol):
     opens: ClassVar[bool]  # has a gap and a contact status
     compliant: ClassVar[bool]  # traction known from the jumps of displacement and velocity (rule 6)
     elastic: ClassVar[bool]  # depends on the jump of displacement (rule 3)
+    keeps: ClassVar[tuple[bool, bool]]  # fixes the place of held points, along N and in the tangents (rule 8)
 
     @property
     def n_component(self) -> int:
@@ -160,6 +165,7 @@ class PointLaw:
     opens: ClassVar[bool] = False
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
+    keeps: ClassVar[tuple[bool, bool]] = (True, True)
     tangential: ClassVar[str] = ""  # parameter without which the points have no tangential unknowns
 
     @property
@@ -249,6 +255,7 @@ class SoftContact(PointLaw):
     opens: ClassVar[bool] = True
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
+    keeps: ClassVar[tuple[bool, bool]] = (False, True)
     tangential: ClassVar[str] = FRICTION
     status = staticmethod(Contact.status)
 
@@ -285,6 +292,7 @@ class ElasticLayer(PointLaw):
     name: ClassVar[str] = "elastic_layer"
     compliant: ClassVar[bool] = True
     elastic: ClassVar[bool] = True
+    keeps: ClassVar[tuple[bool, bool]] = (False, False)
     tangential: ClassVar[str] = "tangential_stiffness"
 
     @staticmethod
@@ -304,6 +312,7 @@ class ViscousJoint(PointLaw):
     tangential_viscosity: float = 0.0
     name: ClassVar[str] = "viscous_joint"
     compliant: ClassVar[bool] = True
+    keeps: ClassVar[tuple[bool, bool]] = (False, False)
     tangential: ClassVar[str] = "tangential_viscosity"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, kernel
-from .sums import add_parts
+from .sums import MEASURES, add_parts
 
 Array = NDArray[np.float64]
 
@@ -149,8 +149,8 @@ def anderson(
 
 @kernel
 def difference_parts(pools: Any, window: int, count: int) -> None:
-    """Differences to the last iterate of the window, and their products over each interface, into ``own_parts``, from
-    the fourth number on; none at the first of the steps."""
+    """Differences to the last iterate of the window, and their products over each interface, into ``own_parts``, behind
+    those of the measures; none at the first of the steps."""
     run, work = pools.run[0], pools.moving
     depth, n_flat, wide = run.depth, run.n_flat, run.part_width
     n = window * n_flat
@@ -168,7 +168,7 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
     )
     parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
     for e in range(run.n_interface):
-        parts[e * wide + 3 : e * wide + 3 + 2 * kept] = 0.0
+        parts[e * wide + MEASURES : e * wide + MEASURES + 2 * kept] = 0.0
     for i in range(window):
         for e in range(run.n_interface):
             size = pools.fixed_int[run.segments + 3 * e + 2]
@@ -180,8 +180,8 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
                 for a in range(kept):
                     old = work[run.dr + a * n + at : run.dr + a * n + at + size]
                     product, projection = weighted_products(metric, old, new, rest)
-                    parts[e * wide + 3 + 2 * a] += product
-                    parts[e * wide + 4 + 2 * a] += projection
+                    parts[e * wide + MEASURES + 2 * a] += product
+                    parts[e * wide + MEASURES + 1 + 2 * a] += projection
 
 
 @kernel
@@ -194,7 +194,7 @@ def next_iterate(pools: Any, window: int, count: int) -> bool:
     if depth == 0 or count <= 0:
         relax(q, r, run.relaxation, work[run.last_q : run.last_q + n], work[run.last_r : run.last_r + n])
         return False
-    add_parts(pools, 3, 2 * min(count, depth))
+    add_parts(pools, MEASURES, 2 * min(count, depth))
     take_step(
         q,
         r,
@@ -205,7 +205,7 @@ def next_iterate(pools: Any, window: int, count: int) -> bool:
         work[run.gram : run.gram + depth * depth],
         work[run.least : run.least + (depth + 3) * depth],
         count,
-        work[run.totals + 3 : run.totals + 3 + 2 * depth],
+        work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth],
     )
     if run.longest_step == np.inf:
         return False

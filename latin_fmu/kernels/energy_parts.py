@@ -26,6 +26,9 @@ TERMS = (
 """Terms of the account, in the order of ``totals``."""
 N_TERM = len(TERMS)
 KINETIC, ELASTIC, WORK_OF_LOADS, INTERFACE_WORK, DAMPED, OF_SCHEME, OF_LANDING = range(N_TERM)
+STORED, OF_GROUND, OF_DRIFT, PUT_IN, NET = range(5)
+"""Numbers of ``works``: kinetic and elastic energy of the classes here at the start; work of the moving ground here;
+work that the drift takes from the interfaces owned here; energy put in so far; work of the drift of all processes."""
 
 
 @kernel

@@ -50,6 +50,7 @@ from .local_stage import (
     solve_points,
 )
 from .newton import (
+    RESIDUAL,
     active_matrix,
     admit_residual,
     advance_iterate,
@@ -384,9 +385,9 @@ def _call_of_newton(pools: Any, action: int, a: int) -> int:
     elif action == TRIAL_SIZE:  # those of several processes are exchanged before
         if pools.run[0].shared == 0:
             trial_parts(pools)
-        work[course + 7] = trial_size(pools)
+        work[course + RESIDUAL] = trial_size(pools)
     elif action == COUNT_STEP:
-        count_step(pools, work[course + 7])
+        count_step(pools, work[course + RESIDUAL])
     elif action == LEAVE:
         leave(pools, a)
     return 0

@@ -26,16 +26,24 @@ from numpy.typing import NDArray
 
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
+from .energy_parts import NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from .half_solves import forward_on_face, gain_of
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
 from .splits import dense
-from .sums import add_parts
+from .sums import MEASURES, add_parts
 
 Array = NDArray[np.float64]
 
 TANGENTIAL_FLOOR = 1e-2
 """Smallest scale of tangential forces over that of normal ones."""
+BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.01, 0.5
+"""Share of the energy put in that errors may do as work; share of what is left of it for an instant, for a window of
+several."""
+START = 1e-2
+"""Work that the error of an instant may always do, over tolerance times the squared size of the fields (a power)."""
+NOTHING = 1e-12
+"""Residual over the whole tractions and velocities, preload and ride included, below which nothing moves."""
 
 
 @kernel
@@ -47,50 +55,70 @@ def error_indicator(pools: Any, window: int) -> float:
 
 @kernel
 def residual_parts(pools: Any, window: int) -> None:
-    """Residual r of q over the window, and the sums of the indicator over each interface, into ``own_parts``: of
-    weighted squares of r, of the fields, of the fields without those of the equilibrium that the motion starts from."""
-    run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n, wide = run.n_flat, run.part_width
-    parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
+    """Residual r of q over the window, and the sums of ``set_error`` over each interface, into ``own_parts``."""
+    run, work = pools.run[0], pools.moving
     for e in range(run.n_interface):
-        parts[e * wide : e * wide + 3] = 0.0
-    for i in range(window):
-        for e in range(run.n_interface):
-            size = pools.fixed_int[run.segments + 3 * e + 2]
-            for side in range(2):
-                at = pools.fixed_int[run.segments + 3 * e + side]
-                k, still = direction[run.k + at : run.k + at + size], direction[run.still + at : run.still + at + size]
-                of_r = direction[run.weights + at : run.weights + at + size]
-                of_f = direction[run.weights + n + at : run.weights + n + at + size]
-                of_w = direction[run.weights + 2 * n + at : run.weights + 2 * n + at + size]
-                at += i * n
-                q, r = work[run.q + at : run.q + at + size], work[run.r + at : run.r + at + size]
-                f, w = work[run.f + at : run.f + at + size], work[run.w + at : run.w + at + size]
-                f_hat = work[run.local_f + at : run.local_f + at + size]
-                w_hat = work[run.local_w + at : run.local_w + at + size]
-                difference, fields, moved = 0.0, 0.0, 0.0
-                for j in range(size):
-                    rest = f_hat[j] + k[j] * w_hat[j] - q[j]
-                    r[j] = rest
-                    difference += of_r[j] * rest * rest
-                    motion = of_w[j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
-                    fields += of_f[j] * (f[j] * f[j] + f_hat[j] * f_hat[j]) + motion
-                    moved += of_f[j] * ((f[j] - still[j]) ** 2 + (f_hat[j] - still[j]) ** 2) + motion
-                parts[e * wide] += difference
-                parts[e * wide + 1] += fields
-                parts[e * wide + 2] += moved
+        at = run.own_parts + e * run.part_width
+        work[at : at + MEASURES] = 0.0
+        for i in range(window):
+            _add_parts(pools, e, i, window, work[at : at + MEASURES])
+
+
+@kernel
+def _add_parts(pools: Any, e: int, i: int, window: int, parts: Array) -> None:
+    """Residual r of q of an interface at instant i of the window; adds to its sums."""
+    run, work, fixed, n = pools.run[0], pools.moving, pools.fixed, pools.run[0].n_flat
+    size, alone = pools.fixed_int[run.segments + 3 * e + 2], window == 1
+    difference, changed, tractions, whole, power = 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in range(2):
+        at = pools.fixed_int[run.segments + 3 * e + side]
+        k, still = fixed[run.k + at : run.k + at + size], fixed[run.still + at : run.still + at + size]
+        of_r, area = fixed[run.weights + at : run.weights + at + size], fixed[run.area + at : run.area + at + size]
+        of_f = fixed[run.weights + n + at : run.weights + n + at + size]
+        of_w = fixed[run.weights + 2 * n + at : run.weights + 2 * n + at + size]
+        at += i * n
+        q, r = work[run.q + at : run.q + at + size], work[run.r + at : run.r + at + size]
+        f, w = work[run.f + at : run.f + at + size], work[run.w + at : run.w + at + size]
+        f_hat = work[run.local_f + at : run.local_f + at + size]
+        w_hat = work[run.local_w + at : run.local_w + at + size]
+        for j in range(size):
+            rest = f_hat[j] + k[j] * w_hat[j] - q[j]
+            r[j] = rest
+            difference += of_r[j] * rest * rest
+            changed += of_f[j] * ((f[j] - still[j]) ** 2 + (f_hat[j] - still[j]) ** 2)
+            tractions += of_f[j] * (f[j] * f[j] + f_hat[j] * f_hat[j])
+            whole += of_w[j] * (w[j] * w[j] + w_hat[j] * w_hat[j])
+            # F_hat acts at the end of a window of one instant, in longer ones F; ground (k = 0) moves as it is driven
+            acting = f_hat[j] if alone or k[j] == 0.0 else f[j]
+            power += area[j] * (acting * w[j] - f_hat[j] * w_hat[j])
+    near, far = pools.fixed_int[run.segments + 3 * e], pools.fixed_int[run.segments + 3 * e + 1]
+    of_w = fixed[run.weights + 3 * n + near :][:size]
+    near, far = near + i * n, far + i * n
+    first, second = work[run.w + near :][:size], work[run.w + far :][:size]
+    first_hat, second_hat = work[run.local_w + near :][:size], work[run.local_w + far :][:size]
+    relative = 0.0
+    for j in range(size):
+        relative += of_w[j] * ((second[j] - first[j]) ** 2 + (second_hat[j] - first_hat[j]) ** 2)
+    parts[0] += difference
+    parts[1] += changed + relative
+    parts[2] += tractions
+    parts[3] += changed
+    parts[4] += tractions + whole
+    parts[5] += power
 
 
 @kernel
 def set_error(pools: Any, window: int) -> float:
-    """sqrt(eta) over the window from the ``parts`` of all interfaces."""
+    """sqrt(eta) over the window from the ``parts`` of all interfaces: sums of weighted squares of r; of the change of
+    the tractions and the relative velocities; of the tractions; of their change; of tractions and velocities."""
     run, work = pools.run[0], pools.moving
-    add_parts(pools, 0, 3)
-    difference, size, moved = work[run.totals], work[run.totals + 1], work[run.totals + 2]
-    measure, scales = work[run.measure : run.measure + 8], pools.moving[run.scales : run.scales + 3]
-    measure[7] = min(1.0, np.sqrt(run.amplified * moved / size)) if size > 0.0 else 1.0
-    measure[2] = max(scales[0], measure[7] ** 2 * size / window)
-    measure[0] = np.sqrt(difference / window / measure[2])
+    add_parts(pools, 0, MEASURES)
+    totals = work[run.totals : run.totals + MEASURES]
+    measure, scales = work[run.measure : run.measure + 9], pools.moving[run.scales : run.scales + 3]
+    measure[7] = min(1.0, np.sqrt(totals[3] / totals[2])) if totals[2] > 0.0 else 1.0
+    measure[2] = max(scales[0], totals[1] / window)
+    nothing = totals[0] <= NOTHING * NOTHING * totals[4]
+    measure[0] = 0.0 if nothing else np.sqrt(totals[0] / window / measure[2])
     measure[1] = np.nan
     measure[3], measure[4] = scales[1], scales[2]
     return float(measure[0])
@@ -146,7 +174,52 @@ def relative_forces(pools: Any, window: int) -> float:
             error_t = max(error_t, np.sqrt(max(total[3], 0.0)))
     measure[4] = max(measure[4], TANGENTIAL_FLOOR * measure[3])
     measure[1] = max(error_n / measure[3], error_t / measure[4] if parts == 2 else 0.0)
+    work[run.measure + 8] = work_of_error(pools, window)
+    if measure[0] == 0.0:  # nothing moves
+        measure[1] = work[run.measure + 8] = 0.0
     return float(measure[1])
+
+
+@kernel
+def own_put_in(pools: Any) -> float:
+    """Energy put in so far, J: kinetic and elastic energy of the classes here at the start, work of loads, of
+    prescribed motions and of moving ground. Negative where a class has no account of energies."""
+    run, state = pools.run[0], pools.moving
+    total = state[run.works + STORED] + state[run.works + OF_GROUND]
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        if row.accounted == 0:
+            return -1.0
+        for j in range(row.m):
+            total += state[row.totals + WORK_OF_LOADS * row.m + j]
+    return float(total)
+
+
+@kernel
+def take_works(pools: Any, put_in: float, drift: float) -> None:
+    """Largest energy put in so far, and work of the drift, of all processes."""
+    works = pools.moving[pools.run[0].works : pools.run[0].works + 5]
+    works[PUT_IN], works[NET] = max(works[PUT_IN], put_in) if put_in >= 0.0 else -1.0, drift
+
+
+@kernel
+def work_of_error(pools: Any, window: int) -> float:
+    """Work that the error of an iterate does over the window, relative to what it may do; 0 without inertia and where
+    energies are not accounted for.
+
+    All instants together may do BUDGET of the energy put in, each of them a share of what is left.
+    """
+    run, work = pools.run[0], pools.moving
+    if run.shared == 0:
+        take_works(pools, own_put_in(pools), work[run.works + OF_DRIFT])
+    put_in, net = work[run.works + PUT_IN], work[run.works + NET]
+    if run.static == 1 or put_in < 0.0:
+        return 0.0
+    fields, share, start = work[run.measure + 2], SHARE, START * run.tolerance
+    if window > 1:  # what the loads put in within the window is not known yet
+        share, start = SHARE_OF_WINDOW, BUDGET
+    allowed = max(share * (BUDGET * put_in - abs(net)), start * fields * window * run.dt)
+    return float(abs(work[run.totals + 5]) * run.dt / allowed)
 
 
 @kernel

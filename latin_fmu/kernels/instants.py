@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .energy import open_account
-from .energy_parts import N_TERM
+from .energy_parts import ELASTIC, KINETIC, N_TERM, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept
 from .iteration import iterate
-from .local_stage import open_window, read_gaps
+from .local_stage import add_made_up, follow_drift, open_window, read_gaps
 from .matrices import probe, read_channels
 from .newton import MADE
 from .products import add_dense
@@ -118,8 +118,13 @@ def first_guess(pools: Any, instant: int) -> None:
     if run.direct_bonds == 1:
         w = work[run.w : run.w + n]
         free_motion(pools, instant, w)
+        add_made_up(pools, 1.0, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
+        w[:] = 0.0
+        add_made_up(pools, 1.0, w)
+        for j in range(n):
+            q[j] -= k[j] * w[j]
         return
     touched, carry = run.shared == 1 and state[run.touched] != 0.0, state[run.carry]
     if run.static == 1:
@@ -173,9 +178,18 @@ def free_motion(pools: Any, instant: int, w: Array) -> None:
 
 @kernel
 def end_instant(pools: Any, instant: int, i: int) -> None:
-    """Gaps at the end of an instant, and its accepted fields among histories and as the start of the next one; they
-    are those of instant i of the window."""
+    """Gaps and drifts at the end of an instant, and its accepted fields among histories and as the start of the next
+    one; they are those of instant i of the window."""
+    run, moving, of_ground = pools.run[0], pools.moving, 0.0
+    for e in range(run.n_ground):
+        at, velocity = pools.fixed_int[run.ground + e], moving[run.ground_velocity + instant * run.n_ground + e]
+        moving[run.moved + at] = velocity
+        if pools.fixed_int[run.interface + at] < run.n_owned:
+            of_ground -= pools.fixed[run.area + at] * moving[run.local_f + i * run.n_flat + at] * velocity * run.dt
+    moving[run.works + OF_GROUND] += of_ground
+    follow_drift(pools, i)
     keep_fields(pools, instant, i)
+    moving[run.history_works + instant - run.first_row] = moving[run.works + OF_DRIFT]
     read_gaps(pools, instant)
 
 
@@ -201,6 +215,14 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
 def end_window_instant(pools: Any, instant: int, i: int) -> None:
     """March every class over instant i of a window with the accepted q, and read gaps, energies and probes."""
     each_class(pools, END_OF_WINDOW, instant, i)
+    run, work, work_done = pools.run[0], pools.moving, 0.0
+    for c in range(len(pools.classes)):  # F acts, not F_hat
+        row = pools.classes[c]
+        for e in range(row.n_channel * row.m):
+            at = pools.fixed_int[row.channels + e]
+            excess = work[run.f + i * run.n_flat + at] - work[run.local_f + i * run.n_flat + at]
+            work_done += pools.fixed[run.area + at] * excess * work[run.moved + at]
+    work[run.works + OF_DRIFT] += work_done * run.dt
     if pools.run[0].shared == 0:
         end_instant(pools, instant, i)
 
@@ -220,6 +242,7 @@ def read_start(pools: Any) -> None:
             output[pools.classes[c].energies + j] = state[pools.classes[c].totals + j]
     for j in range(n):
         output[run.history_f + j], output[run.history_w + j] = state[run.f_hat + j], state[run.w_hat + j]
+    output[run.history_works] = state[run.works + OF_DRIFT]
     if run.shared == 0:
         read_gaps(pools, 0)
 
@@ -229,5 +252,11 @@ def open_accounts(pools: Any) -> None:
     """Begin the account of energies of every class at instant 0, with the tractions of the state."""
     run = pools.run[0]
     tractions = pools.moving[run.f_hat : run.f_hat + run.n_flat]
+    works, stored = pools.moving[run.works : run.works + 5], 0.0
     for c in range(len(pools.classes)):
         open_account(pools, c, 0, tractions)
+        row = pools.classes[c]
+        for j in range(row.m * row.accounted):
+            stored += pools.moving[row.totals + KINETIC * row.m + j] + pools.moving[row.totals + ELASTIC * row.m + j]
+    works[:] = 0.0
+    works[STORED] = stored

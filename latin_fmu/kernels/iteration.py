@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .indicator import add_class_norms, error_indicator, relative_forces
 from .matrices import add_matrix
-from .newton import ACTIVE, BEGUN, GAIN, PHASE, advance_iterate, keep_end, leave, propose, search
+from .newton import ACTIVE, BEGUN, DUE, GAIN, LEFT, MADE, PHASE, advance_iterate, keep_end, leave, propose, search
 from .tasks import NORMS, RESPONSE, WINDOW, each_class, each_point
 
 Array = NDArray[np.float64]
@@ -26,6 +26,9 @@ STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
 """Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
 AT_REST = 1e-2
 """Fraction of the tolerance up to which the first iterate of an instant is accepted."""
+SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
+"""Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
+by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
@@ -139,7 +142,7 @@ def newton_step(pools: Any, first: int) -> bool:
 def next_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     """One iteration from the q of ``work``, or one Newton step where it is time for one."""
     run = pools.run[0]
-    course = pools.moving[run.course : run.course + 8]
+    course = pools.moving[run.course : run.course + 9]
     if iteration == 0:
         course[:] = 0.0
     if window == 1 and course[ACTIVE] == 1.0:
@@ -159,18 +162,21 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     those, counted from the iteration ``phase`` on.
     """
     run, work = pools.run[0], pools.moving
-    numbers = work[run.measure : run.measure + 8]
+    numbers = work[run.measure : run.measure + 9]
     merits = work[run.merits : run.merits + 2 * (iteration + 1)]
     error, forces = numbers[0], numbers[1]
     if iteration == 0:
         numbers[5], numbers[6] = 1.0, pools.moving[run.scales]
     merit, known = error / run.tolerance, np.nan
     if np.isfinite(forces) and np.isfinite(merit):
-        known = max(merit, forces / run.force_tolerance)
+        known = max(merit, forces / run.force_tolerance, numbers[8])
         if merit > 0.0:
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
-    met = error <= run.tolerance and forces <= run.force_tolerance
+    allowed = 1.0
+    if window == 1 and iteration >= SLOW and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
+        allowed = CLOSER
+    met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance and numbers[8] <= 1.0
     # a first guess just within tolerance is not accepted: its error would add up from instant to instant
     if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
         return CONVERGED | BEST
@@ -198,7 +204,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if work[run.course + ACTIVE] == 1.0:
         return bits
     if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
-        bits |= STALLED
+        if window == 1 and run.newton == 1 and work[run.course + LEFT] == 0.0:
+            work[run.course + DUE] = 1.0
+        else:
+            bits |= STALLED
     return bits
 
 

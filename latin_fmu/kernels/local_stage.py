@@ -8,6 +8,18 @@ law of contact is end-of-instant: with G the gap at the start of the instant,
 Inside a window of several instants the gap follows the displacement recursion of the time scheme, which removes the
 half-step bias that G + dt d gives the closing instant of an accelerated body. With max(G, 0) a penetrated point is not
 pushed out, so that no energy is added. The penetration left is at most dt/2 times the closing velocity.
+
+The iteration stops at a tolerance, so that the sides do not move quite as the law says. Where a law fixes their place
+(pressed points along N, points that stick, bonded points) the errors of the instants would add up: velocities near zero
+have no feedback of position. So the drift D is carried along, the jump of the sides over the jump that the velocities
+of the law give by the recursion of the scheme, and the law of the next instant is applied to the jump
+
+    d + make_up D,    make_up = theta / dt,    with the gap G - D:
+
+an error eps in an instant leaves D = dt eps / theta, not n dt eps after n instants. G - D is the gap of the law, with
+the penetration that the time step makes at landing in it: that is never pushed out. Making D up does the work F.D that
+the drift took away, so that no energy is added but (F_new - F_old).D, of second order. Under average acceleration the
+errors obey z^2 - (1 - theta/2) z + theta/2 = 0, |z| = 1/2 for theta = 1/2.
 """
 
 from __future__ import annotations
@@ -18,7 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .laws import apply
+from .energy_parts import OF_DRIFT
+from .laws import NO_SLIP, apply
 from .matrices import read_channels
 
 Array = NDArray[np.float64]
@@ -51,17 +64,13 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
     size, first = (high - low) * h, run.s + i * run.n_flat + group.start + low * h
     second = first + group.n_point * h
     jump, near, far = work[group.jump + low * h : group.jump + high * h], work[first : first + size], work[second:]
+    if i == 0 and run.longest_window > 1:
+        _start_window(pools, g, low, high)
+    planned, make_up = work[group.planned + low * h : group.planned + high * h], run.make_up
     for j in range(size):
-        jump[j] = far[j] - near[j]
+        jump[j] = far[j] - near[j] + make_up * planned[j]
     width = h if group.elastic == 1 else 1
     count, begin, end = group.n_point * width, low * width, high * width
-    if i == 0:
-        for kind in range(4):
-            at = kind * count
-            opening = work[group.opening + at + begin : group.opening + at + end]
-            opened = work[group.opened + at + begin : group.opened + at + end]
-            for j in range(end - begin):
-                opening[j] = opened[j]
     start = work[group.opening + 3 * count + begin : group.opening + 3 * count + end]
     reach = work[group.reach + begin : group.reach + end]
     if group.elastic == 1:
@@ -72,6 +81,23 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
         rate, deepest = 1.0 / run.dt, run.deepest
         for j in range(end - begin):
             reach[j] = max(start[j], deepest) * rate
+
+
+@kernel
+def _start_window(pools: Any, g: int, low: int, high: int) -> None:
+    """Openings and drifts of the points from ``low`` to ``high`` of a group at the start of the window, for the local
+    stage of its instants."""
+    group, work = pools.groups[g], pools.moving
+    h = group.n_component
+    width = h if group.elastic == 1 else 1
+    for kind in range(4):
+        at = kind * group.n_point * width
+        for j in range(low * width, high * width):
+            work[group.opening + at + j] = work[group.opened + at + j]
+    for kind in range(3):
+        at = kind * group.n_point * h
+        for j in range(low * h, high * h):
+            work[group.planned + at + j] = work[group.drift + at + j]
 
 
 @kernel
@@ -115,6 +141,7 @@ def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None
             w_hat[j] = s[j] + z[j] * f_hat[j]
     if window > 1:
         _follow(pools, g, work[run.local_w + at : run.local_w + at + run.n_flat], low, high)
+        _follow_plan(pools, g, low, high)
 
 
 @kernel
@@ -144,6 +171,7 @@ def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
         for c in range(width):
             j = p * width + c
             moved = w_hat[group.start + size + p * h + c] - w_hat[group.start + p * h + c]
+            moved += run.make_up * work[group.planned + p * h + c]  # as the law says
             gap[j] += run.opening_v * velocity[j] + run.opening_a * rate[j] + run.opening_new * moved
             rate[j] = run.rate_v * velocity[j] + run.rate_a * rate[j] + run.rate_new * moved
             velocity[j] = moved
@@ -153,21 +181,113 @@ def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
 
 
 @kernel
+def _follow_plan(pools: Any, g: int, low: int, high: int) -> None:
+    """Drift of a group that is left for the next instant of the window where the sides move as the local stage says:
+    ``make_up`` of it is made up."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    if group.keeps_normal == 0 and group.keeps_tangential == 0:
+        return
+    h = group.n_component
+    for p in range(low, high):
+        held = work[group.traction + p * h : (p + 1) * h + group.traction]
+        for c in range(h):
+            error = -run.make_up * work[group.planned + p * h + c]
+            _advance_drift(pools, g, group.planned, p * h + c, error, _kept(group, held, c))
+
+
+@kernel
+def _kept(group: Any, traction: Array, c: int) -> bool:
+    """Whether the law fixes the place of a point in the direction c under the traction (h,) on side E: of one that may
+    open while it is pressed; without slip a point is held along the face by its shear alone."""
+    if (group.keeps_normal if c == 0 else group.keeps_tangential) == 0:
+        return False
+    if group.opens == 0 or traction[0] < 0.0:
+        return True
+    return bool(c > 0 and group.law == NO_SLIP and traction[c] != 0.0)
+
+
+@kernel
+def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, kept: bool) -> None:
+    """Drift j of a group in the array ``to`` after an instant in which the velocity of the sides exceeds that of the
+    law by ``error``, by the displacement recursion of the scheme; 0 where the law fixes no place."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    size = group.n_point * group.n_component
+    velocity, rate = work[to + size + j], work[to + 2 * size + j]
+    if not kept:
+        work[to + j], work[to + size + j], work[to + 2 * size + j] = 0.0, 0.0, 0.0
+        return
+    work[to + j] += run.opening_v * velocity + run.opening_a * rate + run.opening_new * error
+    work[to + size + j] = error
+    work[to + 2 * size + j] = run.rate_v * velocity + run.rate_a * rate + run.rate_new * error
+
+
+@kernel
+def follow_drift(pools: Any, i: int) -> None:
+    """Drift of the groups at the end of instant i of the window, from ``moved`` and the accepted fields; the velocities
+    W_hat of these become those of the law, the drift that was to be made up taken out in the ratio of the 1/k of both
+    sides."""
+    run, work, at, lost = pools.run[0], pools.moving, i * pools.run[0].n_flat, 0.0
+    area = pools.fixed[run.area : run.area + run.n_flat]
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        if group.keeps_normal == 0 and group.keeps_tangential == 0:
+            continue
+        h, first = group.n_component, group.start
+        second = first + group.n_point * h
+        if i == 0:
+            _start_window(pools, g, 0, group.n_point)
+        for p in range(group.n_point):
+            owned = pools.fixed_int[run.interface + first + p * h] < run.n_owned
+            held = work[run.local_f + at + first + p * h : run.local_f + at + first + (p + 1) * h]
+            for c in range(h):
+                j = p * h + c
+                planned = run.make_up * work[group.planned + j]
+                near, far = run.local_w + at + first + j, run.local_w + at + second + j
+                both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]
+                share = pools.fixed[run.z + first + j] / both if both > 0.0 else 0.0
+                work[near] -= share * planned
+                work[far] += (1.0 - share) * planned
+                moved = work[run.moved + second + j] - work[run.moved + first + j]
+                kept, error, before = _kept(group, held, c), moved - (work[far] - work[near]), work[group.drift + j]
+                _advance_drift(pools, g, group.drift, j, error, kept)
+                if owned and kept:
+                    lost += area[first + j] * held[c] * (work[group.drift + j] - before)
+                _advance_drift(pools, g, group.planned, j, -planned, kept)
+    work[run.works + OF_DRIFT] -= lost
+
+
+@kernel
+def add_made_up(pools: Any, factor: float, w: Array) -> None:
+    """Add ``factor`` times the velocities that make up the drift to those of sides E' among w (N,)."""
+    run, work = pools.run[0], pools.moving
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        size = group.n_point * group.n_component
+        for j in range(size):
+            w[group.start + size + j] += factor * run.make_up * work[group.drift + j]
+
+
+@kernel
 def open_window(pools: Any, window: int, instant: int) -> None:
-    """Openings of the groups at the start of a window; ``instant``: the present one.
+    """Openings and drifts of the groups at the start of a window; ``instant``: the present one.
 
     A window of one instant takes the gaps and layer jumps at the end of the instant before. A window of several takes
-    opening, its velocity and its acceleration from the present motion of the substructures.
+    opening, its velocity and its acceleration from the present motion of the substructures. Both without drift.
     """
     run, work = pools.run[0], pools.moving
     for g in range(len(pools.groups)):
         group = pools.groups[g]
-        width = group.n_component if group.elastic == 1 else 1
+        h = group.n_component
+        width = h if group.elastic == 1 else 1
         count = group.n_point * width
         kept = group.layer if group.elastic == 1 else group.gap
         start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[kept : kept + count]
         for j in range(count):
             start[j] = state[j]
+        if group.elastic == 0 and group.keeps_normal == 1:
+            for p in range(group.n_point):
+                start[p] -= work[group.drift + p * h]
+        _start_window(pools, g, 0, group.n_point)
     if window == 1 or run.shared == 1:
         return
     for kind in range(3):
@@ -237,6 +357,8 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]
         if kind == 0:
             out[p * width] += pools.fixed[group.initial_gap + p]
+        if group.elastic == 0 and group.keeps_normal == 1:
+            out[p] -= pools.moving[group.drift + (kind * group.n_point + p) * h]
 
 
 @kernel

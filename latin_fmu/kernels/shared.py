@@ -14,11 +14,12 @@ from typing import Any, Final
 
 from ..compiled import kernel
 from .acceleration import difference_parts
-from .indicator import accept, relative_forces, residual_parts, set_error
+from .energy_parts import OF_DRIFT
+from .indicator import accept, own_put_in, relative_forces, residual_parts, set_error, take_works
 from .instants import CORRECTED, WITHIN, decided, end_instant, first_guess
 from .iteration import BROKEN, CONVERGED, STALLED, judge, linear_stage
 from .local_stage import open_window
-from .newton import ACTIVE, MADE, advance_iterate, steps_made
+from .newton import ACTIVE, MADE, RESIDUAL, advance_iterate, steps_made
 from .sparse_response import squared_defect
 from .substructure import change_of
 from .tasks import END, NORMS, PREDICT, SOLUTION, each_class, each_point
@@ -89,7 +90,8 @@ def local_parts(pools: Any, window: int, iteration: int, phase: int) -> None:
 
 @kernel
 def own_norms(pools: Any, window: int) -> None:
-    """Norms of the force residual of the classes here, and whether a traction acts at the end of the window."""
+    """Norms of the force residual of the classes here, whether a traction acts at the end of the window, energy put in
+    and work of the drift here."""
     run, work = pools.run[0], pools.moving
     each_class(pools, NORMS, window, 0)
     to = run.own_norms
@@ -102,7 +104,7 @@ def own_norms(pools: Any, window: int) -> None:
         if f_hat[j] != 0.0:
             acts = 1.0
             break
-    work[to : to + 4 * window] = acts
+    work[to], work[to + 1], work[to + 2] = acts, own_put_in(pools), pools.moving[run.works + OF_DRIFT]
 
 
 @kernel
@@ -114,10 +116,13 @@ def forces_of_all(pools: Any, window: int) -> None:
         for r in range(run.n_norm - run.n_process):
             total += work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window + e]
         work[run.norms + e] = total
-    acts = 0.0
+    acts, put_in, drift, known = 0.0, 0.0, 0.0, True
     for r in range(run.n_norm - run.n_process, run.n_norm):
-        acts = max(acts, work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window])
+        at = run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window
+        acts, put_in, drift = max(acts, work[at]), put_in + work[at + 1], drift + work[at + 2]
+        known = known and work[at + 1] >= 0.0
     work[run.acting] = acts
+    take_works(pools, put_in if known else -1.0, drift)
     relative_forces(pools, window)
 
 
@@ -134,7 +139,7 @@ def error_of_all(pools: Any, window: int) -> bool:
 def verdict(pools: Any, instant: int, call: int, iteration: int, how: int) -> int:
     """Verdict on an iterate of a window of one instant; bits of ``judge`` and those of this file. Where it has not
     converged the next one is begun, where it has the instant is ended; with tables of Y its squared defect here goes to
-    ``course[7]``, and ``decide`` follows. ``how``: 1 once the norms are exchanged, plus FUSED."""
+    ``course``, and ``decide`` follows. ``how``: 1 once the norms are exchanged, plus FUSED."""
     run, work = pools.run[0], pools.moving
     if how % FUSED == 1:
         forces_of_all(pools, 1)
@@ -149,7 +154,7 @@ def verdict(pools: Any, instant: int, call: int, iteration: int, how: int) -> in
         pools.moving_int[run.newton_steps + call] = int(work[run.course + MADE])
         if run.sparse == 1:
             each_class(pools, SOLUTION, instant, 0)
-            work[run.course + 7] = squared_defect(pools)
+            work[run.course + RESIDUAL] = squared_defect(pools)
             return bits
         work[run.defects + call] = 0.0
         accept(pools, 1)
@@ -166,20 +171,20 @@ def verdict(pools: Any, instant: int, call: int, iteration: int, how: int) -> in
 
 @kernel
 def _end(pools: Any, instant: int) -> None:
-    """End an instant that is accepted, and the messages with its displacements."""
+    """End an instant that is accepted, and the messages with its displacements and velocities."""
     run, work = pools.run[0], pools.moving
     work[run.touched] = work[run.acting]
     each_class(pools, END, instant, 0)
-    pack(pools, run.displacement, run.layer - run.displacement, 1 + run.layers)
+    pack(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
 
 
 @kernel
 def decide(pools: Any, instant: int, call: int) -> int:
-    """``instants.correct`` with the squared defects of all processes added in ``course[7]``: what it returns. The
+    """``instants.correct`` with the squared defects of all processes added in ``course``: what it returns. The
     messages hold displacements where the instant is ended, q where it goes on."""
     run, work = pools.run[0], pools.moving
-    result = decided(pools, call, work[run.course + 7])
-    work[run.course : run.course + 8] = 0.0
+    result = decided(pools, call, work[run.course + RESIDUAL])
+    work[run.course : run.course + 9] = 0.0
     if result == WITHIN:
         _end(pools, instant)
     elif result == CORRECTED:
@@ -206,7 +211,7 @@ def begin_instant(pools: Any, instant: int, ended: bool, fused: bool) -> int:
 def first_of(pools: Any, instant: int) -> int:
     """First q of an instant, as far as it follows from what is held here; returns what has to be exchanged for it."""
     run, work = pools.run[0], pools.moving
-    work[run.course : run.course + 8] = 0.0
+    work[run.course : run.course + 9] = 0.0
     first_guess(pools, instant)
     if run.static == 1:
         return NOTHING
@@ -237,5 +242,5 @@ def guessed(pools: Any, exchanged: int, instant: int, fused: bool) -> None:
 def take_end(pools: Any, instant: int, i: int) -> None:
     """``end_instant`` with the displacements of the neighbours."""
     run = pools.run[0]
-    unpack(pools, run.displacement, run.layer - run.displacement, 1 + run.layers)
+    unpack(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
     end_instant(pools, instant, i)

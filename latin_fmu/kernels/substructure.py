@@ -298,12 +298,29 @@ def solve_under_tractions(pools: Any, c: int, instant: int) -> None:
     if work[row.ended] == 0.0:
         return
     backward(pools, c)
-    for i in range(row.n_inner):
-        for j in range(m):
-            work[row.free_a + i * m + j] = work[row.load + pools.fixed_int[row.dofs + i] * m + j]
-    channel_velocity(pools, c, instant)
+    end_velocity(pools, c, instant)
     for at in range(row.n_channel * m):
         work[row.reference + at] = f_hat[pools.fixed_int[row.channels + at]]
+
+
+@kernel
+def end_velocity(pools: Any, c: int, instant: int) -> None:
+    """Velocities of the channels at the end of the instant, into ``w_free``, from the solution in ``load``; before
+    ``advance``, as W may depend on the old displacements."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    m, n_inner = row.m, row.n_inner
+    for i in range(n_inner):
+        for j in range(m):
+            work[row.free_a + i * m + j] = work[row.load + pools.fixed_int[row.dofs + i] * m + j]
+    if row.kind != STATIC:
+        channel_velocity(pools, c, instant)
+        return
+    moved, w = work[row.free_a : row.free_a + n_inner * m], work[row.w_free : row.w_free + row.n_channel * m]
+    for at in range(n_inner * m):
+        moved[at] /= run.dt
+    w[:] = 0.0
+    add_trace(pools, c, moved, w, False)
+    add_sum(pools, c, VELOCITIES, instant, 1.0, w)
 
 
 @kernel
@@ -365,7 +382,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
 @kernel
 def advance(pools: Any, c: int, instant: int) -> None:
     """Motion at the end of the instant from the solution in ``load``: accelerations (STATIC: displacements of the
-    increment)."""
+    increment). ``w_free`` holds the velocities of the channels then."""
     row, run, work, state = pools.classes[c], pools.run[0], pools.moving, pools.moving
     m, size = row.m, row.n * row.m
     dt, late, gain_u, gain_v = run.dt, run.u_late, run.displacement_gain, run.velocity_gain
@@ -373,6 +390,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
     u_free, v_free = work[row.u_free : row.u_free + size], work[row.v_free : row.v_free + size]
     solved = work[row.load : row.load + size]
     state[row.rest] = 0.0
+    end_velocity(pools, c, instant)
     if row.kind == STATIC:
         for i in range(size):
             u[i] = u_free[i] + solved[i]

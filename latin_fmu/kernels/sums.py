@@ -12,6 +12,9 @@ from typing import Any, Final
 
 from ..compiled import ordered_kernel
 
+MEASURES: Final = 6
+"""Numbers of a row of ``parts`` that measures take; those of the acceleration stand behind them."""
+
 RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("n_part", "interfaces of all processes"),
     ("part_width", "numbers of a row of ``parts``"),
@@ -27,6 +30,7 @@ RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("coarse_parts", "work (2 n_coarse,): sums of the sides, those of all processes"),
     ("coarse_own", "work (n_coarse_own,): those here, which are ``coarse_parts`` in one process"),
     ("shared", "1 where other processes hold substructures: the caller exchanges what they compute (``shared``)"),
+    ("n_owned", "interfaces of this process that it owns, the first ones"),
     ("n_process", "processes"),
     ("n_neighbour", "processes that hold the other side of an interface"),
     ("n_norm", "classes of all processes, each with the members that one holds, plus ``n_process``"),
@@ -36,8 +40,8 @@ RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("take_places", "constants, int64: these channels"),
     ("norm_order", "constants, int64 (n_norm,): rows of ``all_norms``, those of classes in their order, then flags"),
     ("touched", "state (1,) where other processes hold substructures: 1 where a traction acts on any interface"),
-    ("outbox", "work (w, channels that neighbours take), twice with ``layers``: messages"),
-    ("inbox", "work (w, channels taken), twice with ``layers``"),
+    ("outbox", "work (w, channels that neighbours take), of two fields at least, three with ``layers``: messages"),
+    ("inbox", "work (w, channels taken), likewise"),
     ("own_norms", "work (classes + 1, w, 4): norms of the classes here, and 1 where a traction acts"),
     ("all_norms", "work (n_norm, w, 4): those of all processes"),
     ("acting", "work (1,): 1 where a traction of the last iterate acts"),

@@ -153,12 +153,15 @@ def end_class(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
-    """Energies, probed velocities and channel displacements of a class at the end of an instant with tractions (N,)."""
+    """Energies, probed velocities, displacements and velocities of the channels of a class at the end of an instant with
+    tractions (N,)."""
     run, work = pools.run[0], pools.moving
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)
-    displacement = work[run.displacement : run.displacement + run.n_flat]
+    displacement, row = work[run.displacement : run.displacement + run.n_flat], pools.classes[c]
     read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
+    for at in range(row.n_channel * row.m):
+        work[run.moved + pools.fixed_int[row.channels + at]] = work[row.w_free + at]
     if run.layers == 1:
         layer = work[run.layer : run.layer + run.n_flat]
         read_channels(pools, c, instant, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)

@@ -34,7 +34,7 @@ class Exchange:
         self._norms: dict[int, Callable[[], None]] = {}
         self._neighbours: dict[int, Callable[[], None]] = {}
         self.divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
-        self.fields = 1 + int(run["layers"])
+        self.fields = 2 + int(run["layers"])
         self._point_owned = direction.relative.get("point_owned")
         self.has_coarse = bool(run.get("n_coarse", 0))
         if self.has_coarse and direction.coarse is not None:
@@ -61,13 +61,13 @@ class Exchange:
     def share(self, name: str, n: int = 1) -> None:
         """Exchange n fields with the neighbours, the first of them by its name."""
         image = self._image
-        given = image.run_fields[name], image.run_fields["layer"] - image.run_fields["displacement"]
+        given = image.run_fields[name], image.run_fields["moved"] - image.run_fields["displacement"]
         image.call(entries.SEND, *given, n)
         self.neighbours(n)
         image.call(entries.TAKE, *given, n)
 
     def displacements(self) -> None:
-        """Exchange what gaps and layers start from."""
+        """Exchange what gaps, layers and drifts follow from."""
         self.share("displacement", self.fields)
 
     def norms(self, n: int) -> None:

@@ -223,7 +223,8 @@ class WindowRecord:
     ``newton_steps`` counts the iterations whose q is that of a Newton step. ``disagreement`` : in a window of several
     instants, largest difference of the tractions of both stages over their largest size. ``defect`` : where large
     interfaces are solved with by truncated tables, what the exact velocities under the tractions at the end leave of
-    the laws, in the norm of the indicator, after so many ``corrections``; 0 elsewhere.
+    the laws, in the norm of the indicator, after so many ``corrections``; 0 elsewhere. ``imbalance`` : in a window of
+    several instants, work of the difference of both stages over the energy put in so far.
     """
 
     first_instant: int
@@ -237,6 +238,7 @@ class WindowRecord:
     disagreement: float = 0.0
     defect: float = 0.0
     corrections: int = 0
+    imbalance: float = 0.0
 
     @property
     def final_error(self) -> float:

@@ -80,6 +80,7 @@ class Recorder:
         self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
         self._field_times: list[float] = []
         self._energy = [np.zeros((n_time * request.energy, len(TERMS), len(p.members))) for p in assembly.propagators]
+        self._drift_work = np.zeros(n_time * request.energy)
         self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
         self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
         self._tensions = {name: np.zeros(n_time) for name in request.bolts}
@@ -125,6 +126,7 @@ class Recorder:
         if self._request.energy:
             for c, kept in enumerate(self._energy):
                 kept[now] = image.output(c, "energies", len(TERMS))[rows]
+            self._drift_work[now] = image.field("history_works", image.rows)[rows]
         self.n_kept += n
         if self._stores and (self.n_kept - 1) % self._request.every == 0:
             self._keep_fields(assembly)
@@ -151,7 +153,9 @@ class Recorder:
     # -- parts of the histories -------------------------------------------------------------------------------------
     def _views(self, first: int) -> dict[str, Array]:
         """What is kept in memory from the instant ``first`` on, time first, by name."""
-        energy = dict(enumerate(self._energy)) if self._request.energy else {}
+        energy: dict[Any, Array] = {}
+        if self._request.energy:
+            energy = {**dict(enumerate(self._energy)), "drift": self._drift_work}
         tables: dict[str, Mapping[Any, Array]] = {
             "motion": self._motions,
             "force": self._forces,
@@ -204,7 +208,7 @@ class Recorder:
         """Complete what the processes of a run have kept of their own substructures and interfaces."""
         processes, assembly = part.processes, part.whole
         self._join_rows(part)
-        for table in (self._motions, self._forces, self._tensions):
+        for table in (self._motions, self._forces, self._tensions, {"drift": self._drift_work}):
             for values in table.values():
                 processes.add(values)
         own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
@@ -327,9 +331,10 @@ class Recorder:
         """Sums over the substructures, dissipation of the interfaces, balance; None unless requested.
 
         balance = change of (kinetic + elastic) + damping + landing + scheme - work of loads - interface work. The
-        interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy,
-        but for the iteration tolerance and the different weights of the instants in these terms (friction takes the
-        end of each instant, so that it never decreases).
+        interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy
+        + drift work, but for the different weights of the instants in these terms (friction takes the end of each
+        instant, so that it never decreases) and for the normal part of the drift work, which is a part of the contact
+        dissipation too. The drift work is what the iteration, which stops at a tolerance, does against the laws.
         """
         if not self._request.energy:
             return None
@@ -341,6 +346,7 @@ class Recorder:
         for power in (s["friction_power"] for s in series if "friction_power" in s):
             total["friction_dissipation"][1:] += np.cumsum(power[1:]) * dt
         total["contact_dissipation"] = sum((_running(s["loss"][1:]) for s in series if "loss" in s), np.zeros(n))
+        total["drift_work"] = self._drift_work[:n].copy()
         if layers := [s["layer_energy"] for s in series if "layer_energy" in s]:
             total["layer_energy"] = np.sum(layers, axis=0)
         if joints := [s["joint_power"] for s in series if "joint_power" in s]:

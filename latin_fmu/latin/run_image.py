@@ -14,7 +14,8 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.laws import LAWS
-from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, SIZE
+from ..kernels.sums import MEASURES
+from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, RESIDUAL, SIZE
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve
@@ -25,8 +26,8 @@ from .settings import Settings
 
 _DIFFERENCE = 1e-7  # of the largest free velocity of a group: step of the derivative of its law
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
-_OF_MOTION = 1e-2  # residual over the largest fields of a motion that is small against the equilibrium it starts from
 _AT_REST = 1e-11  # residual over the tractions of that equilibrium below which nothing moves
+_MADE_UP = 0.5  # share of the drift that is made up in an instant, with inertia (``kernels.local_stage``)
 REUSE: Final = 1e-2
 """Change of q up to which the previous solve of a substructure is reused, in tolerances."""
 
@@ -73,7 +74,8 @@ def make_image(
         "n_interface": len(assembly.interfaces),
         "n_ground": len(ground),
         "n_part": len(assembly.interfaces),
-        "part_width": 3 + 2 * depth,
+        "n_owned": len(assembly.interfaces) if part is None else part.n_owned,
+        "part_width": MEASURES + 2 * depth,
         "segments": np.array(segments, dtype=np.int64).reshape(-1, 3),
         "part_order": np.arange(len(assembly.interfaces)),
         "depth": depth,
@@ -87,12 +89,12 @@ def make_image(
         "ground": ground,
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
+        "make_up": (1.0 if static else _MADE_UP) / assembly.dt,
         "longest_step": _LONGEST_STATIC if static else np.inf,
         **({} if direction.coarse is None else direction.coarse.sizes),
         **direction.relative_fields(),
         **rules(settings),
         "rest_traction": assembly.rest_traction,
-        "amplified": max(1.0, _OF_MOTION / settings.tolerance) ** 2,
         **({} if part is None else part.fields()),
         **more,
     }
@@ -101,6 +103,9 @@ def make_image(
             "law": law_of(group.behaviour),
             "elastic": int(group.behaviour.elastic),
             "opens": int(group.behaviour.opens),
+            # without inertia contact reads the gap, of either sign
+            "keeps_normal": int(group.behaviour.keeps[0] and not (static and group.behaviour.opens)),
+            "keeps_tangential": int(group.behaviour.keeps[1]),
             "start": group.start,
             "n_point": group.n_point,
             "n_component": group.n_component,
@@ -136,7 +141,7 @@ def negligible_scales(
     do not give the size of the motion: there the residual counts down to ``_AT_REST`` of them.
     """
     image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
-    measures = image.field("measure", 8)
+    measures = image.field("measure", 9)
     measures[:], measures[7] = 0.0, 1.0
     tiny, whole = np.finfo(float).tiny, direction.whole
     if whole.assembly.interfaces:
@@ -290,10 +295,10 @@ class Stages:
         if self._compiled:
             image.call(entries.STAGE, n, self.first, iteration)
             return
-        if n == 1 and iteration and image.field("course", 8)[ACTIVE] == 1.0 and self._newton_step(iteration):
+        if n == 1 and iteration and image.field("course", 9)[ACTIVE] == 1.0 and self._newton_step(iteration):
             return
         if iteration == 0:
-            image.field("course", 8)[:] = 0.0
+            image.field("course", 9)[:] = 0.0
         self._stage(iteration)
 
     def _stage(self, iteration: int) -> None:
@@ -355,7 +360,7 @@ class Stages:
 
     def _search(self) -> None:
         """``kernels.newton.search``."""
-        course, sizes = self.image.field("course", 8), list[float]()
+        course, sizes = self.image.field("course", 9), list[float]()
         for halving in range(HALVINGS + 1):
             sizes.append(self._try(halving))
             if sizes[-1] <= (1.0 - DECREASE * 0.5**halving) * course[SIZE]:
@@ -370,7 +375,7 @@ class Stages:
         self.image.call(entries.TRIAL, halving)
         self._local_stage(0)
         self.image.call(entries.TRIAL_SIZE)
-        return float(self.image.field("course", 8)[7])
+        return float(self.image.field("course", 9)[RESIDUAL])
 
     def _differentiate(self, g: int) -> None:
         """Derivative of the law of a group by its free velocities, by one difference per component."""
@@ -395,13 +400,23 @@ class Stages:
         """Set q of one instant by the solution point by point, from tractions f_hat (n_flat,)."""
         self.free_motion()
         gaps, w = [self._reach(g) for g in range(len(self._groups))], self.image.field("w", self.image.n_flat).copy()
-        solved = self.direction.points.solve(w, f_hat, gaps, self._rates())
-        self.field("q")[0] = self.direction.incoming(*solved)
+        made_up = self.made_up()
+        solved = self.direction.points.solve(w + made_up, f_hat, gaps, self._rates())
+        self.field("q")[0] = self.direction.incoming(*solved) - self.direction.k * made_up
 
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:
         """q (n_flat,) of the solution where all interfaces are perfect."""
         self.free_motion()
-        return bonds.guess(self.image.field("w", self.image.n_flat).copy(), self.direction.k)
+        free, k, made_up = self.image.field("w", self.image.n_flat), self.direction.k, self.made_up()
+        return bonds.guess(free + made_up, k) - k * made_up
+
+    def made_up(self) -> Array:
+        """Velocities (n_flat,) that make up the drift, on sides E' (``kernels.local_stage``)."""
+        velocities = np.zeros(self.image.n_flat)
+        for g, group in enumerate(self._groups):
+            drift = self.image.group_field(g, "drift", 3, group.n_point, group.n_component)
+            group.block(velocities)[1] = float(self.image.run[0]["make_up"]) * drift[0]
+        return velocities
 
     def largest(self, value: float) -> float:
         """The largest value over all processes of the run."""
@@ -429,15 +444,15 @@ class Stages:
 
     def newton_steps(self) -> int:
         """Newton steps made in this window."""
-        return int(self.image.field("course", 8)[MADE])
+        return int(self.image.field("course", 9)[MADE])
 
     def leave_newton(self) -> None:
         """No Newton steps in the rest of this window: a fall-back follows."""
-        self.image.field("course", 8)[[ACTIVE, LEFT]] = 0.0, 1.0
+        self.image.field("course", 9)[[ACTIVE, LEFT]] = 0.0, 1.0
 
     def measures(self) -> Array:
-        """Measures (8,) of the last iterate, a copy."""
-        return self.image.field("measure", 8).copy()
+        """Measures (9,) of the last iterate, a copy."""
+        return self.image.field("measure", 9).copy()
 
     def iterate(self) -> Iterate:
         """A copy of the last iterate."""
@@ -447,4 +462,4 @@ class Stages:
     def put(self, iterate: Iterate) -> None:
         """Make an iterate the last one."""
         for name, values in zip(_ITERATE, vars(iterate).values(), strict=True):
-            (self.image.field("measure", 8) if name == "measure" else self.field(name))[...] = values
+            (self.image.field("measure", 9) if name == "measure" else self.field(name))[...] = values

@@ -13,6 +13,7 @@ import numpy as np
 from ..cholesky.substitution import LANES
 from ..compiled import PLAIN
 from ..kernels import entries
+from ..kernels.energy_parts import N_TERM, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
@@ -222,16 +223,50 @@ class RunState:
         """Velocities of the last accepted instant (n_flat,), a view, m s-1."""
         return self.image.field("w_hat", self.image.n_flat)
 
+    def _drift_work(self) -> float:
+        """Work against the laws of the interfaces since the start (``drift_work`` of the energies), J."""
+        return self._over_processes(float(self.image.field("works", 5)[OF_DRIFT]))
+
+    def _put_in(self) -> float:
+        """Energy put in since the start (``indicator.own_put_in``), J; 0 where energies are not accounted for."""
+        image, works = self.image, self.image.field("works", 5)
+        own = float(works[STORED] + works[OF_GROUND])
+        for c, propagator in enumerate(self.held.propagators):
+            if not propagator.energy:
+                return 0.0
+            terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
+            own += float(terms[WORK_OF_LOADS].sum())
+        return max(self._over_processes(own), float(works[PUT_IN]))
+
+    def _over_processes(self, value: float) -> float:
+        """Sum over the processes of the run."""
+        total = np.array([value])
+        if self.part is not None:
+            self.part.processes.add(total)
+        return float(total[0])
+
     def get_state(self) -> dict[str, Array]:
         """Copies of the fields that the next segment starts from, beside the states of the propagators."""
         n = self.image.n_flat
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1}
-        return {name: self.image.field(name, size).copy() for name, size in sizes.items()}
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "works": 5}
+        kept = {name: self.image.field(name, size).copy() for name, size in sizes.items()}
+        groups = [np.zeros(0), *(self.image.group_field(g, "drift", size) for g, size in self._drifts())]
+        return kept | {"drift": np.concatenate(groups)}
 
     def set_state(self, fields: Mapping[str, Array]) -> None:
         """Restore the fields of ``get_state``."""
         for name, values in fields.items():
-            self.image.field(name, len(values))[:] = values
+            if name != "drift":
+                self.image.field(name, len(values))[:] = values
+        first = 0
+        for g, size in self._drifts():
+            self.image.group_field(g, "drift", size)[:] = fields["drift"][first : first + size]
+            first += size
+
+    def _drifts(self) -> list[tuple[int, int]]:
+        """Groups, and the numbers of their drifts."""
+        groups = self.held.layout.groups
+        return [(g, 3 * group.n_point * group.n_component) for g, group in enumerate(groups)]
 
     def keep_state(self) -> Callable[[], None]:
         """A function that returns to the present state, from which the next segment starts."""

@@ -259,13 +259,20 @@ class Direction:
 
     @cached_property
     def weights(self) -> Array:
-        """Weights (3, n_flat) of r^2, F^2 and W^2 in the error indicator (``kernels.indicator``)."""
+        """Weights (4, n_flat) of r^2, F^2, W^2 and (W' - W)^2 in the error indicator (``kernels.indicator``)."""
         layout, k = self.assembly.layout, self.k
         area = np.where(k > 0, layout.area, 0.0)
         impedance = np.where(self.assembly.impedance > 0, self.assembly.impedance, 1.0)
         f_weight, w_weight = area / impedance, area * impedance
         moving = 0.0 if self.assembly.quasi_static else 1.0
-        return np.stack([0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight])
+        relative = np.zeros_like(w_weight)
+        for group in layout.groups:
+            first, second = group.block(w_weight)
+            held = np.minimum(first, second) <= 0.0  # by the ground
+            both = np.divide(first * second, first + second, out=np.maximum(first, second), where=~held)
+            group.block(relative)[:] = both
+        weights = 0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight, moving * relative
+        return np.stack(weights)
 
     @property
     def level(self) -> Array:
@@ -319,6 +326,8 @@ class Direction:
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["from_last"] = int(self._short)
         fields["newton_z"] = self.newton_z
+        by_price = self.newton and not self.assembly.quasi_static and not self.relative.get("krylov")
+        fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()
         return fields
@@ -380,6 +389,28 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
         "owner_class": owner[1],
         "live_row": owner[2],
     }
+
+
+# time of a number of a table in a product, of a channel in the local stage and the measures, of an entry of the matrix
+# that is assembled, of a multiplication of its factorisation, all over the first
+_CHANNEL, _ENTRY, _FLOP = 40.0, 25.0, 0.15
+_ACTIVE = 0.5  # share of the unknowns that are active, of which the price is reckoned
+
+
+def newton_price(assembly: Assembly, relative: dict[str, Any]) -> float:
+    """Cost of a Newton step over that of an iteration, by the sizes of the whole assembly: the same on all processes.
+
+    An iteration reads the tables of all classes once, a step assembles and factorises the matrix of the active points.
+    """
+    iteration = _CHANNEL * assembly.layout.n_flat
+    for channels in assembly.channels:
+        n, members = channels.shape
+        iteration += 0.5 * n * n * max(1.0, members / 4)
+    groups, points = relative["point_group"], np.diff(relative["block_points"])
+    size = np.array([group.n_component for group in assembly.layout.groups])[groups]
+    own = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]])) if len(size) else np.zeros(0)
+    reach = np.array([own[a : b + 1].sum() for a, b in zip(relative["block_low"], relative["block_high"], strict=True)])
+    return float((own * (_ENTRY * reach + _FLOP * reach**2)).sum() / iteration)
 
 
 def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, Index]:

@@ -7,7 +7,7 @@ import numpy as np
 from ..kernels import entries
 from ..kernels.instants import CORRECTED, WITHIN
 from ..kernels.iteration import BROKEN, CONVERGED, STALLED
-from ..kernels.newton import ACTIVE
+from ..kernels.newton import ACTIVE, RESIDUAL
 from ..kernels.shared import FUSED, GUESS, LONG, NEEDED, NEWTON
 from ..propagator.image import Image
 from .assembly import Array
@@ -55,7 +55,7 @@ class SharedStages(Stages):
 
     def evaluate(self, iteration: int, phase: int = 0) -> None:
         """``kernels.iteration.next_stage``, with the exchanges between its parts."""
-        course = self.image.field("course", 8)
+        course = self.image.field("course", 9)
         if iteration == 0:
             course[:] = 0.0
         newton = self.n == 1 and course[ACTIVE] == 1.0
@@ -118,7 +118,7 @@ class SharedStages(Stages):
         self.image.call(entries.TRY, halving)
         self._exchange.parts()
         self.image.call(entries.TRIAL_SIZE)
-        return float(self.image.field("course", 8)[7])
+        return float(self.image.field("course", 9)[RESIDUAL])
 
     def end_instant(self, instant: int, i: int = 0) -> None:
         """Gaps and accepted fields at the end of an instant, the i-th of the window."""
@@ -148,7 +148,7 @@ class SharedStages(Stages):
         """Correct an instant solved by tables of Y until its defect is within the tolerance; whether it is."""
         image, result = self.image, CORRECTED if self.image.run[0]["sparse"] else WITHIN
         while result == CORRECTED:
-            self._exchange.processes.add(image.field("course", 8)[7:])
+            self._exchange.processes.add(image.field("course", 9)[RESIDUAL : RESIDUAL + 1])
             result = image.call(entries.DECIDE, self.first, call)
             if result == CORRECTED:
                 self._take_guess(GUESS, self._fused)
@@ -191,20 +191,23 @@ class SharedStages(Stages):
         for g, group in enumerate(self._groups):
             own = self._reach(g)
             group.block(reach)[0, :, : own.shape[1]] = own
-        free, wide_f, wide_reach = exchange.whole(np.stack([image.field("w", image.n_flat), f_hat, reach]))
+        made_up = self.made_up()
+        free = image.field("w", image.n_flat) + made_up
+        free, wide_f, wide_reach = exchange.whole(np.stack([free, f_hat, reach]))
         gaps = []
         for group in whole.assembly.layout.groups:
             width = group.n_component if group.behaviour.elastic else 1
             gaps.append(np.ascontiguousarray(group.block(wide_reach)[0, :, :width]))
         solved = whole.points.solve(free, wide_f, gaps, self._rates())
-        self.field("q")[0] = whole.incoming(*solved)[exchange.part.channels]
+        self.field("q")[0] = whole.incoming(*solved)[exchange.part.channels] - self.direction.k * made_up
 
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:
         """q (n_flat,) of the solution where all interfaces are perfect."""
         self.free_motion()
         exchange, whole = self._exchange, self.direction.whole
-        free = exchange.whole(self.image.field("w", self.image.n_flat)[None])[0]
-        return np.asarray(bonds.guess(free, whole.k)[exchange.part.channels])
+        made_up = self.made_up()
+        free = exchange.whole((self.image.field("w", self.image.n_flat) + made_up)[None])[0]
+        return np.asarray(bonds.guess(free, whole.k)[exchange.part.channels] - self.direction.k * made_up)
 
     def largest(self, value: float) -> float:
         """The largest value over all processes of the run."""

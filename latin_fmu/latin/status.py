@@ -10,13 +10,11 @@ from typing import Any, Final, overload
 import numpy as np
 
 from ..interface.laws import coulomb_coefficient
+from ..kernels.iteration import CLOSER, SLOW
 from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
 from .settings import Settings
 
-SLOW: Final = 12
-"""Iterations from which on the residual of an instant underestimates the error of its tractions."""
-_OFF = "their tractions may be off by ten times the tolerance"
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
@@ -109,10 +107,17 @@ def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
 
 
 def _excess(settings: Settings, window: WindowRecord) -> str:
-    """The measure of the accepted iterate that exceeds its tolerance: the indicator, else the force residual."""
-    if window.final_error <= settings.tolerance and np.isfinite(window.final_mismatch):
-        return f"interface force residual {window.final_mismatch:.2e} (tolerance {settings.force_tolerance:.1e})"
-    return f"error indicator {window.final_error:.2e} (tolerance {settings.tolerance:.1e})"
+    """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
+    slow = window.first_instant == window.last_instant and window.iterations > SLOW and not window.newton_steps
+    share = CLOSER if slow else 1.0
+    error, forces = share * settings.tolerance, share * settings.force_tolerance
+    if not window.final_error <= error:
+        return f"error indicator {window.final_error:.2e} (tolerance {error:.1e})"
+    if not window.final_mismatch <= forces:
+        return f"interface force residual {window.final_mismatch:.2e} (tolerance {forces:.1e})"
+    if window.imbalance > 0.0:
+        return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in (allowed 1e-3)"
+    return "work against the laws of the interfaces above its share of 1e-4 of the energy put in"
 
 
 def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
@@ -133,9 +138,6 @@ def _converged(settings: Settings, windows: WindowList) -> str:
     sentence += f"to sqrt(eta) <= {settings.tolerance:g}"
     if steps.any():
         sentence += f", Newton steps in {np.count_nonzero(steps)} (at most {steps.max()}, counted as iterations)"
-    slow = np.count_nonzero((iterations > SLOW) & (steps == 0)) if most > SLOW and settings.window == 1 else 0
-    if slow:
-        sentence += f"; {slow} of more than {SLOW} iterations without Newton steps: {_OFF}"
     if windows.disagreement() > settings.tolerance:
         sentence += f"; fields and tractions of windows disagree by up to {100 * windows.disagreement():.2g} %"
     return sentence + (f", fall-backs used in {helped}" if helped else "")
@@ -276,6 +278,7 @@ class WindowList(Sequence[WindowRecord]):
             **dict(zip(_CURVES, curves, strict=True)),
             "disagreement": np.array([r.disagreement for r in records]),
             "defect": np.array([r.defect for r in records]),
+            "imbalance": np.array([r.imbalance for r in records]),
             "fallbacks": {str(i): list(r.fallbacks) for i, r in enumerate(records) if r.fallbacks},
         }
 
@@ -295,7 +298,7 @@ class WindowList(Sequence[WindowRecord]):
                 first, last, done, accepted, _, steps, corrections = numbers[at].tolist()
                 curve, forces = (own[at].tolist() for own in curves)
                 used = list(fallbacks.get(str(at), []))
-                rest = float(part["disagreement"][at]), float(part["defect"][at]), corrections
+                rest = float(part["disagreement"][at]), float(part["defect"][at]), corrections, float(part["imbalance"][at])
                 self.append(WindowRecord(first, last, curve, forces, used, bool(done), accepted, steps, *rest))
             at += max(n, 1)
 

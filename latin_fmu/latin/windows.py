@@ -33,6 +33,8 @@ from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_
 
 _MOST_REFUSALS = 3  # instants that need a fall-back, after which all others take the exact operator
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
+BALANCED = 1e-3
+"""Work of the error of a window of several instants, over the energy put in, up to which it has converged."""
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.3
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
@@ -323,7 +325,12 @@ class Run(RunState):
             if self._fields is not None and record.converged:
                 self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
         image.set({"first_row": first})
+        before = self._drift_work()
         self._march_accepted(stages, lambda i: self._record(1, i))
+        if n > 1 and not self.assembly.quasi_static:
+            put_in = self._put_in()
+            record.imbalance = abs(self._drift_work() - before) / put_in if put_in > 0.0 else 0.0
+            record.converged &= record.imbalance <= BALANCED
         self._sample()
         self._read_indicator()
 

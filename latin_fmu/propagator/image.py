@@ -147,9 +147,10 @@ class Image:
             size = group["n_point"] * (group["n_component"] if group["elastic"] else 1)
             group["gap"] = block.reserve(group["n_point"])
             group["layer"] = block.reserve(size if group["elastic"] else 0)
+            group["drift"] = block.reserve(3 * group["n_point"] * group["n_component"])
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface}
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface, "works": 5}
         sizes |= {"touched": int(run.get("shared", 0))} | run_record.communication_state(run, n_interface)
         for name, size in sizes.items():
             run[name] = block.reserve(size)
@@ -163,13 +164,14 @@ class Image:
             group["jump"], group["traction"] = block.reserve(points * h), block.reserve(points * h)
             group["reach"] = block.reserve(size)
             group["opening"], group["opened"] = block.reserve(4 * size), block.reserve(4 * size)
+            group["planned"] = block.reserve(3 * points * h)
             group["tangent"] = block.reserve(9 * points if group.get("law", 0) < 0 else 0)
         depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
-        sizes |= {"displacement": n, "layer": n}
+        sizes |= {"displacement": n, "moved": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
-        sizes |= {"measure": 8, "counts": 2, "course": 8}
+        sizes |= {"measure": 9, "counts": 2, "course": 9}
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
         sizes |= {"team": MARKS + team.LINE * tasks, "order": len(self._rows)}
@@ -190,6 +192,7 @@ class Image:
             row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
         sizes = {"history_gap": run["n_point"], "iterations": 1, "newton_steps": 1, "defects": 1, "corrections": 1}
         sizes |= {"errors": most, "force_residuals": most, "history_f": n, "history_w": n}
+        sizes |= {"history_works": 1}
         outputs, interfaces = int(run.get("n_output", 0)), int(run.get("n_interface", 0))
         sizes |= {"drive": run.get("n_drive", 0), "output": outputs, "friction_ratio": interfaces * min(outputs, 1)}
         for name, size in sizes.items():
@@ -354,7 +357,7 @@ class Image:
         """``kernels.instants.end_window_instant`` where some class has no factor in the kernels."""
         n = self.n_flat
         hat = [self.field(name, self.window, n) for name in ("local_f", "local_w")]
-        accepted, first = [field[i].copy() for field in hat], [field[0].copy() for field in hat]
+        first = [field[0].copy() for field in hat]  # whose place the tractions that act take
         for c, row in enumerate(self._rows):
             flat = self.channels[c].ravel()
             self.predict(c, instant)
@@ -366,11 +369,9 @@ class Image:
             else:
                 self._commit(c, instant)
             self.call(entries.AFTER, c, instant, i, 1)
-        for field, values in zip(hat, accepted, strict=True):
-            field[0] = values
-        self.call(entries.END_INSTANT, instant)
         for field, values in zip(hat, first, strict=True):
             field[0] = values
+        self.call(entries.END_INSTANT, instant, i)
 
     def _tractions(self, i: int, flat: Index) -> None:
         """F = q - k W of the linear stage at some channels and instant i of the window, as the tractions that act."""

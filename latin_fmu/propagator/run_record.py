@@ -29,7 +29,7 @@ def messages(run: Fields, window: int, n_class: int) -> dict[str, int]:
     """Numbers of the arrays that the processes of a run exchange; none of one process."""
     if not run.get("shared", 0):
         return {}
-    fields = max(window, 1 + run["layers"])
+    fields = max(window, 2 + run["layers"])
     sizes = {"outbox": fields * run["n_send"], "inbox": fields * run["n_take"], "acting": 1}
     return sizes | {"own_norms": 4 * window * (n_class + 1), "all_norms": 4 * window * run["n_norm"]}
 

@@ -248,6 +248,11 @@ ENERGY: Final[Mapping[str, Meaning]] = {
     "interface_work": Meaning("J", "work of the interface tractions on the substructures since the start of the run"),
     "friction_dissipation": Meaning("J", "energy dissipated by friction since the start of the run"),
     "contact_dissipation": Meaning("J", "energy lost to the normal contact law (impacts) since the start of the run"),
+    "drift_work": Meaning(
+        "J",
+        "work against the laws of the interfaces since the start of the run: of the solver's errors of place",
+        "positive: the bodies gain it",
+    ),
     "layer_energy": Meaning("J", "elastic energy of the layers"),
     "joint_dissipation": Meaning("J", "energy dissipated by viscous joints since the start of the run"),
     "ground_work": Meaning("J", "work of moving ground since the start of the run"),
