@@ -30,7 +30,6 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
@@ -54,26 +53,31 @@ from ..scene.schema import Scene
 from ..scene.settings import HHT, GivenStart
 from .body import consecutive
 from .build import discretise
-from .merged_assembly import tied
-from .numerical_damping import ModalDamping, modal_damping
+from .merged_assembly import kept_together
+from .numerical_damping import ModalDamping, Modes, modal_damping, run_matrices
 from .problem import DiscretisedProblem
 from .tightening import tightened
 
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
-_DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix
-_NOTHING = 1e-9  # entries of C below it are round-off
 _NO_DAMPING = 1e-7  # %, round-off
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
 
 
 def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) -> VibrationModes:
-    """Natural frequencies and shapes of the assembly of a scene (module docstring).
+    """Natural frequencies and shapes of the assembly of a scene (module docstring), and the damping ratio of each mode
+    in a run with the time scheme and the step of the scene (``VibrationModes.damping``).
 
     Parameters
     ----------
     joints : of interfaces that may open. count : elastic modes, the lowest ones; rigid motions come in addition.
+
+    Returns
+    -------
+    Modes with frequencies, Hz, shapes, modal masses, kg, and ``damping``: ratios (n_mode,) of critical ``scheme``,
+    ``landing``, ``bodies``, ``numerical`` (scheme and landing layer), and ``remedy``, what lowers the numerical damping
+    where it exceeds 5e-5; None for a quasi-static scene.
 
     Raises
     ------
@@ -98,17 +102,19 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     if joints == "open":
         springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
     stiffness = sum(springs, parts.stiffness)
-    expansion, left = _kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+    expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
     k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
     if left.shape[0]:
         weight = _STIFF * float(k.diagonal().max())
         k = sp.csr_array(k + weight * (left.T @ left))
     vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
     values, vectors, n_rigid = _lowest(vibration, k, count)
-    full = expansion @ vectors
-    omega, by_body = np.sqrt(np.maximum(values, 0.0)), {name: full[at] for name, at in parts.where.items()}
-    damping = modal_damping(scene, discretised, parts.models, by_body, omega)
-    return _named(discretised, parts, joints, omega, full, n_rigid, remarks, damping)
+    omega = np.sqrt(np.maximum(values, 0.0))
+    matrices = run_matrices(scene, discretised, parts.models)
+    damping = (
+        None if matrices is None else modal_damping(matrices, Modes(vibration, expansion, vectors, omega, n_rigid))
+    )
+    return _named(discretised, parts, joints, omega, expansion @ vectors, n_rigid, remarks, damping)
 
 
 def _pressed(scene: Scene) -> dict[str, np.ndarray]:
@@ -202,66 +208,6 @@ def _spring(unit: InterfaceUnit, parts: _Parts, stiffness: Array, points: np.nda
     jump = parts.jump(unit, local=True)
     weights = (unit.geometry.areas * points)[:, None] * stiffness
     return sp.csr_array(jump.T @ sp.diags_array(weights.ravel()) @ jump)
-
-
-def _kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero, and the rows on its dofs that it does not."""
-    expansion, left = _merged(_cleaned(rows @ expansion), expansion)
-    touched = np.unique(left.indices)
-    if not len(touched):
-        return expansion, sp.csr_array((0, expansion.shape[1]))
-    others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
-    block = sp.csr_array(left[:, touched])
-    try:
-        local = sp.csr_array(sp.eye_array(len(touched)))
-        own, _ = tied(block, local, np.zeros((len(touched), 0)))
-    except ValueError:  # they depend on each other, or share all their dofs
-        if block.shape[0] * block.shape[1] > _DENSE:
-            return expansion, left
-        own = _eliminated(block.toarray())
-    both = sp.hstack([expansion[:, others], expansion[:, touched] @ own])
-    return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
-
-
-def _eliminated(rows: Array) -> sp.csr_array:
-    """Expansion (n, n - rank) that keeps dense rows (n_row, n) at zero, however they depend on each other: dofs chosen
-    by QR with pivoting follow the others."""
-    _, r, order = la.qr(rows, mode="economic", pivoting=True)
-    size = np.abs(np.diagonal(r))
-    rank = int((size > _NOTHING * size[0]).sum())
-    own = np.zeros((rows.shape[1], rows.shape[1] - rank))
-    own[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    own[order[rank:]] = np.eye(rows.shape[1] - rank)
-    return sp.csr_array(np.where(np.abs(own) < _NOTHING, 0.0, own))
-
-
-def _cleaned(rows: sp.csr_array) -> sp.csr_array:
-    """Rows without round-off, and without those that are zero."""
-    rows = sp.csr_array(rows)
-    rows.data[np.abs(rows.data) < _NOTHING] = 0.0
-    rows.eliminate_zeros()
-    return sp.csr_array(rows[np.flatnonzero(np.diff(rows.indptr))])
-
-
-def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion in which dofs that two-entry rows tie are one and those of one-entry rows are held, and what is left of
-    the rows on its dofs."""
-    n = rows.shape[1]
-    entries, starts = np.diff(rows.indptr), rows.indptr[:-1]
-    single = np.flatnonzero(entries == 1)
-    pairs = np.flatnonzero(entries == 2)
-    balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
-    pairs = pairs[balanced]
-    held = rows.indices[starts[single]]
-    first = np.concatenate([held, rows.indices[starts[pairs]]])
-    second = np.concatenate([np.full(len(held), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
-    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(n + 1, n + 1))
-    _, label = connected_components(graph, directed=False)
-    free = np.flatnonzero(label[:n] != label[n])
-    _, columns = np.unique(label[free], return_inverse=True)
-    shape = (n, int(columns.max(initial=-1)) + 1)
-    selection = sp.csr_array(sp.coo_array((np.ones(len(free)), (free, columns.ravel())), shape=shape))
-    return sp.csr_array(expansion @ selection), _cleaned(rows @ selection)
 
 
 def _shift(discretised: DiscretisedProblem) -> float:

@@ -12,13 +12,13 @@ a_f = -alpha, a_m = 0, and (gamma - 1/2) omega dt / 2 with Newmark's schemes.
 Joints that stay closed do not change it: the tractions of the new instant hold what they join together, with whatever
 weight, so that each mode of the joined assembly is marched as one oscillator.
 
-Matrices C of velocities give, to first order, for a mode phi with the mass M of the scheme,
+Matrices C of velocities give, to first order, for a mode phi of the mass M that the scheme takes,
 
-    zeta = phi^T C phi / (2 omega phi^T M phi),    omega^2 = phi^T K phi / phi^T M phi
+    zeta = phi^T C phi / (2 omega phi^T M phi),    K phi = omega^2 M phi
 
-C is the viscosity of the layer of elements at faces that may open (``fem.contact_layer``), closed or not and in every
-direction, or the damping of the bodies: Rayleigh's and that of absorbing faces and wave ports. Not in it: dampers
-between bodies, viscous joints, friction, modal damping.
+or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
+(``fem.contact_layer``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and that of
+absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
 """
 
 from __future__ import annotations
@@ -28,11 +28,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..latin.assembly import Array
 from ..propagator import SubstructureModel
 from ..propagator.model import lumped
+from ..propagator.reduction import Vibration
 from ..scene.schema import Scene
 from ..scene.settings import GeneralizedAlpha as GeneralizedAlphaTable
 from ..scene.settings import ReducedPropagator
@@ -43,6 +45,7 @@ from .problem import DiscretisedProblem
 
 LIMIT: Final = 5e-5
 """Numerical damping ratio above which there is a sentence on what lowers it; joints have 1e-3 to 1e-2 of their own."""
+_SAME: Final = 1e-12  # changes of the mass below it are round-off
 _PARTS: Final = tuple(sorted(2**a * 5**b for a in range(7) for b in range(3) if 1 < 2**a * 5**b <= 100))
 """Numbers of parts that a step is cut into: the new one has few digits where the old one has."""
 
@@ -78,30 +81,70 @@ class ModalDamping:
         return {f"{name}, %": 100 * ratio for name, ratio in shown.items()}
 
 
-def amplification_matrix(scheme: TimeScheme, omega: float, dt: float) -> Array:
-    """One step of an undamped oscillator: matrix (3, 3) on (u, v/omega, a/omega^2), ``kernels.substructure``.
+@dataclass(frozen=True)
+class RunMatrices:
+    """What a run of a scene marches, the substructures side by side, full dofs.
 
-    omega : angular frequency, s-1. dt : step, s.
+    Attributes
+    ----------
+    scene : of the run. scheme, reason : its time scheme, and why where it is chosen automatically. dt : step, s.
+    mass : (n_full, n_full), kg, as the scheme takes it. viscosity : of the landing layers, N s m-1. damping : of the
+        bodies, N s m-1.
     """
-    c, stiffness = coefficients(scheme, dt), scheme.operator(dt)[2]
+
+    scene: Scene
+    scheme: TimeScheme
+    reason: str
+    dt: float
+    mass: sp.csr_array
+    viscosity: sp.csr_array
+    damping: sp.csr_array
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a joined assembly.
+
+    Attributes
+    ----------
+    vibration : stiffness and mass (n, n) of its dofs. expansion : (n_full, n) from these to the full dofs.
+    vectors : (n, n_mode) modes, mass-orthonormal, the rigid ones first. omega : (n_mode,) angular frequencies, s-1, 0
+        of the ``n_rigid`` rigid motions.
+    """
+
+    vibration: Vibration
+    expansion: sp.csr_array
+    vectors: Array
+    omega: Array
+    n_rigid: int
+
+
+def amplification_matrix(scheme: TimeScheme, omega: float, dt: float, ratio: float = 0.0) -> Array:
+    """One step of an oscillator without load: matrix (3, 3) on (u, v/omega, a/omega^2), ``kernels.substructure``.
+
+    omega : angular frequency, s-1. dt : step, s. ratio : damping ratio of the oscillator itself, implicit schemes only.
+    """
+    c, operator = coefficients(scheme, dt), scheme.operator(dt)
     size = np.array([1.0, omega, omega**2])  # with it a small step is a rotation, whose eigenvalues are exact
     u, v, a = np.diag(size)
     u_free = u + c["u_v"] * v + c["u_a"] * a
     v_free = v + c["v_a"] * a
-    force = -(omega**2) * (c["force_weight"] * u_free + (c["force_old"] - c["memory_weight"]) * u) - c["mass_old"] * a
-    a_new = force / (c["mass_weight"] + omega**2 * stiffness)
+    damping = 2 * ratio * omega
+    old, free = (-(omega**2) * x - damping * rate for x, rate in ((u, v), (u_free, v_free)))
+    load = c["force_weight"] * free + (c["force_old"] - c["memory_weight"]) * old - c["mass_old"] * a
+    a_new = load / (c["mass_weight"] + operator[1] * damping + operator[2] * omega**2)
     u_new = u_free + c["u_late"] * v_free + c["displacement_gain"] * a_new
     v_new = v_free + c["velocity_gain"] * a_new
     matrix: Array = np.stack([u_new, v_new, a_new]) / size[:, None]
     return matrix
 
 
-def scheme_damping(scheme: TimeScheme, omega: float, dt: float) -> float:
-    """Damping ratio of critical that a time scheme gives an undamped oscillator (module docstring).
+def scheme_damping(scheme: TimeScheme, omega: float, dt: float, ratio: float = 0.0) -> float:
+    """Damping ratio of critical that an oscillator has in the march of a time scheme (module docstring).
 
     Parameters
     ----------
-    omega : angular frequency, s-1, > 0. dt : step, s.
+    omega : angular frequency, s-1, > 0. dt : step, s. ratio : damping ratio of the oscillator itself.
 
     Example
     -------
@@ -109,59 +152,84 @@ def scheme_damping(scheme: TimeScheme, omega: float, dt: float) -> float:
     >>> round(scheme_damping(HHT(-0.1), 1.0, 0.5), 5), abs(round(scheme_damping(Newmark(), 1.0, 0.5), 9))
     (0.00113, 0.0)
     """
-    values = np.linalg.eigvals(amplification_matrix(scheme, omega, dt)).astype(complex)
+    values = np.linalg.eigvals(amplification_matrix(scheme, omega, dt, ratio)).astype(complex)
     oscillating = values[values.imag > 0.0]
     z = max(oscillating if len(oscillating) else values, key=abs)  # the others are parasitic, and decay faster
     logarithm = np.log(z)
     return float(-logarithm.real / abs(logarithm))
 
 
-def modal_damping(
-    scene: Scene,
-    discretised: DiscretisedProblem,
-    models: Mapping[str, SubstructureModel],
-    modes: Mapping[str, Array],
-    omega: Array,
-) -> ModalDamping | None:
-    """Damping of modes in a run of a scene (module docstring); None without inertia.
+def run_matrices(
+    scene: Scene, discretised: DiscretisedProblem, models: Mapping[str, SubstructureModel]
+) -> RunMatrices | None:
+    """What a run of the scene marches; None without inertia.
 
     Parameters
     ----------
     scene : with its time scheme. discretised : the same scene, with a scheme that moves no mass. models : of its
-        substructures. modes : (n_full, n_mode) displacements by substructure. omega : (n_mode,) angular frequencies of
-        these modes, s-1, 0 for rigid motions.
+        substructures, in the order of the full dofs.
     """
     scene = discretised.scene.model_copy(update={"time": scene.time})  # with the interfaces found by the program
     scheme, reason = chosen_scheme(scene, discretised.bodies, discretised.units)
     if isinstance(scheme, QuasiStatic):
         return None
-    dt = discretised.dt
-    own, moved, layer, bodies = np.zeros((4, len(omega)))
-    for name, phi in modes.items():
-        model, body = models[name], discretised.bodies[name]
-        faces = None if body.rigid else contact_layer(name, body, discretised.units, scheme, dt)
-        own += _squares(model.inertia, phi)
-        moved += _squares(model.inertia if faces is None else faces.mass, phi)
-        layer += _squares(None if faces is None else faces.viscosity, phi)
+    blocks: list[tuple[sp.csr_array, ...]] = []
+    for name, model in models.items():
+        body, none = discretised.bodies[name], sp.csr_array((model.n_full, model.n_full))
+        faces = None if body.rigid else contact_layer(name, body, discretised.units, scheme, discretised.dt)
+        viscosity = None if faces is None else faces.viscosity
         damping = model.damping
         if scheme.explicit and damping is not None:  # row sums: damping in proportion to the stiffness has no part
             damping = lumped(damping, nodal=True)
-        bodies += _squares(damping, phi)
-    elastic = np.flatnonzero(omega > 0.0)
-    marched = omega * np.sqrt(own / moved)
+        own = (model.inertia if faces is None else faces.mass, viscosity, damping)
+        blocks.append(tuple(none if matrix is None else matrix for matrix in own))
+    whole = (sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*blocks, strict=True))
+    return RunMatrices(scene, scheme, reason, discretised.dt, *whole)
+
+
+def modal_damping(matrices: RunMatrices, modes: Modes) -> ModalDamping:
+    """Damping of modes in a run (module docstring)."""
+    scheme, dt = matrices.scheme, matrices.dt
+    omega, vectors = _marched(modes, matrices.mass)
+    full, elastic = modes.expansion @ vectors, np.flatnonzero(omega > 0.0)
     of_scheme, of_layer, of_bodies = np.zeros((3, len(omega)))
-    of_scheme[elastic] = [scheme_damping(scheme, float(w), dt) for w in marched[elastic]]
-    for ratio, square in ((of_layer, layer), (of_bodies, bodies)):
-        ratio[elastic] = square[elastic] / (2 * marched[elastic] * moved[elastic])
-    words = scheme.name + (f" ({reason})" if reason else "")
-    remedy = _remedy(scene, scheme, dt, marched, of_scheme, of_layer)
+    for ratio, matrix in ((of_layer, matrices.viscosity), (of_bodies, matrices.damping)):
+        ratio[elastic] = (_squares(matrix, full) / (2 * np.maximum(omega, 1e-300)))[elastic]
+    of_scheme[elastic] = [scheme_damping(scheme, float(w), dt) for w in omega[elastic]]
+    for i in np.flatnonzero(of_layer):  # its velocities have the weights of the scheme
+        of_layer[i] = scheme_damping(scheme, float(omega[i]), dt, float(of_layer[i])) - of_scheme[i]
+    words = scheme.name + (f" ({matrices.reason})" if matrices.reason else "")
+    remedy = _remedy(matrices.scene, scheme, dt, omega, of_scheme, of_layer)
     return ModalDamping(words, dt, of_scheme, of_layer, of_bodies, remedy)
 
 
-def _squares(matrix: sp.csr_array | None, phi: Array) -> Array:
-    """phi^T A phi (n_mode,) of each mode (n_full, n_mode); zero without matrix."""
-    if matrix is None:
-        return np.zeros(phi.shape[1])
+def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
+    """Angular frequencies (n_mode,) and modes (n, n_mode) of modal mass 1 with the mass (n_full, n_full) of the scheme,
+    those closest to the given ones.
+
+    Rayleigh-Ritz on the given modes and the static responses to the change of their inertia forces: nodes without mass
+    move otherwise than the consistent mass makes them.
+    """
+    vibration, given, n_rigid = modes.vibration, modes.vectors, modes.n_rigid
+    moved = sp.csr_array(modes.expansion.T @ mass @ modes.expansion)
+    change = (moved - vibration.mass) @ given
+    if np.abs(change).max(initial=0.0) <= _SAME * np.abs(vibration.mass @ given).max(initial=0.0):
+        return modes.omega, given
+    added = vibration.static(given[:, :n_rigid], change[:, n_rigid:])
+    added = added - given @ (given.T @ (vibration.mass @ added))
+    squares, directions = la.eigh(added.T @ (vibration.mass @ added))
+    kept = squares > _SAME * squares.max(initial=0.0)
+    basis = np.hstack([given, added @ (directions[:, kept] / np.sqrt(squares[kept]))])
+    values, inside = la.eigh(basis.T @ (vibration.stiffness @ basis), basis.T @ (moved @ basis))
+    shares = (given.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
+    closest = np.argmax(shares, axis=1)
+    omega = np.sqrt(np.maximum(values[closest], 0.0))
+    omega[:n_rigid] = 0.0
+    return omega, basis @ inside[:, closest]
+
+
+def _squares(matrix: sp.csr_array, phi: Array) -> Array:
+    """phi^T A phi (n_mode,) of each mode (n_full, n_mode)."""
     squares: Array = np.einsum("im,im->m", phi, matrix @ phi)
     return squares
 
@@ -172,10 +240,10 @@ def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme
     above, worst = np.flatnonzero(total > LIMIT), int(np.argmax(total))
     if not len(above):
         return ""
-    parts = []
-    if of_scheme.max() > LIMIT / 2:  # else the layer has more than that
+    parts, largest = [], min(LIMIT, float(max(of_scheme.max(), of_layer.max())))
+    if of_scheme.max() >= largest:
         parts.append(_lower_scheme(scene, scheme, dt, float(omega[np.argmax(of_scheme)])))
-    if of_layer.max() > LIMIT / 2:
+    if of_layer.max() >= largest:
         parts.append(_lower_layer(scene, dt, float(omega[worst]), float(of_scheme[worst])))
     where = f"mode {above[0] + 1}" if len(above) == 1 else f"{len(above)} modes, most in mode {worst + 1}"
     head = f"numerical damping above {_percent(LIMIT)} of critical in {where} ({_percent(float(total[worst]))})"
@@ -194,16 +262,15 @@ def _lower_scheme(scene: Scene, scheme: TimeScheme, dt: float, omega: float) -> 
         left = _percent(scheme_damping(scheme, omega, dt / parts))
         words += f" ({key} leaves {left}, with {parts} times as many steps)"
     if isinstance(scheme, GeneralizedAlpha):
-        return (
-            f"{words}, and {_keys(scene, scheme.landing_damping, 1.0)} has none, nor of what the step does not resolve"
-        )
+        undamped = _keys(scene, scheme.landing_damping, 1.0)
+        return f"{words}, and {undamped} has none, and damps nothing that the step does not resolve"
     if scheme.name != "hht":
         return f'{words}, and time.scheme = "hht" leaves {_percent(scheme_damping(HHT(), omega, dt))}'
     if isinstance(scene.solver.propagator, ReducedPropagator):
         left = _percent(scheme_damping(HHT(-0.01), omega, dt))
         return f'{words}, and time.scheme = {{type = "hht", alpha = -0.01}} leaves {left}, and less damping of noise'
     left = _percent(scheme_damping(GeneralizedAlpha(), omega, dt))
-    return f"{words}, and {_keys(scene, 0.0)} leaves {left}, with mass moved off the contact nodes"
+    return f"{words}, and {_keys(scene, 0.0)} leaves {left}, but shifts frequencies: contact nodes have no mass"
 
 
 def _lower_layer(scene: Scene, dt: float, omega: float, of_scheme: float) -> str:
