@@ -200,7 +200,7 @@ def test_what_lowers_the_damping_is_printed(tmp_path: Path, capsys: pytest.Captu
     assert modes.damping is not None
     assert modes.damping.scheme[4] == pytest.approx(1.16e-5, rel=0.01)
 
-    text, modes = printed(pair(step, scheme=ALPHA))
+    text, modes = printed(pair(step / 2, scheme=ALPHA))
     assert modes.damping is not None
     assert "that of the landing layer is in proportion to landing_damping" in text
     assert 'time.scheme = {type = "generalized_alpha", landing_damping = 0} leaves' in text
