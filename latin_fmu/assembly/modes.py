@@ -249,7 +249,7 @@ def _named(
     for name, model in parts.models.items():
         own = full[parts.where[name]]
         own = own if model.nodal is None else model.nodal @ own
-        shapes[name] = own.T.reshape(len(omega), -1, 3)
+        shapes[name] = own.T.reshape(len(omega), len(own) // 3, 3)
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
     modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2
     return VibrationModes(

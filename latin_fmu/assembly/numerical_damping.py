@@ -46,6 +46,7 @@ from .problem import DiscretisedProblem
 LIMIT: Final = 5e-5
 """Numerical damping ratio above which there is a sentence on what lowers it; joints have 1e-3 to 1e-2 of their own."""
 _SAME: Final = 1e-12  # changes of the mass below it are round-off
+_ROUNDS: Final = 3  # of inverse iteration
 _PARTS: Final = tuple(sorted(2**a * 5**b for a in range(7) for b in range(3) if 1 < 2**a * 5**b <= 100))
 """Numbers of parts that a step is cut into: the new one has few digits where the old one has."""
 
@@ -207,25 +208,32 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     """Angular frequencies (n_mode,) and modes (n, n_mode) of modal mass 1 with the mass (n_full, n_full) of the scheme,
     those closest to the given ones.
 
-    Rayleigh-Ritz on the given modes and the static responses to the change of their inertia forces: nodes without mass
-    move otherwise than the consistent mass makes them.
+    Rayleigh-Ritz on the given modes and on what inverse iteration with the mass of the scheme adds to them: nodes
+    without mass move otherwise than the consistent mass makes them.
     """
     vibration, given, n_rigid = modes.vibration, modes.vectors, modes.n_rigid
     moved = sp.csr_array(modes.expansion.T @ mass @ modes.expansion)
     change = (moved - vibration.mass) @ given
     if np.abs(change).max(initial=0.0) <= _SAME * np.abs(vibration.mass @ given).max(initial=0.0):
         return modes.omega, given
-    added = vibration.static(given[:, :n_rigid], change[:, n_rigid:])
-    added = added - given @ (given.T @ (vibration.mass @ added))
-    squares, directions = la.eigh(added.T @ (vibration.mass @ added))
-    kept = squares > _SAME * squares.max(initial=0.0)
-    basis = np.hstack([given, added @ (directions[:, kept] / np.sqrt(squares[kept]))])
-    values, inside = la.eigh(basis.T @ (vibration.stiffness @ basis), basis.T @ (moved @ basis))
+    basis, last = given, given[:, n_rigid:]
+    for _ in range(_ROUNDS):
+        response = vibration.static(given[:, :n_rigid], moved @ last)
+        added = response - basis @ (basis.T @ (vibration.mass @ response))
+        squares, directions = la.eigh(added.T @ (vibration.mass @ added))
+        kept = squares > _SAME * _squares(vibration.mass, response).max(initial=0.0)
+        last = added @ (directions[:, kept] / np.sqrt(squares[kept]))
+        basis = np.hstack([basis, last])
+    # the shapes of massless nodes alone have no frequency: the shifted stiffness stands in the place of the mass
+    mass_of, stiffness_of = (basis.T @ (matrix @ basis) for matrix in (moved, vibration.stiffness))
+    inverse, inside = la.eigh(mass_of, stiffness_of + vibration.shift * mass_of)
+    moves = inverse > _SAME * inverse.max(initial=0.0)
+    inverse, inside = inverse[moves], inside[:, moves]
     shares = (given.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
     closest = np.argmax(shares, axis=1)
-    omega = np.sqrt(np.maximum(values[closest], 0.0))
+    omega = np.sqrt(np.maximum(1 / inverse[closest] - vibration.shift, 0.0))
     omega[:n_rigid] = 0.0
-    return omega, basis @ inside[:, closest]
+    return omega, basis @ (inside[:, closest] / np.sqrt(inverse[closest]))
 
 
 def _squares(matrix: sp.csr_array, phi: Array) -> Array:
@@ -237,9 +245,10 @@ def _squares(matrix: sp.csr_array, phi: Array) -> Array:
 def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme: Array, of_layer: Array) -> str:
     """A sentence on what lowers numerical damping above ``LIMIT``; empty where no mode has more."""
     total = of_scheme + of_layer
-    above, worst = np.flatnonzero(total > LIMIT), int(np.argmax(total))
+    above = np.flatnonzero(total > LIMIT)
     if not len(above):
         return ""
+    worst = int(np.argmax(total))
     parts, largest = [], min(LIMIT, float(max(of_scheme.max(), of_layer.max())))
     if of_scheme.max() >= largest:
         parts.append(_lower_scheme(scene, scheme, dt, float(omega[np.argmax(of_scheme)])))
