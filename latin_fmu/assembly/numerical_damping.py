@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from ..latin.assembly import Array
 from ..propagator import SubstructureModel
-from ..propagator.model import lumped
+from ..propagator.model import diagonal_matrix
 from ..propagator.reduction import Vibration
 from ..scene.schema import Scene
 from ..scene.settings import GeneralizedAlpha as GeneralizedAlphaTable
@@ -178,11 +178,10 @@ def run_matrices(
     for name, model in models.items():
         body, none = discretised.bodies[name], sp.csr_array((model.n_full, model.n_full))
         faces = None if body.rigid else contact_layer(name, body, discretised.units, scheme, discretised.dt)
-        viscosity = None if faces is None else faces.viscosity
-        damping = model.damping
-        if scheme.explicit and damping is not None:  # row sums: damping in proportion to the stiffness has no part
-            damping = lumped(damping, nodal=True)
-        own = (model.inertia if faces is None else faces.mass, viscosity, damping)
+        mass, viscosity = (model.inertia, None) if faces is None else (faces.mass, faces.viscosity)
+        if scheme.explicit and faces is not None:
+            mass = model.with_lumped_mass.inertia if faces.lumped is None else diagonal_matrix(faces.lumped)
+        own = (mass, viscosity, model.damping)
         blocks.append(tuple(none if matrix is None else matrix for matrix in own))
     whole = (sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*blocks, strict=True))
     return RunMatrices(scene, scheme, reason, discretised.dt, *whole)

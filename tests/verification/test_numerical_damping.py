@@ -170,6 +170,17 @@ def test_damping_of_the_bodies() -> None:
     assert "bodies, %" not in "\n".join(modes_of(pair(step)).lines())
 
 
+@pytest.mark.parametrize("scheme", ["hht", "central_difference"])
+def test_a_ring_down_of_damped_bodies(scheme: str) -> None:
+    """Scheme and bodies add up; central differences with lumped masses add nothing."""
+    step, keys = 1e-6, {"rayleigh_mass": 20.0, "rayleigh_stiffness": 1e-8}
+    modes = modes_of(pair(step, scheme=scheme, keys=keys))
+    assert modes.damping is not None
+    total = modes.damping.numerical[3] + modes.damping.bodies[3]
+    assert ringing(modes, 3, step, scheme, keys=keys) == pytest.approx(total, rel=0.03)
+    assert modes.damping.numerical[3] < (1e-12 if scheme == "central_difference" else 1e-6)
+
+
 @pytest.mark.parametrize(("angle", "rel"), [(1e-3, 1e-5), (0.02, 1e-3), (0.1, 2e-2)])
 @pytest.mark.parametrize(
     ("scheme", "old"),
