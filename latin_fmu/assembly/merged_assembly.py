@@ -6,6 +6,8 @@ interfaces only reduces to.
 Bonds of non-matching faces are constraints: the dofs of one side in terms of those of the other. With
 u = P r + Q m (reduced dofs r, prescribed motions m) the bonds C u = 0, C = [T_E, -T_E'], are solved for as many
 reduced dofs as there are independent bonds: those of the owner's nodes, whose block is the identity or close to it.
+
+Vibration modes keep any rows at zero, those that depend on each other, too (``kept_together``).
 """
 
 from __future__ import annotations
