@@ -1,4 +1,4 @@
-"""Natural frequencies and shapes of an assembly without damping and loads, its joints open, sticking or bonded.
+"""Natural frequencies and shapes of an assembly without loads, its joints open, sticking or bonded.
 
     K phi = omega^2 M phi    on the motions with C phi = 0
 
@@ -12,10 +12,13 @@ Rows of C with one or two entries (nodes against nodes) make dofs one, or hold t
 gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
 a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
 
+The modes are undamped. The damping ratio that a run of the scene gives each of them is added (``numerical_damping``).
+
 Results are a table, files for ParaView, and the groups of a file::
 
     /                      provenance and scene, as attributes
-    /modes                 frequency, rigid, modal_mass (mode); joints and interfaces as attributes
+    /modes                 frequency, rigid, modal_mass, scheme_damping, landing_damping, body_damping (mode); joints,
+                           interfaces, time_scheme and time_step as attributes
     /substructures/<name>  shape (mode, node, component), and the mesh
 """
 
@@ -27,7 +30,6 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import NDArray
@@ -51,28 +53,40 @@ from ..scene.schema import Scene
 from ..scene.settings import HHT, GivenStart
 from .body import consecutive
 from .build import discretise
-from .merged_assembly import tied
+from .merged_assembly import kept_together
+from .numerical_damping import ModalDamping, Modes, modal_damping, run_matrices
 from .problem import DiscretisedProblem
 from .tightening import tightened
 
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
-_DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix
-_NOTHING = 1e-9  # entries of C below it are round-off
+_NO_DAMPING = 1e-7  # %, round-off
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
 
 
 def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) -> VibrationModes:
-    """Natural frequencies and shapes of the assembly of a scene (module docstring).
+    """Natural frequencies and shapes of the assembly of a scene (module docstring), and the damping ratio of each mode
+    in a run with the time scheme and the step of the scene (``VibrationModes.damping``).
 
     Parameters
     ----------
     joints : of interfaces that may open. count : elastic modes, the lowest ones; rigid motions come in addition.
 
+    Returns
+    -------
+    Modes with frequencies, Hz, shapes, modal masses, kg, and ``damping``: ratios (n_mode,) of critical ``scheme``,
+    ``landing``, ``bodies``, ``numerical`` (scheme and landing layer), and ``remedy``, what lowers the numerical damping
+    where it exceeds 5e-5; None for a quasi-static scene.
+
     Raises
     ------
     SceneError : the scene cannot be built.
+
+    Example
+    -------
+    modes = vibration_modes(load_scene("scene.toml"), "sticking", 5)
+    modes.frequency, modes.damping.numerical    # Hz, and damping ratios of time scheme and landing layer
     """
     plain = {"scheme": HHT(), "quasi_static": False, "start": GivenStart()}
     pressed = _pressed(scene) if scene.bolt and joints == "sticking" else {}
@@ -88,14 +102,19 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     if joints == "open":
         springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
     stiffness = sum(springs, parts.stiffness)
-    expansion, left = _kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+    expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
     k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
     if left.shape[0]:
         weight = _STIFF * float(k.diagonal().max())
         k = sp.csr_array(k + weight * (left.T @ left))
     vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
     values, vectors, n_rigid = _lowest(vibration, k, count)
-    return _named(discretised, parts, joints, values, expansion @ vectors, n_rigid, remarks)
+    omega = np.sqrt(np.maximum(values, 0.0))
+    matrices = run_matrices(scene, discretised, parts.models)
+    damping = (
+        None if matrices is None else modal_damping(matrices, Modes(vibration, expansion, vectors, omega, n_rigid))
+    )
+    return _named(discretised, parts, joints, omega, expansion @ vectors, n_rigid, remarks, damping)
 
 
 def _pressed(scene: Scene) -> dict[str, np.ndarray]:
@@ -191,66 +210,6 @@ def _spring(unit: InterfaceUnit, parts: _Parts, stiffness: Array, points: np.nda
     return sp.csr_array(jump.T @ sp.diags_array(weights.ravel()) @ jump)
 
 
-def _kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion (n_full, n) that keeps the rows (n_row, n_full) at zero, and the rows on its dofs that it does not."""
-    expansion, left = _merged(_cleaned(rows @ expansion), expansion)
-    touched = np.unique(left.indices)
-    if not len(touched):
-        return expansion, sp.csr_array((0, expansion.shape[1]))
-    others = np.setdiff1d(np.arange(expansion.shape[1]), touched)
-    block = sp.csr_array(left[:, touched])
-    try:
-        local = sp.csr_array(sp.eye_array(len(touched)))
-        own, _ = tied(block, local, np.zeros((len(touched), 0)))
-    except ValueError:  # they depend on each other, or share all their dofs
-        if block.shape[0] * block.shape[1] > _DENSE:
-            return expansion, left
-        own = _eliminated(block.toarray())
-    both = sp.hstack([expansion[:, others], expansion[:, touched] @ own])
-    return sp.csr_array(both), sp.csr_array((0, both.shape[1]))
-
-
-def _eliminated(rows: Array) -> sp.csr_array:
-    """Expansion (n, n - rank) that keeps dense rows (n_row, n) at zero, however they depend on each other: dofs chosen
-    by QR with pivoting follow the others."""
-    _, r, order = la.qr(rows, mode="economic", pivoting=True)
-    size = np.abs(np.diagonal(r))
-    rank = int((size > _NOTHING * size[0]).sum())
-    own = np.zeros((rows.shape[1], rows.shape[1] - rank))
-    own[order[:rank]] = -la.solve_triangular(r[:rank, :rank], r[:rank, rank:])
-    own[order[rank:]] = np.eye(rows.shape[1] - rank)
-    return sp.csr_array(np.where(np.abs(own) < _NOTHING, 0.0, own))
-
-
-def _cleaned(rows: sp.csr_array) -> sp.csr_array:
-    """Rows without round-off, and without those that are zero."""
-    rows = sp.csr_array(rows)
-    rows.data[np.abs(rows.data) < _NOTHING] = 0.0
-    rows.eliminate_zeros()
-    return sp.csr_array(rows[np.flatnonzero(np.diff(rows.indptr))])
-
-
-def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
-    """Expansion in which dofs that two-entry rows tie are one and those of one-entry rows are held, and what is left of
-    the rows on its dofs."""
-    n = rows.shape[1]
-    entries, starts = np.diff(rows.indptr), rows.indptr[:-1]
-    single = np.flatnonzero(entries == 1)
-    pairs = np.flatnonzero(entries == 2)
-    balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
-    pairs = pairs[balanced]
-    held = rows.indices[starts[single]]
-    first = np.concatenate([held, rows.indices[starts[pairs]]])
-    second = np.concatenate([np.full(len(held), n), rows.indices[starts[pairs] + 1]])  # dof n stands for the ground
-    graph = sp.coo_array((np.ones(len(first)), (first, second)), shape=(n + 1, n + 1))
-    _, label = connected_components(graph, directed=False)
-    free = np.flatnonzero(label[:n] != label[n])
-    _, columns = np.unique(label[free], return_inverse=True)
-    shape = (n, int(columns.max(initial=-1)) + 1)
-    selection = sp.csr_array(sp.coo_array((np.ones(len(free)), (free, columns.ravel())), shape=shape))
-    return sp.csr_array(expansion @ selection), _cleaned(rows @ selection)
-
-
 def _shift(discretised: DiscretisedProblem) -> float:
     """Shift of the eigenvalues, s-2: far below the first elastic one, far above round-off."""
     bodies = discretised.bodies.values()
@@ -279,35 +238,37 @@ def _named(
     discretised: DiscretisedProblem,
     parts: _Parts,
     joints: str,
-    values: Array,
+    omega: Array,
     full: Array,
     n_rigid: int,
     remarks: Sequence[str],
+    damping: ModalDamping | None,
 ) -> VibrationModes:
     """The modes by substructure, the largest nodal displacement of each 1."""
     shapes = {}
     for name, model in parts.models.items():
         own = full[parts.where[name]]
         own = own if model.nodal is None else model.nodal @ own
-        shapes[name] = own.T.reshape(len(values), -1, 3)
+        shapes[name] = own.T.reshape(len(omega), len(own) // 3, 3)
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
     modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2
     return VibrationModes(
         scene=discretised.scene.text(),
         name=discretised.scene.name,
         joints=joints,
-        frequency=np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi),
-        rigid=np.arange(len(values)) < n_rigid,
+        frequency=omega / (2 * np.pi),
+        rigid=np.arange(len(omega)) < n_rigid,
         modal_mass=modal,
         shapes={name: shape / size[:, None, None] for name, shape in shapes.items()},
         meshes=discretised.info,
         remarks=tuple(remarks),
+        damping=damping,
     )
 
 
 @dataclass(frozen=True)
 class VibrationModes:
-    """Modes of an assembly, undamped.
+    """Modes of an assembly, undamped, and the damping ratio of each in a run.
 
     Attributes
     ----------
@@ -315,6 +276,7 @@ class VibrationModes:
     frequency : (n_mode,), Hz, 0 for rigid motions, which come first. rigid : (n_mode,) whether it is one.
     modal_mass : (n_mode,), kg, with shapes whose largest nodal displacement is 1.
     shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
+    damping : ratios in a run with the time scheme and the step of the scene; None where the scene has no inertia.
     """
 
     scene: str
@@ -326,6 +288,7 @@ class VibrationModes:
     shapes: Mapping[str, Array]
     meshes: Mapping[str, SubstructureInfo]
     remarks: tuple[str, ...]
+    damping: ModalDamping | None = None
 
     @property
     def n_rigid(self) -> int:
@@ -335,17 +298,30 @@ class VibrationModes:
     def lines(self) -> list[str]:
         """Text: the joints, and a table of the modes."""
         head = f"{self.name}: joints {self.joints}, {self.n_rigid} rigid motion(s), {int((~self.rigid).sum())} mode(s)"
-        rows: list[tuple[str, ...]] = [("mode", "frequency", "modal mass", "moves most", "mean squares along x, y, z")]
+        ratios = {} if self.damping is None else self.damping.columns()
+        rows: list[tuple[str, ...]] = [
+            ("mode", "frequency", "modal mass", *ratios, "moves most", "mean squares along x, y, z")
+        ]
         if self.n_rigid:
-            rows.append((f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1", "rigid", "-", "-", "-"))
+            number = f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1"
+            rows.append((number, "rigid", *["-"] * (len(rows[0]) - 2)))
         for i in range(self.n_rigid, len(self.frequency)):
             largest = {name: float(np.linalg.norm(shape[i], axis=1).max()) for name, shape in self.shapes.items()}
             squares = sum(np.square(shape[i]).sum(axis=0) for shape in self.shapes.values())
             shares = ", ".join(f"{100 * share:.0f} %" for share in squares / np.sum(squares))
             text = f"{self.frequency[i]:.5g} Hz"
             moves = max(largest, key=lambda name: largest[name])
-            rows.append((f"{i + 1}", text, readable(self.modal_mass[i], "kg", 3), moves, shares))
-        return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows)]
+            damped = [f"{ratio[i]:.2g}" if abs(ratio[i]) > _NO_DAMPING else "0" for ratio in ratios.values()]
+            rows.append((f"{i + 1}", text, readable(self.modal_mass[i], "kg", 3), *damped, moves, shares))
+        return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows), *self._damping_lines()]
+
+    def _damping_lines(self) -> list[str]:
+        """Scheme and step that the damping ratios are of, and what lowers them."""
+        if self.damping is None:
+            return ["", "no damping ratios: a quasi-static run has no inertia"]
+        step = readable(self.damping.step, "s", 4)
+        what = f"damping, % of critical, in a run with steps of {step} and time scheme {self.damping.time_scheme}"
+        return ["", what, *([self.damping.remedy] if self.damping.remedy else [])]
 
     def groups(self) -> dict[str, Group]:
         """Groups by path: ``modes`` and one for every substructure with its shapes and mesh."""
@@ -356,6 +332,10 @@ class VibrationModes:
             "modal_mass": ("mode", self.modal_mass),
         }
         attrs: dict[str, object] = {"joints": self.joints, "interfaces": "\n".join(self.remarks)}
+        if (damping := self.damping) is not None:
+            ratios = {"scheme": damping.scheme, "landing": damping.landing, "body": damping.bodies}
+            columns |= {f"{name}_damping": ("mode", ratio) for name, ratio in ratios.items()}
+            attrs |= {"time_scheme": damping.time_scheme, "time_step": damping.step}
         groups = {"/": self._root(), "/modes": annotated(Group.of(columns, {"mode": number}, attrs), MODES)}
         for name, shape in self.shapes.items():
             groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])

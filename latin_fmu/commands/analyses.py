@@ -36,6 +36,10 @@ Joints of interfaces that may open: sticking joins points that are closed at the
 there is friction), open joins none, bonded joins all. In a scene with bolts, sticking joins the points that they press,
 and open leaves the shanks free to slide. Perfect interfaces and couplings are always joined, elastic layers and springs
 have their stiffness; damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
+
+The table has the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
+step of the scene, of the viscous layer at faces that may open (landing_damping), and of the bodies where they have
+Rayleigh damping, absorbing faces or wave ports. A line says what lowers the first two where they exceed 0.005 %.
 """
 _MOST_MODES = 1000
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
@@ -59,7 +63,7 @@ def register(add: AddParser) -> None:
 
 
 def _register_modes(add: AddParser) -> None:
-    text = "print natural frequencies of the assembly of a scene, and write its shapes"
+    text = "print natural frequencies of the assembly of a scene and their damping in a run, and write its shapes"
     add_scene(parser := declare(add, "modes", text, _modes, _MODES_EXAMPLES))
     parser.add_argument(
         "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"

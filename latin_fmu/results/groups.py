@@ -236,6 +236,15 @@ MODES: Final[Mapping[str, Meaning]] = {
     "frequency": Meaning("Hz", "natural frequency, 0 for rigid motions"),
     "rigid": Meaning(None, "whether the mode is a rigid motion"),
     "modal_mass": Meaning("kg", "modal mass", "of the shape whose largest nodal displacement is 1"),
+    "scheme_damping": Meaning(
+        "1", "damping ratio of the time scheme in a run with the step of the scene", "share of critical damping"
+    ),
+    "landing_damping": Meaning(
+        "1", "damping ratio of the viscous layer at faces that may open", "share of critical damping"
+    ),
+    "body_damping": Meaning(
+        "1", "damping ratio of Rayleigh damping, absorbing faces and wave ports", "share of critical damping"
+    ),
     "shape": Meaning("1", "displacement in the mode, largest nodal displacement of the assembly 1"),
     "cell_nodes": Meaning(None, "nodes of each element, in VTK order", "-1: the element has fewer nodes"),
     "mesh": Meaning(None, "topology of the mesh"),
