@@ -16,7 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "latin_fmu"
 MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
 SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
-LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 450, 60, 130  # lines
+LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 130  # lines
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (

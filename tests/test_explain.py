@@ -91,7 +91,6 @@ def test_a_plain_scene_has_four_effects_and_every_effect_is_told() -> None:
         ),
         ("output.fields", True, "interior history"),
         ("output.stress", True, "stress"),
-        ("output.energy", True, "energy balance"),
     ],
 )
 def test_one_key_switches_one_effect(path: str, value: Any, effect: str) -> None:
@@ -152,7 +151,6 @@ def test_friction_counts_two_thirds_of_the_unknowns() -> None:
     [
         ("material.steel.rayleigh_stiffness", 1e-9, "damping"),
         ("substructure.a.body_force", [0.0, 0.0, 1.0], "body force"),
-        ("output.energy", True, "energy balance"),
         ("output.stress", True, "stress"),
         ("output.fields", True, "interior history"),
     ],
@@ -237,7 +235,7 @@ def test_costly_output_is_noticed() -> None:
     scene = tables()
     for body in scene["substructure"].values():
         body["box"]["elements"] = [5, 5, 10]
-    for key, name in (("energy", "energy balance"), ("stress", "stress"), ("fields", "interior history")):
+    for key, name in (("stress", "stress"), ("fields", "interior history")):
         scene["output"] = {key: True}
         assert suggested(scene, f"{name} takes")
 

@@ -280,7 +280,8 @@ def made_propagators(
         if twin is None and kept is not None:
             twin = kept.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
-            made.append(make_propagator(c.members, scheme, dt, scene.output.energy, settings, twin))
+            # energies are accounted for whether they are kept or not: the iteration stops by them, too
+            made.append(make_propagator(c.members, scheme, dt, True, settings, twin))
             continue
         own = springs[c.channels[:, 0]]
         known = twin.shared(own) if isinstance(twin, StaticPropagator) else None

@@ -1,20 +1,29 @@
-"""Error indicator (24) and force residual: when to stop.
+"""Error indicator (24), force residual and work of the error: when to stop.
 
-    eta = ||s - s_hat||^2 / (||s||^2 + ||s_hat||^2),  ||s||^2 = sum of int F Z^-1 F + int W Z W
+    eta = ||s - s_hat||^2 / (||s||^2 + ||s_hat||^2),  ||s||^2 = sum of int (F - F_0) Z^-1 (F - F_0) + int [W] Z_r [W]
 
 over interfaces, sides and the instants of the window, Z the material impedance of the side whatever k is used;
-``error_indicator`` is sqrt(eta). Without inertia the denominator leaves out the velocities: a body may travel far under
-next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual r = (F_hat + k W_hat) - q.
+``error_indicator`` is sqrt(eta). The size of the fields is that of what moves: the change of the tractions since the
+equilibrium F_0 that the motion starts from (static start, preload), and the velocities of the sides relative to their
+common motion, which are [W] = W' - W with Z_r = Z Z' / (Z + Z'), Z where the other side is ground. Neither a preload
+nor a ride of the whole assembly loosens the measure. Without inertia the denominator leaves out the velocities: a body
+may travel far under next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual
+r = (F_hat + k W_hat) - q. Changes below STILL of the tractions are resolved as one of that size; a residual below
+NOTHING of the whole tractions and velocities is round-off.
 
-The indicator alone weights shear and the soft side of a contrast too little. A window has converged when both the
-indicator and the force residual are within tolerance. The force residual is the norm sqrt(f . C f) of the nodal forces
-f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause. Normal and
-tangential parts are each relative to their own largest value so far.
+The indicator alone weights shear and the soft side of a contrast too little. A window has converged when the indicator,
+the force residual and the work of the error are within their limits. The force residual is the norm sqrt(f . C f) of
+the nodal forces f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause.
+Normal and tangential parts are each relative to their own largest value so far, in the share of the tractions that
+changes.
 
-A motion that starts from an equilibrium with tractions F_0 (static start, preload) may be small against these. Errors
-that are small against F_0 alone are then not small against the motion: they add up from instant to instant, until a
-body at rest vibrates within the tolerance. So the size of the fields counts as min(||s||, a ||s - s_0||), with the
-fields s_0 = (F_0, 0) and a factor a = ``amplified`` that leaves motions of more than a few per cent as they are.
+The work of the error is that of the tractions on the velocities that the laws do not allow. Tractions F_hat act at the
+end of a window of one instant, with which the channels move at W + C (F_hat - F), where the laws say W_hat:
+
+    power = sum of area F_hat . (W - W_hat) + f_hat . C (f_hat - f)
+
+In windows of several F acts: power = sum of area (F . W - F_hat . W_hat). It may be a share of BUDGET times the energy
+put in so far.
 """
 
 from __future__ import annotations
@@ -40,10 +49,11 @@ TANGENTIAL_FLOOR = 1e-2
 BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.01, 0.5
 """Share of the energy put in that errors may do as work; share of what is left of it for an instant, for a window of
 several."""
-START = 1e-2
-"""Work that the error of an instant may always do, over tolerance times the squared size of the fields (a power)."""
-NOTHING = 1e-12
-"""Residual over the whole tractions and velocities, preload and ride included, below which nothing moves."""
+LEAST = 0.1
+"""Share of this that an instant may always do."""
+STILL, NOTHING = 1e-7, 1e-12
+"""Change of the tractions over these up to which a joint is at rest: smaller motions are resolved as one of this size.
+Residual over the whole tractions and velocities, preload and ride included, that is round-off."""
 
 
 @kernel
@@ -110,14 +120,14 @@ def _add_parts(pools: Any, e: int, i: int, window: int, parts: Array) -> None:
 @kernel
 def set_error(pools: Any, window: int) -> float:
     """sqrt(eta) over the window from the ``parts`` of all interfaces: sums of weighted squares of r; of the change of
-    the tractions and the relative velocities; of the tractions; of their change; of tractions and velocities."""
+    the tractions and the relative velocities; of the tractions; of their change; of tractions and velocities; power."""
     run, work = pools.run[0], pools.moving
     add_parts(pools, 0, MEASURES)
     totals = work[run.totals : run.totals + MEASURES]
     measure, scales = work[run.measure : run.measure + 9], pools.moving[run.scales : run.scales + 3]
-    measure[7] = min(1.0, np.sqrt(totals[3] / totals[2])) if totals[2] > 0.0 else 1.0
-    measure[2] = max(scales[0], totals[1] / window)
-    nothing = totals[0] <= NOTHING * NOTHING * totals[4]
+    measure[7] = min(1.0, max(STILL, np.sqrt(totals[3] / totals[2]))) if totals[2] > 0.0 else 1.0
+    measure[2] = max(scales[0], max(totals[1], STILL * STILL * totals[2]) / window)
+    nothing = totals[0] <= min(NOTHING, run.tolerance) ** 2 * totals[4]
     measure[0] = 0.0 if nothing else np.sqrt(totals[0] / window / measure[2])
     measure[1] = np.nan
     measure[3], measure[4] = scales[1], scales[2]
@@ -127,9 +137,10 @@ def set_error(pools: Any, window: int) -> float:
 @kernel
 def class_norms(pools: Any, c: int, window: int) -> None:
     """Squared norms of the forces and of their half residuals of a class at the instants of the window, into
-    ``class_norms``."""
+    ``class_norms``; powers of these forces on the velocities that the half residuals give, into ``cross``."""
     parts, row = 1 + pools.run[0].tangential, pools.classes[c]
     pools.moving[row.class_norms : row.class_norms + 4 * window] = 0.0
+    pools.moving[row.cross : row.cross + window] = 0.0
     for i in range(window):
         start, at = 0, 0
         if row.swept == 1 and row.normal_points > 0:
@@ -156,6 +167,17 @@ def add_class_norms(pools: Any, window: int) -> None:
         for c in range(len(pools.classes)):
             total += work[pools.classes[c].class_norms + e]
         work[run.norms + e] = total
+    work[run.norms + 4 * window] = cross_of_classes(pools, window)
+
+
+@kernel
+def cross_of_classes(pools: Any, window: int) -> float:
+    """Sum of ``cross`` over the classes here and the instants of the window."""
+    total = 0.0
+    for c in range(len(pools.classes)):
+        for i in range(window):
+            total += pools.moving[pools.classes[c].cross + i]
+    return float(total)
 
 
 @kernel
@@ -215,11 +237,14 @@ def work_of_error(pools: Any, window: int) -> float:
     put_in, net = work[run.works + PUT_IN], work[run.works + NET]
     if run.static == 1 or put_in < 0.0:
         return 0.0
-    fields, share, start = work[run.measure + 2], SHARE, START * run.tolerance
-    if window > 1:  # what the loads put in within the window is not known yet
-        share, start = SHARE_OF_WINDOW, BUDGET
-    allowed = max(share * (BUDGET * put_in - abs(net)), start * fields * window * run.dt)
-    return float(abs(work[run.totals + 5]) * run.dt / allowed)
+    # what passes the interfaces in the window: of that much the loads put in what is not known yet
+    put_in = max(put_in, work[run.measure + 2] * window * run.dt)
+    share = SHARE if window == 1 else SHARE_OF_WINDOW
+    allowed = share * BUDGET * put_in * max(1.0 - abs(net) / (BUDGET * put_in), LEAST)
+    power = work[run.totals + 5]
+    if window == 1:  # F_hat acts, not F
+        power += work[run.norms + 4 * window]
+    return float(abs(power) * run.dt / allowed)
 
 
 @kernel
@@ -234,15 +259,16 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
     r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
     x = work[row.vectors : row.vectors + 2 * m * n]
     table = pools.fixed[compliance : compliance + symmetric_size(n, row.plain_response, m)]
-    force, half = 0.0, 0.0
+    force, half, cross = 0.0, 0.0, 0.0
     if m < TILED and row.plain_response == 0:  # two rows (2, n) per member
         for j in range(m):
             for e in range(n):
                 at = channels[measured[e] * m + j]
                 x[e], x[n + e] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
-            own, other = two_norms(n, table, x)
+            own, other, both = two_norms(n, table, x)
             force += own
             half += other
+            cross += both
     else:  # all vectors as members of one product (n, 2 m)
         for e in range(n):
             for j in range(m):
@@ -253,15 +279,17 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
         for e in range(n * m):
             force += x[2 * e] * y[2 * e]
             half += x[2 * e + 1] * y[2 * e + 1]
+            cross += x[2 * e + 1] * y[2 * e]
     work[row.class_norms + 4 * i + into] += force
     work[row.class_norms + 4 * i + into + 1] += half
+    work[row.cross + i] += cross
 
 
 @kernel
 def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     """The same for all parts by forward substitution on the face, x C x = gain |L^-1 T^T x|^2: for each member its
-    forces and half residuals, normal and tangential, eight vectors at a time; four one after the other where there are
-    no more and the factor is larger than the cache."""
+    forces and half residuals in turn, normal, then tangential, eight vectors at a time; four one after the other where
+    there are no more and the factor is larger than the cache."""
     row, run, work, numbers = pools.classes[c], pools.run[0], pools.moving, pools.fixed_int
     n, m, count = row.n, row.m, 2 * parts * row.m
     channels, normal = numbers[row.channels : row.channels + row.n_channel * m], numbers[row.component :]
@@ -276,8 +304,7 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     for first in range(0, count, LANES):
         x[:] = 0.0
         for lane in range(min(LANES, count - first)):
-            part, member = (first + lane) // (2 * m), (first + lane) % m
-            half = (first + lane) // m % 2 == 1
+            part, member, half = (first + lane) // (2 * m), (first + lane) // 2 % m, (first + lane) % 2 == 1
             for d in range(row.n_inner):
                 total = 0.0
                 for e in range(starts[d], starts[d + 1]):
@@ -287,11 +314,13 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
                 x[step * face[d] + apart * lane] = total
         forward_on_face(pools, c, four, x, tail)
         for lane in range(min(LANES, count - first)):
-            total = 0.0
+            part, odd, own, total, cross = (first + lane) // (2 * m), lane % 2, apart * lane, 0.0, 0.0
+            other = apart * (lane - odd)  # the force of this half residual
             for d in range(n):
-                total += x[step * d + apart * lane] ** 2
-            part, half = (first + lane) // (2 * m), (first + lane) // m % 2
-            work[row.class_norms + 4 * i + 2 * part + half] += gain * total
+                total += x[step * d + own] ** 2
+                cross += x[step * d + own] * x[step * d + other]
+            work[row.class_norms + 4 * i + 2 * part + odd] += gain * total
+            work[row.cross + i] += odd * gain * cross
 
 
 @kernel

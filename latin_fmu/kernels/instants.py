@@ -12,7 +12,7 @@ from .energy import open_account
 from .energy_parts import ELASTIC, KINETIC, N_TERM, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept
 from .iteration import iterate
-from .local_stage import add_made_up, follow_drift, open_window, read_gaps
+from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
 from .newton import MADE
 from .products import add_dense
@@ -118,25 +118,27 @@ def first_guess(pools: Any, instant: int) -> None:
     if run.direct_bonds == 1:
         w = work[run.w : run.w + n]
         free_motion(pools, instant, w)
-        add_made_up(pools, 1.0, w)
+        add_made_up(pools, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
         w[:] = 0.0
-        add_made_up(pools, 1.0, w)
+        add_made_up(pools, w)
         for j in range(n):
             q[j] -= k[j] * w[j]
         return
     touched, carry = run.shared == 1 and state[run.touched] != 0.0, state[run.carry]
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
-    f_hat, w_hat = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]
+    f_hat, w_hat, w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n], work[run.w : run.w + n]
     for j in range(n):
-        q[j] = f_hat[j] + k[j] * carry * w_hat[j]
+        w[j] = carry * w_hat[j]
         touched = touched or f_hat[j] != 0.0
+    take_drift(pools, w)
+    for j in range(n):
+        q[j] = f_hat[j] + k[j] * w[j]
     if touched or run.static == 1:
         guess_from_reference(pools, q, False)
         return
-    w = work[run.w : run.w + n]
     free_motion(pools, instant, w)
     for j in range(n):
         q[j] = k[j] * w[j]

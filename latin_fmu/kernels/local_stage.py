@@ -243,8 +243,7 @@ def follow_drift(pools: Any, i: int) -> None:
                 j = p * h + c
                 planned = run.make_up * work[group.planned + j]
                 near, far = run.local_w + at + first + j, run.local_w + at + second + j
-                both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]
-                share = pools.fixed[run.z + first + j] / both if both > 0.0 else 0.0
+                share = _share(pools, g, p, c)
                 work[near] -= share * planned
                 work[far] += (1.0 - share) * planned
                 moved = work[run.moved + second + j] - work[run.moved + first + j]
@@ -257,14 +256,38 @@ def follow_drift(pools: Any, i: int) -> None:
 
 
 @kernel
-def add_made_up(pools: Any, factor: float, w: Array) -> None:
-    """Add ``factor`` times the velocities that make up the drift to those of sides E' among w (N,)."""
+def _share(pools: Any, g: int, p: int, c: int) -> float:
+    """Share of side E in a jump of velocities at a point in the direction c, in the ratio of the 1/k of both sides."""
+    group = pools.groups[g]
+    both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]
+    own = pools.fixed[pools.run[0].z + group.start + p * group.n_component + c]
+    return float(own / both) if both > 0.0 else 0.0
+
+
+@kernel
+def take_drift(pools: Any, w: Array) -> None:
+    """Velocities w (N,) that the laws give, as the sides are to move: ``make_up`` of the drift taken from the jumps."""
+    run, work = pools.run[0], pools.moving
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        h, second = group.n_component, group.start + group.n_point * group.n_component
+        for p in range(group.n_point if group.keeps_normal + group.keeps_tangential > 0 else 0):
+            for c in range(h):
+                j = p * h + c
+                share, planned = _share(pools, g, p, c), run.make_up * work[group.drift + j]
+                w[group.start + j] += share * planned
+                w[second + j] -= (1.0 - share) * planned
+
+
+@kernel
+def add_made_up(pools: Any, w: Array) -> None:
+    """Add the velocities that make up the drift to those of sides E' among w (N,)."""
     run, work = pools.run[0], pools.moving
     for g in range(len(pools.groups)):
         group = pools.groups[g]
         size = group.n_point * group.n_component
         for j in range(size):
-            w[group.start + size + j] += factor * run.make_up * work[group.drift + j]
+            w[group.start + size + j] += run.make_up * work[group.drift + j]
 
 
 @kernel

@@ -23,7 +23,8 @@ normal and sticking components. The solution does not change by that, as the rig
 The step is made in the incoming quantity q = F + k W and halved at most twice, until the residual of the local stage in
 the norm of the iteration falls; both stages are linear between its ends, so that this takes no products. Without
 inertia a floating body has no admittance. There D is that on dashpots of WEAK times k: the linear stage, which has the
-last word, corrects what this leaves. Only products with D (``admit``) and blocks of its entries (``coupling``) occur.
+last word, corrects what this leaves. A step is made where it costs less than the iterations it saves (``_pays``), or
+where the iteration has stalled. Only products with D (``admit``) and blocks of its entries (``coupling``) occur.
 """
 
 from __future__ import annotations

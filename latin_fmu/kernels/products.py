@@ -167,10 +167,10 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
 
 
 @kernel
-def two_norms(n: int, a: Array, x: Array) -> tuple[float, float]:
-    """x A x of the two rows of x (2, n), A packed (``packed_product``)."""
+def two_norms(n: int, a: Array, x: Array) -> tuple[float, float, float]:
+    """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``)."""
     x0, x1 = x[:n], x[n : 2 * n]
-    first, second, at = 0.0, 0.0, 0
+    first, second, cross, at = 0.0, 0.0, 0.0, 0
     for i in range(n):
         line = a[at : at + i]
         t0 = t1 = 0.0
@@ -180,8 +180,9 @@ def two_norms(n: int, a: Array, x: Array) -> tuple[float, float]:
         corner = a[at + i]
         first += x0[i] * (2.0 * t0 + corner * x0[i])
         second += x1[i] * (2.0 * t1 + corner * x1[i])
+        cross += x1[i] * (t0 + corner * x0[i]) + x0[i] * t1
         at += i + 1
-    return first, second
+    return first, second, cross
 
 
 @kernel

@@ -164,6 +164,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("piece_tile", "work (n_piece, SPARE x LANES)"),
     ("solved", "work (1,): substructures solved, or substructure-instants marched, in this iteration"),
     ("class_norms", "work (w, 4): part of the class in ``norms``"),
+    ("cross", "work (w,): power of the forces on the velocities that their half residuals give, W"),
     ("extended", "work (4, n + n_motion, m): scratch of the account of energies"),
     # histories
     ("constant", "histories (n, m): constant forces, N"),
@@ -308,12 +309,15 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("moved", "work (N,): velocities at the end of an instant under the tractions that acted, m s-1"),
     ("layer", "work (N,): displacements that layers start from, m"),
     ("shares", "work (n_interface,)"),
-    ("norms", "work (w, 4): squared norms of forces and of half residuals, normal and tangential"),
+    (
+        "norms",
+        "work (4 w + 1,): squared norms of forces and of half residuals, normal and tangential; sum of ``cross``",
+    ),
     ("merits", "work (3 max_iterations + 64, 2): distance of each iterate from the tolerance, by eta, with residual"),
     (
         "measure",
-        "work (9,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate, share of the "
-        "tractions that changes, work of the error over that allowed",
+        "work (9,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate, share of "
+        "the tractions that changes, work of the error over that allowed",
     ),
     ("course", "work (9,): course of Newton's method at this instant (``newton``)"),
     ("best_q", "work (N,): q of the best iterate"),

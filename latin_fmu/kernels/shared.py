@@ -15,7 +15,7 @@ from typing import Any, Final
 from ..compiled import kernel
 from .acceleration import difference_parts
 from .energy_parts import OF_DRIFT
-from .indicator import accept, own_put_in, relative_forces, residual_parts, set_error, take_works
+from .indicator import accept, cross_of_classes, own_put_in, relative_forces, residual_parts, set_error, take_works
 from .instants import CORRECTED, WITHIN, decided, end_instant, first_guess
 from .iteration import BROKEN, CONVERGED, STALLED, judge, linear_stage
 from .local_stage import open_window
@@ -105,6 +105,7 @@ def own_norms(pools: Any, window: int) -> None:
             acts = 1.0
             break
     work[to], work[to + 1], work[to + 2] = acts, own_put_in(pools), pools.moving[run.works + OF_DRIFT]
+    work[to + 3] = cross_of_classes(pools, window)
 
 
 @kernel
@@ -116,11 +117,12 @@ def forces_of_all(pools: Any, window: int) -> None:
         for r in range(run.n_norm - run.n_process):
             total += work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window + e]
         work[run.norms + e] = total
-    acts, put_in, drift, known = 0.0, 0.0, 0.0, True
+    acts, put_in, drift, known, cross = 0.0, 0.0, 0.0, True, 0.0
     for r in range(run.n_norm - run.n_process, run.n_norm):
         at = run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window
         acts, put_in, drift = max(acts, work[at]), put_in + work[at + 1], drift + work[at + 2]
-        known = known and work[at + 1] >= 0.0
+        known, cross = known and work[at + 1] >= 0.0, cross + work[at + 3]
+    work[run.norms + 4 * window] = cross
     work[run.acting] = acts
     take_works(pools, put_in if known else -1.0, drift)
     relative_forces(pools, window)

@@ -132,6 +132,7 @@ def add_table_norms(pools: Any, c: int, i: int, part: int, gain: float) -> None:
     f_hat = work[run.local_f + i * run.n_flat : run.local_f + (i + 1) * run.n_flat]
     r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
     x, product = work[row.point_vectors : row.point_vectors + size], work[row.point_vectors + size :]
+    cross = 0.0
     for half in range(2):
         total = 0.0
         for j in range(m):
@@ -143,7 +144,11 @@ def add_table_norms(pools: Any, c: int, i: int, part: int, gain: float) -> None:
             multiply(points, width, starts, runs, values, x, product)
             for e in range(size):
                 total += x[e] * product[e]
+                if half == 0 and places[e] >= 0:
+                    at = channels[places[e] * m + j]
+                    cross += 0.5 * area[at] * r[at] * product[e]
         work[row.class_norms + 4 * i + 2 * part + half] += gain * max(total, 0.0)
+    work[row.cross + i] += gain * cross
 
 
 @kernel

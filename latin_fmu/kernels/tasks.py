@@ -153,8 +153,8 @@ def end_class(pools: Any, c: int, instant: int) -> None:
 
 @kernel
 def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: bool) -> None:
-    """Energies, probed velocities, displacements and velocities of the channels of a class at the end of an instant with
-    tractions (N,)."""
+    """Energies, probed velocities, and displacements and velocities of the channels of a class at the end of an instant
+    with tractions (N,)."""
     run, work = pools.run[0], pools.moving
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)

@@ -127,9 +127,9 @@ class Processes:
     def add(self, values: Array) -> None:
         """Replace an array by its sum over the processes, added in their order."""
         own = np.ascontiguousarray(values).ravel()
-        every = self.gather(own, range(0, (self.size + 1) * own.size, max(own.size, 1)) if own.size else [0] * 2)
+        every = self.gather(own, [rank * own.size for rank in range(self.size + 1)])
         total = np.zeros(own.size)
-        for part in every.reshape(self.size, -1) if own.size else ():
+        for part in every.reshape(self.size, -1):
             total += part
         values[...] = total.reshape(values.shape)
 

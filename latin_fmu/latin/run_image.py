@@ -14,8 +14,8 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.laws import LAWS
-from ..kernels.sums import MEASURES
 from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, RESIDUAL, SIZE
+from ..kernels.sums import MEASURES
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve

@@ -298,7 +298,12 @@ class WindowList(Sequence[WindowRecord]):
                 first, last, done, accepted, _, steps, corrections = numbers[at].tolist()
                 curve, forces = (own[at].tolist() for own in curves)
                 used = list(fallbacks.get(str(at), []))
-                rest = float(part["disagreement"][at]), float(part["defect"][at]), corrections, float(part["imbalance"][at])
+                rest = (
+                    float(part["disagreement"][at]),
+                    float(part["defect"][at]),
+                    corrections,
+                    float(part["imbalance"][at]),
+                )
                 self.append(WindowRecord(first, last, curve, forces, used, bool(done), accepted, steps, *rest))
             at += max(n, 1)
 

@@ -36,7 +36,7 @@ _PASS = 0.1  # of the tolerances, for the pass over the instants of a window tha
 BALANCED = 1e-3
 """Work of the error of a window of several instants, over the energy put in, up to which it has converged."""
 # Stop the run if a window ends with sqrt(eta) above this value.
-HOPELESS = 0.3
+HOPELESS = 0.5
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
 _SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
 _RESTORED = ("windows", "interface_indicator", "stopped", "_sequence", "_observer", "_progress")  # after a first guess

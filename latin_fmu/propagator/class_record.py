@@ -397,6 +397,7 @@ def work(block: Block, row: Row, window: int, stride: int) -> None:
         "piece_tile": row["n_piece"] * SPARE * LANES,
         "solved": 1,
         "class_norms": 4 * window,
+        "cross": window,
     }
     for name, size in sizes.items():
         row[name] = block.reserve(size)

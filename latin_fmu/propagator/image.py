@@ -170,7 +170,7 @@ class Image:
         sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
         sizes |= {"displacement": n, "moved": n, "layer": n}
-        sizes |= {"shares": n_interface, "norms": 4 * self.window, "merits": 6 * most + 128}
+        sizes |= {"shares": n_interface, "norms": 4 * self.window + 1, "merits": 6 * most + 128}
         sizes |= {"measure": 9, "counts": 2, "course": 9}
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])

@@ -25,6 +25,7 @@ from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.kernels.krylov import SMALL, VECTORS
 from latin_fmu.kernels.products import padded
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
+from latin_fmu.kernels.sums import MEASURES
 from latin_fmu.kernels.tasks import CHUNK
 from latin_fmu.kernels.team import LINE, MARKS, PARTS
 from latin_fmu.reader import scene_from_dict
@@ -211,6 +212,7 @@ def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
         "piece_tile": int(row["n_piece"]) * SPARE * LANES,
         "solved": 1,
         "class_norms": 4 * window,
+        "cross": window,
         "extended": 4 * wide * counted,
         "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
         "probed": rows * int(row["n_probe"]) * m,
@@ -238,6 +240,7 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "carry": 1,
         "finish": 1,
         "worst": parts,
+        "works": 5,
         "counts": 2,
         **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
         "dq": depth * w * n,
@@ -246,14 +249,15 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "least": (depth + 3) * depth,
         "coarse": int(run["n_coarse"] + run["n_coarse_here"]),
         "coarse_parts": 2 * int(run["n_coarse"]),
-        "parts": parts * (3 + 2 * depth),
-        "totals": 3 + 2 * depth,
+        "parts": parts * (MEASURES + 2 * depth),
+        "totals": MEASURES + 2 * depth,
         "displacement": n,
+        "moved": n,
         "layer": n,
         "shares": parts,
-        "norms": 4 * w,
+        "norms": 4 * w + 1,
         "merits": 2 * (3 * most + 64),
-        "measure": 8,
+        "measure": 9,
         **newton_sizes(run),
         "errors": rows * most,
         "force_residuals": rows * most,
@@ -264,6 +268,7 @@ def run_sizes(run: Any, rows: int) -> dict[str, int]:
         "history_f": rows * n,
         "history_w": rows * n,
         "history_gap": rows * int(run["n_point"]),
+        "history_works": rows,
     }
 
 
@@ -272,7 +277,7 @@ def newton_sizes(run: Any) -> dict[str, int]:
     n, most = int(run["n_flat"]), int(run["n_unknown"])
     names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
     return {
-        "course": 8,
+        "course": 9,
         **dict.fromkeys(names if most else (), n),
         "unknown_of": int(run["n_place"]) + 1,
         "elsewhere": 0,
@@ -295,6 +300,8 @@ def group_sizes(group: Any) -> dict[str, int]:
     return {
         "gap": p,
         "layer": p * h if group["elastic"] else 0,
+        "drift": 3 * p * h,
+        "planned": 3 * p * h,
         "reach": width,
         "jump": p * h,
         "traction": p * h,

@@ -11,6 +11,7 @@ import pytest
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries
 from latin_fmu.kernels.records import CLASS, GROUP, RUN
+from latin_fmu.kernels.sums import MEASURES
 from latin_fmu.latin import solver as loop
 from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.latin.run_image import Iterate, Stages
@@ -30,7 +31,8 @@ class OneNumber:
         depth, most = settings.anderson_depth, 3 * settings.max_iterations + 64
         sizes = dict.fromkeys(("q", "local_f", "local_w", "r", "last_q", "last_r"), 2)
         sizes |= {"dq": 2 * depth, "dr": 2 * depth, "gram": depth**2, "least": (depth + 3) * depth}
-        sizes |= {"merits": 2 * most, "measure": 8, "scales": 3, "parts": 3 + 2 * depth, "totals": 3 + 2 * depth}
+        sizes |= {"merits": 2 * most, "measure": 9, "scales": 3}
+        sizes |= {"parts": MEASURES + 2 * depth, "totals": MEASURES + 2 * depth}
         run, self.moving = np.zeros(1, dtype=RUN), np.zeros(ROOM * (len(sizes) + 1) + sum(sizes.values()))
         end = 0
         for name, size in sizes.items():
@@ -41,7 +43,7 @@ class OneNumber:
             "n_flat": 1,
             "n_interface": 1,
             "n_part": 1,
-            "part_width": 3 + 2 * depth,
+            "part_width": MEASURES + 2 * depth,
             "own_parts": int(run["parts"][0]),
             "segments": 1,
             "part_order": 4,
