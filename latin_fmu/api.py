@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, Protocol, cast
 import numpy as np
 
 from .assembly.build import discretise, solver_ready
-from .assembly.checks import body_lines, size_remarks
+from .assembly.checks import body_lines
 from .assembly.kept_operators import KeptOperators
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.ports import port_lines
@@ -22,7 +22,7 @@ from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
-from .errors import InputError, Problems, SolverError
+from .errors import InputError, Problems, Remark, SolverError, remarks_of
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
@@ -277,9 +277,9 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         timings=march.timings,
         warnings=(
             *problem.warnings,
-            *_thinning(recorder),
+            *remarks_of("accuracy", _thinning(recorder)),
             *run_remarks(problem, histories, time, balance),
-            *accuracy_remarks(assembly.propagators),
+            *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
         sensors=recorder.sensors(assembly),
@@ -312,7 +312,6 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
     return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
 
 
-@computable()
 def check(scene: Scene) -> list[str]:
     """Build a scene without solving it; lines with its sizes and warnings.
 
@@ -320,6 +319,18 @@ def check(scene: Scene) -> list[str]:
     ------
     SceneError : the scene cannot be built.
     """
+    return check_lines(*checked(scene))
+
+
+def check_lines(lines: list[str], remarks: Sequence[Remark]) -> list[str]:
+    """Lines of ``check`` with the remarks, and the verdict at the end."""
+    verdict = "the scene can be solved" + (", with the warnings above" if remarks else "")
+    return [*lines, *(f"warning: {remark}" for remark in remarks), verdict]
+
+
+@computable()
+def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
+    """As ``check``: lines with the sizes of a scene, and the remarks on it."""
     discretised = discretise(scene)
     prediction = Prediction(discretised)
     check_memory(prediction, stream=True)  # as the command line runs it
@@ -338,9 +349,7 @@ def check(scene: Scene) -> list[str]:
     lines += [cut.line(problem.start.bolts.shortening[name]) for name, cut in discretised.cuts.items() if problem.start]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     lines.append(f"  {memory_line(prediction, stream=True)}")
-    warnings = (*size_remarks(discretised.bodies), *problem.warnings)
-    lines += [f"warning: {w}" for w in warnings]
-    return [*lines, "the scene can be solved" + (", with the warnings above" if warnings else "")]
+    return lines, problem.warnings
 
 
 def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:

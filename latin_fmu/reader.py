@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -68,21 +69,48 @@ def _deeper_than(most: int, data: Any) -> bool:
 
 
 def _parsed(file: Path) -> dict[str, Any]:
+    text = _text(file)
+    if (keys := _longest_key(text)) > MOST_LEVELS:
+        raise _unreadable(file, f"not usable: a key of {keys} parts, at most {MOST_LEVELS}")
     try:
-        return tomllib.loads(_text(file))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        remedy = "strings need quotes, names of tables and keys must not repeat"
-        raise _unreadable(file, f"not valid TOML: {error}", remedy) from None
+        raise _unreadable(file, f"not valid TOML: {error}", _toml_remedy(str(error), text)) from None
     except RecursionError:
         raise _unreadable(file, "not usable: nested too deeply") from None
     except ValueError:  # tomllib lets the limit on the digits of an integer through
         raise _unreadable(file, "not usable: a number has too many digits") from None
 
 
+def _longest_key(text: str) -> int:
+    """Parts of the longest key or name of a table; tomllib takes a time that grows with their square."""
+    heads = (line.lstrip() for line in text.splitlines() if line.count(".") > MOST_LEVELS)
+    parts = [re.match(_KEY, head) for head in heads]
+    return max((match[0].count(".") + 1 for match in parts if match is not None), default=0)
+
+
+_KEY = re.compile(r"\[{0,2}(?:[^\S\n]*(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[^\S\n]*\.?)+")
+_REMEDIES = (  # what the wrong line has, and what to write
+    (re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$"), "numbers have a decimal point: 0.3, not 0,3"),
+    (re.compile(r"=\s*[-+]?[\d.eE+-]+\s*,\s*[-+]?[\d.]"), "several numbers stand in brackets: [ ], e.g. [0.1, 0.2]"),
+    (re.compile(r"=\s*[A-Za-z_][^\"']*$"), 'text stands in quotes: "fixed", not fixed'),
+)
+
+
+def _toml_remedy(message: str, text: str) -> str:
+    """What to do about the line that an error of tomllib names."""
+    lines, place = text.splitlines(), re.search(r"at line (\d+)", message)
+    line = lines[int(place[1]) - 1] if place is not None and 0 < int(place[1]) <= len(lines) else ""
+    remedy = next((words for pattern, words in _REMEDIES if pattern.search(line)), None)
+    return remedy or "strings need quotes, names of tables and keys must not repeat"
+
+
 def _text(file: Path) -> str:
     try:
         if file.is_dir():
             raise _unreadable(file, "this is a folder", f"name the scene file, e.g. {(file / 'scene.toml').as_posix()}")
+        if file.exists() and not file.is_file():
+            raise _unreadable(file, "this is a device, pipe or socket", "name a scene file")
         if file.stat().st_size > MAX_SCENE_BYTES:
             raise _unreadable(file, f"larger than {MAX_SCENE_BYTES} bytes", "put long tables into CSV files")
         return file.read_text(encoding="utf-8-sig")

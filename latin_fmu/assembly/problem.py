@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from ..errors import Remark, remarks_of
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
 from ..latin.probes import SensorPlace
@@ -118,7 +119,7 @@ class SolverReadyProblem:
     settings: Settings
     output: OutputRequest
     info: dict[str, SubstructureInfo]
-    warnings: tuple[str, ...]
+    warnings: tuple[Remark, ...]
     timeline: Timeline
     start: InitialState | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
@@ -144,7 +145,7 @@ class DiscretisedProblem:
     classes: list[ModelClass]
     scheme: TimeScheme
     time: Array
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     scheme_reason: str = ""
     cuts: Mapping[str, BoltCut] = field(default_factory=dict)
@@ -272,8 +273,9 @@ class DiscretisedProblem:
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
-        warnings += () if start is None else start.remarks
+        unresolved = [] if static else unresolved_sides(assembly)
+        warnings = (*self.remarks, *remarks_of("memory", without_factor), *remarks_of("resolution", unresolved))
+        warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         return SolverReadyProblem(
             assembly,
             settings_of(scene),

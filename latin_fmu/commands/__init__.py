@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..latin.processes import Processes
     from ..scene.schema import Scene
 
-CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY = 0, 1, 2, 3, 4, 5
-"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing."""
+CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED = 0, 1, 2, 3, 4, 5, 6
+"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``."""
 
 AddParser = Callable[..., argparse.ArgumentParser]
 """``add_parser`` of the subcommands of a parser."""
@@ -152,6 +152,12 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """Declare SCENE and ``--set``."""
     parser.add_argument("scene", metavar="SCENE", type=Path, help="scene file (TOML)")
     add_settings(parser, "change one setting of the scene; may be repeated")
+
+
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--strict``."""
+    text = f"exit code {REMARKED} where there are warnings; everything else is as without it"
+    parser.add_argument("--strict", action="store_true", help=text)
 
 
 def add_settings(parser: argparse.ArgumentParser, text: str) -> None:

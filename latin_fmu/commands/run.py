@@ -19,9 +19,11 @@ from ..errors import InputError, Problem, SolverError
 from . import (
     CONVERGED,
     NOT_CONVERGED,
+    REMARKED,
     AddParser,
     Signals,
     add_scene,
+    add_strict,
     declare,
     ending_together,
     output_file,
@@ -61,6 +63,7 @@ def register(add: AddParser) -> None:
         type=output_file,
         help="results file (default: <name of the scene>.nc in the current folder)",
     )
+    add_strict(parser)
     parser.add_argument("--json", action="store_true", help="print a JSON report, and nothing else, on stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
     parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
@@ -156,7 +159,12 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             _show(solution, arguments, written, None)
             if lost:
                 raise UnwrittenError(lost, "cannot write the results")
-    return CONVERGED if solution.converged else NOT_CONVERGED
+    return _code(solution, solution.converged, arguments)
+
+
+def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
+    """Exit code of a run that has been written."""
+    return NOT_CONVERGED if not good else REMARKED if arguments.strict and solution.warnings else CONVERGED
 
 
 def _run_alone(arguments: argparse.Namespace) -> int:
@@ -199,7 +207,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     if arguments.signals.received:
         return int(arguments.signals.exit_code)
     good = solution.converged and (choice is None or choice.reached)
-    return CONVERGED if good else NOT_CONVERGED
+    return _code(solution, good, arguments)
 
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..assembly.build import discretise
+from ..errors import Remark
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
@@ -16,7 +17,7 @@ from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
 _SHOWN = 2  # keys that are named before "and so many more"
@@ -38,7 +39,7 @@ class Explanation:
     choices: dict[str, str]
     prediction: dict[str, Any]
     suggestions: list[Suggestion]
-    warnings: tuple[str, ...]
+    warnings: tuple[Remark, ...]
     lines: dict[str, int]
 
     def report(self) -> dict[str, Any]:
@@ -54,6 +55,7 @@ class Explanation:
             "prediction": self.prediction,
             "suggestions": [s.report() for s in self.suggestions],
             "warnings": list(self.warnings),
+            "warning_codes": [remark.code for remark in self.warnings],
         }
 
     def text(self) -> str:

@@ -56,6 +56,7 @@ _MESHIO: Final = (
     ".wkt",
     ".svg",
 )
+_CAD: Final = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".fcstd")
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
@@ -88,6 +89,10 @@ def read_content(path: Path) -> MeshContent:
             raise
         except Exception as error:  # netCDF4 raises many kinds on damaged files
             raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {error}") from None
+    if suffix in _CAD:
+        what, made = "a CAD file holds no mesh", f"{path.stem}.msh"
+        remedy = f"mesh it, e.g. gmsh -3 {path.name} -order 2 -clmax 5 -o {made} (lengths in the unit of the file: add "
+        raise MeshError.of("unreadable mesh", path.name, what, suffix, _ALLOWED, f"{remedy}scale = 1e-3 for mm)")
     if suffix not in _MESHIO:
         raise MeshError.of(
             "unreadable mesh",
