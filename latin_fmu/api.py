@@ -22,7 +22,7 @@ from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
-from .errors import InputError, Problems, Remark, SolverError, remarks_of
+from .errors import InputError, Problems, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
@@ -34,6 +34,7 @@ from .latin.solver import IterationEvent
 from .latin.windows import Run, WindowFields
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
+from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .results.writing import check_folder

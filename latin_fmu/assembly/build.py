@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import Problems, Remark, SceneError, remarks_of
+from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces

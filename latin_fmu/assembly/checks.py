@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Problems, Remark
+from ..errors import Problems
 from ..fem.elements import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
+from ..remarks import Remark
 from ..scene.attachments import places_of
 from ..scene.boundaries import (
     AXES,

@@ -13,12 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import Problem, Problems, Remark
+from ..errors import Problem, Problems
 from ..fem.mesh import nearest
 from ..latin.assembly import Array, Assembly, InterfaceUnit
 from ..latin.outcome import BoltHistory
 from ..latin.probes import BoltPlace
 from ..propagator.model import closest_reduced
+from ..remarks import Remark
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
 from .body import Body

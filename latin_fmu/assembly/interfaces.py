@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import Problem, Problems, Remark, did_you_mean, remarks_of
+from ..errors import Problem, Problems, did_you_mean
 from ..fem.faces import Face, cells_between, face_of
 from ..fem.mesh import Array, Index, nearest
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark, remarks_of
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from .body import Body, own_points, selection

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import Remark
 from ..fem.mesh import nearest
 from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from ..errors import Remark, remarks_of
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
 from ..latin.probes import SensorPlace
@@ -19,6 +18,7 @@ from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, SubstructureModel
 from ..propagator.interface_probing import SHARE
+from ..remarks import Remark, remarks_of
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face

@@ -19,11 +19,11 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.spatial as spatial
 
-from ..errors import Remark, remarks_of
 from ..interface.laws import SEPARATION, bonds
 from ..latin.assembly import Array, Assembly
 from ..latin.outcome import InterfaceHistory, Resultants
 from ..latin.recorder import SubstructureInfo
+from ..remarks import Remark, remarks_of
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees

@@ -177,6 +177,22 @@ def output_file(text: str) -> Path:
     return Path(text)
 
 
+def check_netcdf(output: Path) -> None:
+    """Make sure that an output in netCDF has no suffix of another format.
+
+    Raises
+    ------
+    InputError : it has.
+    """
+    if output.suffix.lower() not in ("", *_NETCDF):
+        what = f"results are written as netCDF (.nc), not as {output.suffix}"
+        remedy = "name OUT.nc; plot OUT.nc -o FIGURE.png draws it, latin_fmu.open_results reads it in Python"
+        raise InputError.of("bad argument", "--output", what, str(output), remedy=remedy)
+
+
+_NETCDF: Final = (".nc", ".nc4", ".cdf", ".netcdf", ".h5")
+
+
 def read_scene(arguments: argparse.Namespace) -> Scene:
     """The scene that SCENE names, with the settings of ``--set``."""
     from ..reader import load_scene

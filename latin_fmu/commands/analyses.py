@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, declare, output_file, read_scene
+from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, output_file, read_scene
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def _modes(arguments: argparse.Namespace) -> int:
         problem = Problem("--count", "out of range", str(arguments.count), f"1 to {_MOST_MODES}")
         raise InputError([problem], "bad argument")
     if arguments.output is not None:
+        check_netcdf(arguments.output)
         check_target(arguments.output)
     if arguments.vtk is not None:
         check_export_folder(arguments.vtk)

@@ -24,6 +24,7 @@ from . import (
     Signals,
     add_scene,
     add_strict,
+    check_netcdf,
     declare,
     ending_together,
     output_file,
@@ -112,6 +113,8 @@ def interval(text: str) -> tuple[int | None, float | None]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.output is not None:
+        check_netcdf(arguments.output)
     processes = started_together()
     if processes is None:
         return _run_alone(arguments)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..assembly.build import discretise
-from ..errors import Remark
+from ..remarks import Remark
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene

@@ -60,7 +60,9 @@ def check_target(path: str | Path, size: float = 0.0) -> Path:
 
 
 def _example(target: Path) -> Path:
-    return (target if target.is_dir() else target.parent) / "out.nc"
+    if target.is_dir():
+        return target / "out.nc"
+    return Path("out.nc") if Path("/dev") in target.parents else target.parent / "out.nc"
 
 
 def _behind_links(path: str | Path) -> tuple[Path, int | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -163,3 +165,129 @@ def test_mistakes_in_a_scene(mistake: str, tmp_path: Path, capsys: pytest.Captur
 def test_the_scene_without_a_mistake_has_no_remark(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     assert main(["check", str(tmp_path / "scene.toml"), "--strict"]) == 0, "".join(capsys.readouterr())
+
+
+def written(folder: Path, text: str = SCENE) -> str:
+    """Path of a scene file with this text."""
+    (folder / "scene.toml").write_text(text)
+    return str(folder / "scene.toml")
+
+
+FOREIGN = b"CDF\x01" + bytes(100)
+
+# arguments (SCENE: the scene of this file), words of the sentence
+COMMANDS: dict[str, tuple[list[str], list[str]]] = {
+    "scene missing": (["check", "nothing.toml"], ["nothing.toml", "no such file"]),
+    "folder for a scene": (["check", "."], ["this is a folder", "scene.toml"]),
+    "results missing": (["plot", "nothing.nc"], ["nothing.nc", "no such file"]),
+    "foreign results": (["plot", "foreign.nc"], ["foreign.nc", "written by a run"]),
+    "no results at all": (["srs", "text.nc"], ["text.nc", "written by a run"]),
+    "output onto an input": (["run", "SCENE", "-o", "scene.toml"], ["is an input", "another file"]),
+    "another suffix": (["run", "SCENE", "-o", "out.csv"], ["out.csv", "netCDF", "not as .csv", "plot"]),
+    "a figure of another format": (["plot", "SCENE", "-o", "out.csv"], ["out.csv", ".png"]),
+    "output onto a device": (["run", "SCENE", "-o", "/dev/null"], ["device", "e.g. out.nc"]),
+    "model copied twice": (["demo", "impact_bar"], ["impact_bar", "there already", "rename"]),
+    "setting without a value": (["check", "SCENE", "--set", "solver.tolerance"], ["--set", "name.key=value"]),
+    "setting with a comma": (["check", "SCENE", "--set", "solver.tolerance=1e-4,5"], ["tolerance", "1e-4,5"]),
+    "setting that leaves the list open": (
+        ["check", "SCENE", "--set", "substructure.upper.initial_velocity=[0,"],
+        ["initial_velocity", "[0,"],
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", COMMANDS)
+def test_mistakes_on_the_command_line(
+    mistake: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, words = COMMANDS[mistake]
+    scene = written(tmp_path)
+    (tmp_path / "foreign.nc").write_bytes(FOREIGN)
+    (tmp_path / "text.nc").write_text("no results")
+    (tmp_path / "impact_bar").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main([scene if word == "SCENE" else word for word in arguments]) == BAD_INPUT
+    shown = "".join(capsys.readouterr())
+    assert "Traceback" not in shown
+    assert not [word for word in words if word not in shown], shown
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_bare_word_is_a_text_in_a_setting(tmp_path: Path) -> None:
+    """Quotes that the shell takes away are not missed."""
+    assert main(["check", written(tmp_path), "--set", 'boundary.floor.type="fixed"']) == 0
+    assert main(["check", written(tmp_path), "--set", "boundary.floor.type=fixed"]) == 0
+
+
+def deck(second: float, first_label: int) -> str:
+    """Two cubes above each other, the upper one at the height ``second``, its nodes from a label on."""
+    square = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)]
+    lines = ["*NODE"]
+    for start, low in ((1, 0.0), (first_label, second)):
+        corners = [(x, y, low + z) for z in (0.0, 0.1) for x, y in square]
+        lines += [f"{start + i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(corners)]
+    lines.append("*ELEMENT, TYPE=C3D8, ELSET=PART")
+    for label, start in ((1, 1), (2, first_label)):
+        lines.append(", ".join(map(str, (label, *range(start, start + 8)))))
+    return "\n".join(
+        [
+            *lines,
+            "*NSET, NSET=BOTTOM",
+            "1, 2, 3, 4",
+            "*NSET, NSET=TOP",
+            ", ".join(str(first_label + i) for i in range(4, 8)),
+            "",
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("height", "words"),
+    [(0.1, ["2 pieces", "4 nodes", "torn", "merge"]), (0.3, ["2 pieces", "do not touch", "parts of their own"])],
+)
+def test_torn_parts(height: float, words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A part with duplicate nodes along a plane, and two blocks that share no node."""
+    (tmp_path / "part.inp").write_text(deck(height, 11))
+    box = SCENE[SCENE.index("[substructure.lower]") : SCENE.index("[boundary.floor]")]
+    one = '[substructure.lower]\nmaterial = "steel"\nmesh = {file = "part.inp"}\n\n'
+    text = SCENE.replace(box, one).replace("lower.zmin", "lower.BOTTOM").replace("upper.zmax", "lower.TOP")
+    assert main(["check", written(tmp_path, text), "--strict"]) == REMARKED
+    shown = "".join(capsys.readouterr())
+    assert not [word for word in words if word not in shown], shown
+
+
+def test_an_fmu_without_fmpy_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    monkeypatch.chdir(tmp_path)
+    assert main(["fmu", written(tmp_path), "-o", "blocks.fmu"]) == 0
+    shown = "".join(capsys.readouterr())
+    assert "blocks.fmu" in shown
+    assert "not checked" in shown
+    assert (tmp_path / "blocks.fmu").is_file()
+
+
+def test_run_says_what_check_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Remarks of ``check`` stand in the summary and in the report of ``run``, with codes; faces that never touch."""
+    scene = written(tmp_path, SCENE.replace("coefficient = 0.3", "coefficient = 30"))
+    options = ["-o", str(tmp_path / "out.nc"), "--no-estimate"]
+    assert main(["run", scene, *options, "--strict"]) == REMARKED
+    assert "per cent" in capsys.readouterr().out
+    assert main(["run", scene, *options, "--json", "--quiet"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["warning_codes"] == ["friction"]
+    assert main(["explain", scene, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warning_codes"] == ["friction"]
+    apart = written(tmp_path, SCENE.replace(*lifted(1e-3)))
+    assert main(["run", apart, *options, "--strict"]) == REMARKED
+    assert "never touch" in capsys.readouterr().out
+
+
+def test_a_strained_body_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """E in GPa: the strains at the end are no small ones."""
+    soft = SCENE.replace("210e9", "210").replace("pressure = 1e6", "pressure = 100.0")
+    soft = soft.replace("[time]", '[boundary.side]\ntype = "symmetry"\nface = "lower.xmin"\n\n[time]')
+    soft = soft.replace("2e-4", "2.0").replace("2e-6", "0.02").replace("duration = 1e-4", "duration = 4.0")
+    main(["run", written(tmp_path, soft), "-o", str(tmp_path / "out.nc"), "--no-estimate"])
+    assert "is strained by" in capsys.readouterr().out
