@@ -34,13 +34,20 @@ AddParser = Callable[..., argparse.ArgumentParser]
 Command = Callable[[argparse.Namespace], int]
 
 
+_TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interrupts at once
+_MORE_SIGNALS: Final = ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1")
+
+
 class Signals:
-    """SIGINT and SIGTERM of the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
+    """Signals that end the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
+
+    SIGINT and SIGTERM; SIGHUP (a terminal that is closed), SIGQUIT, and those that batch systems send before a limit,
+    SIGXCPU and SIGUSR1, unless the process has been told to ignore them (``nohup``).
 
     Attributes
     ----------
     received : number of the signal that came first, 0 before. noted : whether the first signal is only noted; a second
-        one interrupts.
+        SIGINT or SIGTERM interrupts (SIGXCPU comes again every second).
     """
 
     def __init__(self) -> None:
@@ -48,7 +55,7 @@ class Signals:
 
     @property
     def exit_code(self) -> int:
-        """Exit code of a process that a signal ended: 130 after SIGINT, 143 after SIGTERM."""
+        """Exit code of a process that a signal ended: 128 and its number, 130 after SIGINT, 143 after SIGTERM."""
         return 128 + (self.received or signal.SIGINT)
 
     @contextmanager
@@ -57,7 +64,9 @@ class Signals:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.signal(number, self._handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        more = [getattr(signal, name) for name in _MORE_SIGNALS if hasattr(signal, name)]
+        heard = [*_TWICE, *(number for number in more if signal.getsignal(number) is not signal.SIG_IGN)]
+        before = {number: signal.signal(number, self._handle) for number in heard}
         try:
             yield
         finally:
@@ -77,7 +86,7 @@ class Signals:
 
     def _handle(self, number: int, _frame: object) -> None:
         first, self.received = not self.received, self.received or number
-        if not (first and self.noted):
+        if not (self.noted and (first or number not in _TWICE)):
             raise KeyboardInterrupt
 
 

@@ -73,7 +73,8 @@ def register(add: AddParser) -> None:
         metavar="N",
         type=interval,
         help="write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
-        "and OUT.nc.checkpoint.histories; SIGINT and SIGTERM leave one in any case",
+        "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, XCPU, "
+        "USR1). The checkpoint of an earlier run is kept under a number",
     )
     parser.add_argument(
         "--resume", action="store_true", help="continue from the checkpoint, where there is one, to the same bits"
@@ -173,12 +174,13 @@ def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
 def _run_alone(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
-        from ..results.writing import check_target
+        from ..results.writing import check_target, remove_dead_drafts
 
         scene = read_scene(arguments)
     _note_inputs(scene, arguments.quiet)
     target = arguments.output or Path(f"{scene.name}.nc")
     check_target(target)  # before the long part
+    remove_dead_drafts(target.parent)
     if arguments.vtk is not None:
         from ..results.vtk import check_export_folder
 
@@ -200,7 +202,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         solution.outcome.stream.close()
     if solution.complete and not lost:
         checkpoint.remove()
-    elif checkpoint.path.exists():
+    elif checkpoint.found:
         written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
     _show(solution, arguments, written, choice)  # a full disk must not cost the numbers as well
     if lost:
