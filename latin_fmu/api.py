@@ -107,7 +107,9 @@ def computable() -> Iterator[None]:
     Products of absurd numbers overflow or vanish in ways that no check of a single number foresees.
     """
     try:
-        yield
+        # absurd numbers overflow, which ends in an error or a status; other threads keep their settings
+        with np.errstate(all="ignore"):
+            yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise SolverError(
             f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "

@@ -84,12 +84,12 @@ def _parsed(file: Path) -> dict[str, Any]:
 
 def _longest_key(text: str) -> int:
     """Parts of the longest key or name of a table; tomllib takes a time that grows with their square."""
-    heads = (line.lstrip() for line in text.splitlines() if line.count(".") > MOST_LEVELS)
-    parts = [re.match(_KEY, head) for head in heads]
-    return max((match[0].count(".") + 1 for match in parts if match is not None), default=0)
+    lines = (_STRING.sub("s", line) for line in text.splitlines() if line.count(".") > MOST_LEVELS)
+    return max((match[0].count(".") + 1 for line in lines for match in _KEY.finditer(line)), default=0)
 
 
-_KEY = re.compile(r"\[{0,2}(?:[^\S\n]*(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[^\S\n]*\.?)+")
+_STRING = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'")
+_KEY = re.compile(r"[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
 _REMEDIES = (  # what the wrong line has, and what to write
     (re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$"), "numbers have a decimal point: 0.3, not 0,3"),
     (re.compile(r"=\s*[-+]?[\d.eE+-]+\s*,\s*[-+]?[\d.]"), "several numbers stand in brackets: [ ], e.g. [0.1, 0.2]"),

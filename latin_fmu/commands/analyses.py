@@ -98,7 +98,7 @@ def _modes(arguments: argparse.Namespace) -> int:
 def _srs(arguments: argparse.Namespace) -> int:
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
-    from ..results.files import open_results, write_netcdf
+    from ..results.files import open_results, readable, write_netcdf
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import check_target, write_bytes
@@ -107,7 +107,8 @@ def _srs(arguments: argparse.Namespace) -> int:
     targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for target in targets:
         check_target(target)
-    with closing(open_results(arguments.results)) as tree, Waiting("spectra") as waiting:
+    file = arguments.results
+    with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
         made = _tree(tree, {name: spectrum_group(*pair).dataset() for name, pair in spectra.items()})
     print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()})))

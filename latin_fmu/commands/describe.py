@@ -133,11 +133,11 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
     from ..pictures.interface_map import Window, save_film
-    from ..results.files import open_results
+    from ..results.files import open_results, readable
 
     window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
     waiting.update(0.0, "film")
-    with closing(open_results(arguments.file)) as tree:
+    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
         save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.update)
 
 
@@ -160,10 +160,10 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.interface_map import map_figure
     from ..pictures.result_picture import result_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
-    from ..results.files import open_results
+    from ..results.files import open_results, readable
     from ..results.spectra import stored_spectra
 
-    with closing(open_results(arguments.file)) as tree:
+    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
         if "kind" in tree.attrs:  # a parametric study
             from ..parametric.figure import study_figure
 

@@ -6,14 +6,16 @@ Maps and skins are UGRID meshes that ``xugrid.UgridDataset`` opens and plots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from ..fem.mesh import Mesh, boundary, cell_blocks
+from .files import readable
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
 from .spectra import RESPONSES, shock_response_spectrum
 
@@ -21,8 +23,22 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+_Given = ParamSpec("_Given")
+_Made = TypeVar("_Made")
 
 
+def _from_file(function: Callable[Concatenate[xr.DataTree, _Given], _Made]) -> Callable[..., _Made]:
+    """The function, whose values come from a file that may be damaged behind its head: a ResultsError where they do."""
+
+    @wraps(function)
+    def made(tree: xr.DataTree, *given: _Given.args, **named: _Given.kwargs) -> _Made:
+        with readable(str(tree.encoding.get("source", "results"))):
+            return function(tree, *given, **named)
+
+    return made
+
+
+@_from_file
 def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     """Force of an interface over time: ``force`` (time, component) on its first side, ``normal`` (time), positive in
     compression, and ``friction`` (time), the magnitude of the tangential resultant; N.
@@ -40,6 +56,7 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     return made
 
 
+@_from_file
 def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -> xr.Dataset:
     """Contact pressure of an interface as a UGRID mesh in its mean plane: ``pressure`` (point), Pa, and ``area``.
 
@@ -60,6 +77,7 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     return made.assign_attrs(time=float(fields.time[at]))
 
 
+@_from_file
 def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     """Outer surface of a body as a UGRID mesh of faces, projected along z: node_x, node_y, node_z (node), m, ``faces``
     (face, corner), and the fields at its nodes that the file holds, e.g. ``velocity`` (time, node, component).
@@ -102,6 +120,7 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     return made
 
 
+@_from_file
 def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, quality: float = 10.0) -> xr.Dataset:
     """Shock response spectrum of the stored acceleration of a sensor: ``acceleration`` (response, frequency,
     component), m s-2, and ``pseudo_velocity``, m s-1; see ``shock_response_spectrum``.
