@@ -164,7 +164,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--strict``."""
+    """Declare the option ``--strict``."""
     text = f"exit code {REMARKED} where there are warnings; everything else is as without it"
     parser.add_argument("--strict", action="store_true", help=text)
 

@@ -6,9 +6,8 @@ Maps and skins are UGRID meshes that ``xugrid.UgridDataset`` opens and plots.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import wraps
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,22 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
-_Given = ParamSpec("_Given")
-_Made = TypeVar("_Made")
 
 
-def _from_file(function: Callable[Concatenate[xr.DataTree, _Given], _Made]) -> Callable[..., _Made]:
-    """The function, whose values come from a file that may be damaged behind its head: a ResultsError where they do."""
-
-    @wraps(function)
-    def made(tree: xr.DataTree, *given: _Given.args, **named: _Given.kwargs) -> _Made:
-        with readable(str(tree.encoding.get("source", "results"))):
-            return function(tree, *given, **named)
-
-    return made
-
-
-@_from_file
 def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     """Force of an interface over time: ``force`` (time, component) on its first side, ``normal`` (time), positive in
     compression, and ``friction`` (time), the magnitude of the tangential resultant; N.
@@ -46,8 +31,9 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     Raises InputError where there is no such interface.
     """
     group = _group(tree, "interfaces", interface)
-    fields = InterfaceFields.of_dataset(group)
-    made = group[["force"]]
+    with readable(_source(tree)):
+        fields = InterfaceFields.of_dataset(group)
+        made = group[["force"]]
     for name, values, text in (
         ("normal", normal_resultant(fields), "normal resultant, positive in compression"),
         ("friction", friction_resultant(fields), "magnitude of the tangential resultant"),
@@ -56,7 +42,6 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     return made
 
 
-@_from_file
 def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -> xr.Dataset:
     """Contact pressure of an interface as a UGRID mesh in its mean plane: ``pressure`` (point), Pa, and ``area``.
 
@@ -68,7 +53,8 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     if "cells" not in group:
         what = "has no surface: its points carry no cells"
         raise InputError([Problem(f"interface {interface}", what)], "there is no map")
-    fields = InterfaceFields.of_dataset(group)
+    with readable(_source(tree)):
+        fields = InterfaceFields.of_dataset(group)
     at = int(normal_resultant(fields).argmax() if time is None else np.abs(fields.time - time).argmin())
     pressure = -np.einsum("pc,pc->p", fields.traction[at], fields.normals) + 0.0  # no negative zero
     attrs = {"units": "Pa", "long_name": "contact pressure", "mesh": "surface", "location": "node"}
@@ -77,7 +63,6 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     return made.assign_attrs(time=float(fields.time[at]))
 
 
-@_from_file
 def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     """Outer surface of a body as a UGRID mesh of faces, projected along z: node_x, node_y, node_z (node), m, ``faces``
     (face, corner), and the fields at its nodes that the file holds, e.g. ``velocity`` (time, node, component).
@@ -85,8 +70,9 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     Raises InputError where no field of this substructure is in the file (``output.fields = true``).
     """
     group = _group(tree, "substructures", substructure, "store fields: output.fields = true")
-    nodes = np.stack([group[f"node_{axis}"].values for axis in "xyz"], axis=1)
-    tables = [block.corners for block in boundary(Mesh(nodes, cell_blocks(group["cell_nodes"].values), {})).blocks]
+    with readable(_source(tree)):
+        nodes = np.stack([group[f"node_{axis}"].values for axis in "xyz"], axis=1)
+        tables = [block.corners for block in boundary(Mesh(nodes, cell_blocks(group["cell_nodes"].values), {})).blocks]
     corners = np.full((sum(map(len, tables)), max(t.shape[1] for t in tables)), -1, dtype=np.int64)
     row = 0
     for table in tables:
@@ -120,7 +106,6 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     return made
 
 
-@_from_file
 def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, quality: float = 10.0) -> xr.Dataset:
     """Shock response spectrum of the stored acceleration of a sensor: ``acceleration`` (response, frequency,
     component), m s-2, and ``pseudo_velocity``, m s-1; see ``shock_response_spectrum``.
@@ -172,6 +157,11 @@ def _history(tree: xr.DataTree, sensor: str, quantity: str) -> xr.DataArray:
         allowed = ", ".join(str(n) for n, v in group.data_vars.items() if v.dims == ("time", "component"))
         raise InputError([Problem(f"sensor {sensor}", "has no such history", quantity, allowed or "none")])
     return group[quantity]
+
+
+def _source(tree: xr.DataTree) -> str:
+    """Name of the file of a tree, for errors."""
+    return str(tree.encoding.get("source", "results"))
 
 
 def _group(tree: Mapping[str, Any], kind: str, name: str, remedy: str | None = None) -> xr.Dataset:
