@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
+from .mesh_files.deck_tables import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
 from .scene.overrides import apply_overrides
@@ -148,8 +149,12 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     problems: list[Problem] = []
     parts: dict[str, Any] = {}
     owner: dict[str, str] = {}
+    said: list[tuple[MeshContent, dict[str, str], MeshParts]] = []
     for name, table in tables.items():
-        for part, group in _parts(name, table, base_dir, problems).items():
+        groups, content = _parts(name, table, base_dir, problems)
+        if content is not None and content.deck is not None:
+            said.append((content, {group: part for part, group in groups.items() if group is not None}, table))
+        for part, group in groups.items():
             if part in owner:
                 what = f"the part {part!r} is in mesh.{owner[part]} too"
                 problems.append(Problem(f"mesh.{name}.parts", what, remedy="list the parts of each file"))
@@ -174,7 +179,10 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     if problems:
         return raw, problems
     whole = {key: value for key, value in raw.items() if key != "mesh"}
-    return {**whole, "substructure": {**parts, **rest}}, []
+    whole["substructure"] = {**parts, **rest}
+    for content, groups_of_file, table in said:
+        whole = with_deck(whole, content, groups_of_file, table.scale)
+    return whole, []
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:
@@ -185,8 +193,11 @@ def _checked(table: Mapping[str, Any]) -> MeshParts | None:
         return None
 
 
-def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem]) -> dict[str, str | None]:
-    """Volume group of every part by the name of its substructure (None: the whole file, which names no group)."""
+def _parts(
+    name: str, table: MeshParts, base_dir: Path, problems: list[Problem]
+) -> tuple[dict[str, str | None], MeshContent | None]:
+    """Volume group of every part by the name of its substructure (None: the whole file, which names no group), and the
+    content of the file."""
     from .mesh_files.reading import read_content
 
     try:
@@ -195,13 +206,13 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
             problems.append(Problem(f"mesh.{name}.file", "the file holds no solid cells", table.file))
-            return {}
+            return {}, None
         elif not (groups := list(content.part_names(table.file))):
-            return {part_name(name): None}
+            return {part_name(name): None}, content
     except MeshError as error:
         where = f"mesh.{name}.file"
         problems += [Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in error.problems]
-        return {}
+        return {}, None
     parts: dict[str, str | None] = {}
     for group in groups:
         part = part_name(group)
@@ -210,7 +221,7 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
             both = f"{parts[part]}, {group}"
             problems.append(Problem(f"mesh.{name}.parts", what, both, remedy="rename one of them, or list one"))
         parts[part] = group
-    return parts
+    return parts, content
 
 
 def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: list[Problem]) -> list[str]:

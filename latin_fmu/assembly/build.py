@@ -78,7 +78,8 @@ def discretise(
     problems = Problems(box_memory(scene))
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies)
+    remarks: list[Remark] = []
+    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
@@ -86,7 +87,6 @@ def discretise(
         bodies = with_masses(scene, bodies, problems)
     if scene.coupling:
         bodies = with_rigid_faces(scene, bodies)
-    remarks: list[Remark] = []
     fields = any(s.initial_fields for s in scene.substructure.values())
     if fields:
         check_fields(bodies, problems, remarks)
