@@ -365,6 +365,8 @@ def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
     if unit.behaviour.opens:
         gaps = dict.fromkeys(f"{gap:.4g}" for gap in (geometry.gap.min(), geometry.gap.max()))
         line += f", gap {' to '.join(gaps)} m"
+        if 0 < (closed := int((geometry.gap <= 0.0).sum())) < geometry.n_point:
+            line += f", closed at {closed} of them"
     if geometry.traces[1] is not None:
         line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
     return line + (", found" if by_search else "")

@@ -40,7 +40,6 @@ from ..scene.schema import Scene, faces_of
 from .body import Body
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
-_COARSE = 0.02  # from there on the steps are too long for the law, wherever its jumps are
 LARGEST, SMALLEST = 10.0, 1e-6
 """Sizes of the largest body, m, beyond which the unit of length is doubtful: a mesh in mm read as metres."""
 LOCKING_POISSON = 0.45
@@ -131,12 +130,12 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     for where, law in laws:
         error = abs(sampled_impulse_error(law, time))
         if error > _SAMPLING:
-            coarse = error > _COARSE or isinstance(law, HalfSineLaw)
+            smooth = isinstance(law, HalfSineLaw)
             remarks.append(
                 f"{where}: its time integral, sampled at the instants, has an error of {100 * error:.2g} % "
                 + (
                     f"(a step of {float(time[1] - time[0]):.3g} s is too long for this law): use smaller steps"
-                    if coarse
+                    if smooth
                     else "(jumps between instants): place the jumps on instants, or use smaller steps"
                 )
             )

@@ -24,6 +24,7 @@ from ..latin.assembly import Array, Assembly
 from ..latin.outcome import InterfaceHistory, Resultants
 from ..latin.recorder import SubstructureInfo
 from ..remarks import Remark, remarks_of
+from ..results.quantities_of_interest import slip_in_contact
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees
@@ -125,7 +126,7 @@ def _slip_in_contact(history: InterfaceHistory, time: Array) -> float:
     fastest = float(np.abs(history.velocity).max())
     if 4.0 * fastest * float(time[-1] - time[0]) < _edge(history):  # most that velocities can sum up to
         return 0.0
-    return float(history.slip(time)[touching].max())
+    return float(np.linalg.norm(slip_in_contact(history, time), axis=2).max())
 
 
 def _edge(history: InterfaceHistory) -> float:

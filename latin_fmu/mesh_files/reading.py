@@ -247,10 +247,14 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
     lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
     reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
     own = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
-    if isinstance(error, KeyError | IndexError | ValueError | AttributeError | TypeError):
-        own = f"{type(error).__name__} {own}"
+    if isinstance(error, KeyError):
+        own = f"it has or lacks an item {own}, which its reader (meshio) does not expect"
+    elif isinstance(error, IndexError | ValueError | AttributeError | TypeError):
+        own = f"its parts do not fit each other: {own}"
     reason = "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
-    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}")
+    allowed = f"a whole file of the format {path.suffix}"
+    remedy = "export it again, best as .msh, .inp or .bdf, with tetrahedra of 4 or 10 nodes or hexahedra of 8, 20 or 27"
+    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=allowed, remedy=remedy)
 
 
 def _groups(mesh: Any) -> dict[str, list[Index]]:
