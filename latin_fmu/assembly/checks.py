@@ -40,6 +40,8 @@ from ..scene.schema import Scene, faces_of
 from .body import Body
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
+_REFINE = "refine the mesh there (a smaller step alone does not help)"
+_NAMED = 2  # sides that are named before "and so many more"
 LARGEST, SMALLEST = 10.0, 1e-6
 """Sizes of the largest body, m, beyond which the unit of length is doubtful: a mesh in mm read as metres."""
 LOCKING_POISSON = 0.45
@@ -139,6 +141,26 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
                     else "(jumps between instants): place the jumps on instants, or use smaller steps"
                 )
             )
+    return remarks
+
+
+def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
+    """One remark for each reason why waves are not followed at sides of interfaces (``latin.unresolved_sides``)."""
+    reasons: dict[str, list[str]] = {}
+    for sentence in sides:
+        side, _, rest = sentence.partition(": ")
+        reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
+    remarks = []
+    for reason, found in reasons.items():
+        remedy = _REFINE if reason.startswith("the mesh") else "take smaller steps"
+        more = f" and {len(found) - _NAMED} more sides" if len(found) > _NAMED else ""
+        remarks.append(
+            Remark(
+                "resolution",
+                f"{reason} to follow a wave at {'; '.join(found[:_NAMED])}{more}: contacts shorter than the passage of "
+                f"a wave through a few elements are not resolved; where they matter, {remedy}",
+            )
+        )
     return remarks
 
 

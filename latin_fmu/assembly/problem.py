@@ -28,6 +28,7 @@ from ..scene.settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, side_impedance, side_stiffness
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
+from .checks import resolution_remarks
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
 from .kept_operators import Kept, KeptOperators
@@ -274,7 +275,7 @@ class DiscretisedProblem:
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         unresolved = [] if static else unresolved_sides(assembly)
-        warnings = (*self.remarks, *remarks_of("memory", without_factor), *remarks_of("resolution", unresolved))
+        warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         return SolverReadyProblem(
             assembly,

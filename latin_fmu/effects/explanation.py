@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..assembly.build import discretise
-from ..remarks import Remark
+from ..assembly.propagator_choice import chosen_propagators
+from ..remarks import Remark, remarks_of
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
@@ -31,7 +32,8 @@ class Explanation:
     ----------
     scene : its name. effects : every effect, on or off. choices : settings that the solver takes, in words.
     prediction : CPU seconds of set-up and instants, memory, unknowns. suggestions : what might be changed.
-    warnings : remarks on the scene, as of ``check``. lines : line of every key of the scene file.
+    warnings : remarks on the scene, as of ``check``, without those that need factors of matrices.
+    lines : line of every key of the scene file.
     """
 
     scene: str
@@ -137,7 +139,9 @@ def explain(scene: Scene, text: str = "") -> Explanation:
         "iterations_per_instant": p.run.iterations,
     }
     proposed = suggestions(p, effects)
-    return Explanation(scene.name, effects, choices(p), predicted, proposed, discretised.remarks, key_lines(text))
+    _, memory = chosen_propagators(scene, discretised.classes)
+    remarks = (*discretised.remarks, *remarks_of("memory", memory))
+    return Explanation(scene.name, effects, choices(p), predicted, proposed, remarks, key_lines(text))
 
 
 def _interfaces(p: Prediction) -> str:
