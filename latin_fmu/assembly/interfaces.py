@@ -23,6 +23,7 @@ from .face_pairs import MATCHING, FacePair, Side, by_mortar, on_plane
 
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
 _CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
+_APART = 0.55  # of the distance between facets and curved surfaces; meshes of one radius are seldom farther apart
 _CAD_ROUND_OFF = 0.05  # of the search
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
@@ -225,6 +226,17 @@ def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, re
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
     if chordal.all():
+        if (
+            interface.behaves_open
+            and interface.number_gap is None
+            and interface.gap != "closed"
+            and distance.min() > max(negligible, _APART * float(pair.sags.max()))
+        ):
+            text = (
+                f"its faces are {distance.min():.3g} to {distance.max():.3g} m apart, less than their flat facets are "
+            )
+            text += f"from the curved surfaces (up to {pair.sags.max():.3g} m): the gap is taken as 0; mesh the faces "
+            remarks.append(Remark("gap", f"interface {name}: {text}finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
