@@ -36,7 +36,7 @@ Owner = Literal["automatic", "E", "Ep"]
 Side = tuple[Body, FacetSet]
 Mask = NDArray[np.bool_]
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
-_MOST_MIDDLES = 100  # at which bodies without a common face are searched for an overlap
+_MOST_MIDDLES = 30  # at which bodies without a common face are searched for an overlap
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 

@@ -51,7 +51,7 @@ def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
         *_load_remarks(scene, bodies),
         *_driving_remarks(problem),
         *_gap_remarks(bodies, units),
-        *_unjoined_remarks(bodies, units),
+        *([] if scene.port else _unjoined_remarks(bodies, units)),
         *_step_remarks(problem),
         *(remark for name, body in bodies.items() for remark in _pieces(name, body)),
     ]
