@@ -328,8 +328,8 @@ def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, probl
                     fields[name] = made
             if not problems and "interfaces" in file.groups:
                 _refuse_loaded_contacts(table, bodies, file.groups["interfaces"].groups, problems)
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
-        what = f"not a readable results file ({error})"
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        what = f"not a readable results file ({error})"  # the library of a damaged file raises many kinds
         problems.append(Problem("initial_state.file", what, shown(table.file), "the .nc file of a run"))
     return fields
 

@@ -143,7 +143,7 @@ def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, A
 
 
 def _storage(variable: Variable) -> dict[str, Any]:
-    """Chunks and compression of an array; scalars have none."""
+    """Chunks, compression and checksums of an array, so that damage is an error when it is read; scalars have none."""
     shape = variable.values.shape
     if not shape:
         return {}
@@ -151,7 +151,7 @@ def _storage(variable: Variable) -> dict[str, Any]:
         chunks = (min(shape[0], 4096),)
     else:
         chunks = tuple(min(n, _CHUNK.get(dim, n)) for dim, n in zip(variable.dims, shape, strict=True))
-    return {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+    return {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True, "chunksizes": chunks}
 
 
 def open_results(path: str | Path) -> xr.DataTree:
