@@ -21,6 +21,7 @@ from latin_fmu.errors import InputError, Problem
 
 Columns = Mapping[str, Sequence[float]]
 _MOST_BYTES, _MOST_XML = 4_000_000_000, 200_000_000  # unpacked
+_MOST_TIMES, _SMALL = 200, 100_000_000  # what is larger than this may be so many times as large as it is packed
 
 
 def described(path: str | Path) -> Any:
@@ -64,6 +65,10 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
     sizes = {member.filename: member.file_size for member in members}
     if sum(sizes.values()) > _MOST_BYTES or sizes["modelDescription.xml"] > _MOST_XML:
         return f"not a valid FMU: unpacked it has {sum(sizes.values())} bytes"
+    for member in members:
+        if member.file_size > max(_SMALL, _MOST_TIMES * member.compress_size):
+            packed = f"{member.file_size} bytes from {member.compress_size}"
+            return f"not a valid FMU: the member {member.filename[:80]!r} would unpack to {packed}"
     return ""
 
 

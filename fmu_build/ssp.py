@@ -94,12 +94,17 @@ def write_ssp(
     return write_archive(target, files)
 
 
+_MOST_XML = 200_000_000  # bytes
+
+
 class _Model:
     """Variables and units of an FMU, by name."""
 
     def __init__(self, name: str, fmu: Path) -> None:
         try:
             with zipfile.ZipFile(fmu) as content:
+                if (size := content.getinfo("modelDescription.xml").file_size) > _MOST_XML:
+                    raise zipfile.BadZipFile(f"modelDescription.xml would unpack to {size} bytes")
                 description = fromstring(content.read("modelDescription.xml"))
         except (OSError, KeyError, zipfile.BadZipFile) as error:
             raise InputError([Problem(f"component {name}", f"{fmu}: not an FMU ({error})")], _HEADING) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, Protocol, cast
 import numpy as np
 
 from .assembly.build import discretise, solver_ready
-from .assembly.checks import body_lines, size_remarks
+from .assembly.checks import body_lines
 from .assembly.kept_operators import KeptOperators
 from .assembly.limit_load import loss_of_equilibrium
 from .assembly.ports import port_lines
@@ -34,6 +34,7 @@ from .latin.solver import IterationEvent
 from .latin.windows import Run, WindowFields
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
+from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .results.writing import check_folder
@@ -106,7 +107,9 @@ def computable() -> Iterator[None]:
     Products of absurd numbers overflow or vanish in ways that no check of a single number foresees.
     """
     try:
-        yield
+        # absurd numbers overflow, which ends in an error or a status; other threads keep their settings
+        with np.errstate(all="ignore"):
+            yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise SolverError(
             f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
@@ -277,9 +280,9 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         timings=march.timings,
         warnings=(
             *problem.warnings,
-            *_thinning(recorder),
+            *remarks_of("accuracy", _thinning(recorder)),
             *run_remarks(problem, histories, time, balance),
-            *accuracy_remarks(assembly.propagators),
+            *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
         sensors=recorder.sensors(assembly),
@@ -312,7 +315,6 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
     return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
 
 
-@computable()
 def check(scene: Scene) -> list[str]:
     """Build a scene without solving it; lines with its sizes and warnings.
 
@@ -320,6 +322,18 @@ def check(scene: Scene) -> list[str]:
     ------
     SceneError : the scene cannot be built.
     """
+    return check_lines(*checked(scene))
+
+
+def check_lines(lines: list[str], remarks: Sequence[Remark]) -> list[str]:
+    """Lines of ``check`` with the remarks, and the verdict at the end."""
+    verdict = "the scene can be solved" + (", with the warnings above" if remarks else "")
+    return [*lines, *(f"warning: {remark}" for remark in remarks), verdict]
+
+
+@computable()
+def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
+    """As ``check``: lines with the sizes of a scene, and the remarks on it."""
     discretised = discretise(scene)
     prediction = Prediction(discretised)
     check_memory(prediction, stream=True)  # as the command line runs it
@@ -338,9 +352,7 @@ def check(scene: Scene) -> list[str]:
     lines += [cut.line(problem.start.bolts.shortening[name]) for name, cut in discretised.cuts.items() if problem.start]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     lines.append(f"  {memory_line(prediction, stream=True)}")
-    warnings = (*size_remarks(discretised.bodies), *problem.warnings)
-    lines += [f"warning: {w}" for w in warnings]
-    return [*lines, "the scene can be solved" + (", with the warnings above" if warnings else "")]
+    return lines, problem.warnings
 
 
 def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
@@ -353,6 +365,8 @@ def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
     if unit.behaviour.opens:
         gaps = dict.fromkeys(f"{gap:.4g}" for gap in (geometry.gap.min(), geometry.gap.max()))
         line += f", gap {' to '.join(gaps)} m"
+        if 0 < (closed := int((geometry.gap <= 0.0).sum())) < geometry.n_point:
+            line += f", closed at {closed} of them"
     if geometry.traces[1] is not None:
         line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
     return line + (", found" if by_search else "")

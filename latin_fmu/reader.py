@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
+from .mesh_files.deck_tables import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
 from .scene.overrides import apply_overrides
@@ -68,21 +70,48 @@ def _deeper_than(most: int, data: Any) -> bool:
 
 
 def _parsed(file: Path) -> dict[str, Any]:
+    text = _text(file)
+    if (keys := _longest_key(text)) > MOST_LEVELS:
+        raise _unreadable(file, f"not usable: a key of {keys} parts, at most {MOST_LEVELS}")
     try:
-        return tomllib.loads(_text(file))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        remedy = "strings need quotes, names of tables and keys must not repeat"
-        raise _unreadable(file, f"not valid TOML: {error}", remedy) from None
+        raise _unreadable(file, f"not valid TOML: {error}", _toml_remedy(str(error), text)) from None
     except RecursionError:
         raise _unreadable(file, "not usable: nested too deeply") from None
     except ValueError:  # tomllib lets the limit on the digits of an integer through
         raise _unreadable(file, "not usable: a number has too many digits") from None
 
 
+def _longest_key(text: str) -> int:
+    """Parts of the longest key or name of a table; tomllib takes a time that grows with their square."""
+    lines = (_STRING.sub("s", line) for line in text.splitlines() if line.count(".") > MOST_LEVELS)
+    return max((match[0].count(".") + 1 for line in lines for match in _KEY.finditer(line)), default=0)
+
+
+_STRING = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'")
+_KEY = re.compile(r"[\w-]+(?:[ \t]*\.[ \t]*[\w-]+)+")
+_REMEDIES = (  # what the wrong line has, and what to write
+    (re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$"), "numbers have a decimal point: 0.3, not 0,3"),
+    (re.compile(r"=\s*[-+]?[\d.eE+-]+\s*,\s*[-+]?[\d.]"), "several numbers stand in brackets: [ ], e.g. [0.1, 0.2]"),
+    (re.compile(r"=\s*[A-Za-z_][^\"']*$"), 'text stands in quotes: "fixed", not fixed'),
+)
+
+
+def _toml_remedy(message: str, text: str) -> str:
+    """What to do about the line that an error of tomllib names."""
+    lines, place = text.splitlines(), re.search(r"at line (\d+)", message)
+    line = lines[int(place[1]) - 1] if place is not None and 0 < int(place[1]) <= len(lines) else ""
+    remedy = next((words for pattern, words in _REMEDIES if pattern.search(line)), None)
+    return remedy or "strings need quotes, names of tables and keys must not repeat"
+
+
 def _text(file: Path) -> str:
     try:
         if file.is_dir():
             raise _unreadable(file, "this is a folder", f"name the scene file, e.g. {(file / 'scene.toml').as_posix()}")
+        if file.exists() and not file.is_file():
+            raise _unreadable(file, "this is a device, pipe or socket", "name a scene file")
         if file.stat().st_size > MAX_SCENE_BYTES:
             raise _unreadable(file, f"larger than {MAX_SCENE_BYTES} bytes", "put long tables into CSV files")
         return file.read_text(encoding="utf-8-sig")
@@ -120,8 +149,12 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     problems: list[Problem] = []
     parts: dict[str, Any] = {}
     owner: dict[str, str] = {}
+    said: list[tuple[MeshContent, dict[str, str], MeshParts]] = []
     for name, table in tables.items():
-        for part, group in _parts(name, table, base_dir, problems).items():
+        groups, content = _parts(name, table, base_dir, problems)
+        if content is not None and content.deck is not None:
+            said.append((content, {group: part for part, group in groups.items() if group is not None}, table))
+        for part, group in groups.items():
             if part in owner:
                 what = f"the part {part!r} is in mesh.{owner[part]} too"
                 problems.append(Problem(f"mesh.{name}.parts", what, remedy="list the parts of each file"))
@@ -146,7 +179,10 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     if problems:
         return raw, problems
     whole = {key: value for key, value in raw.items() if key != "mesh"}
-    return {**whole, "substructure": {**parts, **rest}}, []
+    whole["substructure"] = {**parts, **rest}
+    for content, groups_of_file, table in said:
+        whole = with_deck(whole, content, groups_of_file, table.scale)
+    return whole, []
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:
@@ -157,8 +193,11 @@ def _checked(table: Mapping[str, Any]) -> MeshParts | None:
         return None
 
 
-def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem]) -> dict[str, str | None]:
-    """Volume group of every part by the name of its substructure (None: the whole file, which names no group)."""
+def _parts(
+    name: str, table: MeshParts, base_dir: Path, problems: list[Problem]
+) -> tuple[dict[str, str | None], MeshContent | None]:
+    """Volume group of every part by the name of its substructure (None: the whole file, which names no group), and the
+    content of the file."""
     from .mesh_files.reading import read_content
 
     try:
@@ -167,13 +206,13 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
             problems.append(Problem(f"mesh.{name}.file", "the file holds no solid cells", table.file))
-            return {}
+            return {}, None
         elif not (groups := list(content.part_names(table.file))):
-            return {part_name(name): None}
+            return {part_name(name): None}, content
     except MeshError as error:
         where = f"mesh.{name}.file"
         problems += [Problem(where, f"{p.where}: {p.what}", p.value, p.allowed, p.remedy) for p in error.problems]
-        return {}
+        return {}, None
     parts: dict[str, str | None] = {}
     for group in groups:
         part = part_name(group)
@@ -182,7 +221,7 @@ def _parts(name: str, table: MeshParts, base_dir: Path, problems: list[Problem])
             both = f"{parts[part]}, {group}"
             problems.append(Problem(f"mesh.{name}.parts", what, both, remedy="rename one of them, or list one"))
         parts[part] = group
-    return parts
+    return parts, content
 
 
 def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: list[Problem]) -> list[str]:
@@ -289,8 +328,8 @@ def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, probl
                     fields[name] = made
             if not problems and "interfaces" in file.groups:
                 _refuse_loaded_contacts(table, bodies, file.groups["interfaces"].groups, problems)
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
-        what = f"not a readable results file ({error})"
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        what = f"not a readable results file ({error})"  # the library of a damaged file raises many kinds
         problems.append(Problem("initial_state.file", what, shown(table.file), "the .nc file of a run"))
     return fields
 

@@ -19,12 +19,14 @@ from latin_fmu import InputError, SolverError, load_scene, open_results, solve
 from latin_fmu.cli import main
 from latin_fmu.latin import state_serialization
 from latin_fmu.results import checkpoint as module
+from latin_fmu.results import writing
 from latin_fmu.results.checkpoint import Checkpoint
 
 from .test_cli import SCENE
 from .test_process import MAIN, environment
 
 MODELS = Path(__file__).parents[1] / "models"
+MORE = [getattr(signal, name) for name in ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1") if hasattr(signal, name)]
 MEASURED = ("cpu_seconds", "peak_memory", "history")  # attributes that differ between any two runs
 LONG = ["--set", "time.end=4e-3", "--set", "time.instants=2000", "--set", "output.energy=true", "--no-estimate"]
 LONG += ["--set", "output.fields=true", "--set", "output.stress=true", "--set", "output.every=30"]
@@ -149,8 +151,9 @@ def test_a_checkpoint_of_another_scene_version_or_machine(scene: Path, monkeypat
 
 
 def test_a_damaged_checkpoint(scene: Path) -> None:
-    """Flipped bits and cuts in both files."""
+    """Flipped bits and cuts in both files, of a run with one generation."""
     interrupted(scene)
+    Path("c.previous").unlink(missing_ok=True)
     draw = random.Random(16)
     for path in (Path("c"), Path("c.histories")):
         whole = path.read_bytes()
@@ -189,7 +192,7 @@ def test_a_second_run_on_one_checkpoint_is_refused(scene: Path) -> None:
 
     class Second(Checkpoint):
         def check(self, run: Any) -> bool:
-            with pytest.raises(InputError, match="another run writes its checkpoint here"):
+            with pytest.raises(InputError, match=r"another run writes its checkpoint here \(value: process \d+\)"):
                 solve(load_scene(scene), checkpoint=first)
             return super().check(run)
 
@@ -202,6 +205,72 @@ def test_resuming_without_a_checkpoint_begins(scene: Path) -> None:
     assert not Path("a.nc.checkpoint.histories").exists()
 
 
+def test_the_checkpoint_before_is_used_where_the_last_is_damaged(scene: Path) -> None:
+    interrupted(scene)
+    whole = Path("c").read_bytes()
+    Path("c").write_bytes(whole[: len(whole) // 2])
+    lines: list[str] = []
+    assert solve(load_scene(scene), checkpoint=Checkpoint("c", resume=True, log=lines.append)).complete
+    assert "the checkpoint before it is used" in lines[0]
+    assert "continued from c.previous" in lines[1]
+
+
+def test_a_run_that_does_not_continue_keeps_an_earlier_checkpoint(scene: Path) -> None:
+    """Under a number: nothing of the earlier run is overwritten, nor removed at the end of the new one."""
+    for number in (1, 2):
+        interrupted(scene)
+        before = {name: Path(f"c{name}").read_bytes() for name in ("", ".histories")}
+        lines: list[str] = []
+        solve(load_scene(scene), checkpoint=(own := Checkpoint("c", every=20, log=lines.append)))
+        own.remove()
+        assert len(lines) == 1
+        assert f"kept as c.{number} and c.{number}.histories" in lines[0]
+        assert {name: Path(f"c.{number}{name}").read_bytes() for name in before} == before
+        assert not Path("c").exists()
+    interrupted(scene)
+    Checkpoint("c").remove()  # of a run that has written none
+    assert Path("c").exists()
+
+
+def test_checkpoints_follow_no_links(scene: Path) -> None:
+    """Another user of the folder could have placed one that leads to a file of this user."""
+    for name in ("c", "c.histories"):
+        Path("victim").write_text("mine")
+        Path(name).unlink(missing_ok=True)
+        Path(name).symlink_to("victim")
+        with pytest.raises(InputError, match="this is a link"):
+            solve(load_scene(scene), checkpoint=Checkpoint("c", every=5))
+        lines: list[str] = []
+        stopped = Stopping(Path("c"), 20)
+        stopped._log = lines.append  # written without having been asked for, as after a signal
+        assert not solve(load_scene(scene, list(BARS)), checkpoint=stopped).complete
+        assert "this is a link" in lines[0]
+        assert Path("victim").read_text() == "mine"
+        Path(name).unlink()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_a_signal_that_is_ignored_stays_so(scene: Path) -> None:
+    """As under nohup."""
+    assert scene.exists()
+    code = f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{signalled(signal.SIGHUP, 700)}"
+    process = started(code=code)
+    _, errors = process.communicate(timeout=100)
+    assert process.returncode == 0, errors
+
+
+def test_drafts_of_killed_processes_are_removed(scene: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    stem = writing._draft_stem()
+    others = [f"{stem}{os.getpid()}-a.nc", ".latin-fmu-0-other.nc", f"{stem}x.nc"]
+    for name in (f"{stem}{dead.pid}-a.nc", *others):
+        Path(name).write_text("")
+    Path(f"{stem}{dead.pid}-folder").mkdir()
+    assert main(["run", str(scene), "-o", "a.nc", "--quiet", "--no-estimate"]) == 0
+    assert sorted(path.name for path in Path().glob(".latin-fmu-*")) == sorted(others)
+
+
 def started(*more: str, code: str = MAIN) -> subprocess.Popen[str]:
     """A run of the command line that has begun."""
     command = [sys.executable, "-c", code, "run", "scene.toml", "-o", "a.nc", *LONG, *more]
@@ -212,7 +281,7 @@ def started(*more: str, code: str = MAIN) -> subprocess.Popen[str]:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, *map(int, MORE)])
 def test_signals_leave_results_and_a_checkpoint(number: int, scene: Path) -> None:
     assert main(["run", str(scene), "-o", "whole.nc", "--quiet", *LONG]) == 0
     process = started(code=signalled(number, 700))

@@ -90,6 +90,28 @@ def test_interruptions_at_any_time_leave_no_traceback(place: Path) -> None:
         assert "Exception ignored" not in errors
 
 
+FIRST = """
+import builtins, os, signal
+from latin_fmu.__main__ import main
+load = builtins.__import__
+
+def interrupting(name, *given, **named):
+    if name == "cli":
+        os.kill(os.getpid(), signal.SIGINT)
+    return load(name, *given, **named)
+
+builtins.__import__ = interrupting
+main()
+"""
+
+
+def test_an_interruption_before_the_command_line_is_there(place: Path) -> None:
+    """While its modules are loaded."""
+    done = subprocess.run([sys.executable, "-c", FIRST], cwd=place, env=environment(), capture_output=True, check=False)
+    assert done.returncode == -signal.SIGINT
+    assert done.stderr == b""
+
+
 BOTH_DRAFTED = """
 import os, sys, time
 from pathlib import Path

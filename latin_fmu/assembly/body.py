@@ -32,6 +32,7 @@ from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit, Layout
 from ..latin.probes import SensorPlace
+from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from ..scene.schema import Scene
@@ -342,7 +343,7 @@ class _MeshFiles:
     """Mesh files of a scene: each is read once, and each of its problems is reported once."""
 
     def __init__(self) -> None:
-        self._contents: dict[Path, MeshContent | None] = {}
+        self.contents: dict[Path, MeshContent | None] = {}
         self._reported: set[Problem] = set()
 
     def mesh(self, name: str, table: MeshFile, base_dir: Path, problems: Problems) -> Mesh | None:
@@ -352,10 +353,10 @@ class _MeshFiles:
 
         path = base_dir / table.file
         try:
-            if path not in self._contents:
-                self._contents[path] = None
-                self._contents[path] = read_content(path)
-            content = self._contents[path]
+            if path not in self.contents:
+                self.contents[path] = None
+                self.contents[path] = read_content(path)
+            content = self.contents[path]
             if content is None:
                 return None
             mesh = mesh_of(content, path.name, table.group, table.scale)
@@ -370,10 +371,25 @@ class _MeshFiles:
             return None
 
 
-def build_bodies(scene: Scene, problems: Problems, known: Mapping[str, Body] | None = None) -> dict[str, Body]:
+def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
+    """What the decks say that the scene does not use."""
+    from ..mesh_files.deck_tables import left_out
+
+    for path, content in files.contents.items():
+        tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}
+        own = {t.group: name for name, t in tables.items() if t.group is not None and scene.base_dir / t.file == path}
+        if content is not None and (words := left_out(content, own, scene)):
+            text = f"mesh file {path.name}: {', '.join(words)} {'are' if len(words) > 1 else 'is'} not used"
+            yield Remark("deck", f"{text}: write in the scene what matters of it")
+
+
+def build_bodies(
+    scene: Scene, problems: Problems, known: Mapping[str, Body] | None = None, remarks: list[Remark] | None = None
+) -> dict[str, Body]:
     """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``.
 
     known : bodies of another scene, whose meshes and matrices serve where the description is equal.
+    remarks : takes remarks on what mesh files hold beyond meshes.
     """
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
@@ -404,4 +420,6 @@ def build_bodies(scene: Scene, problems: Problems, known: Mapping[str, Body] | N
                 )
             shape = Shape(mesh, material, description.bending_modes)
             bodies[name] = Body(name, mesh, shape, description)
+    if remarks is not None:
+        remarks += _deck_remarks(files, scene)
     return bodies

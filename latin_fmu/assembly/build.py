@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
@@ -23,6 +24,7 @@ from .initial_state import InitialState, check_fields, field_remarks, initial_pr
 from .interfaces import build_interface, with_behaviours
 from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks
+from .plausibility import plausibility_remarks
 from .ports import port_places
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
@@ -76,7 +78,8 @@ def discretise(
     problems = Problems(box_memory(scene))
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies)
+    remarks: list[Remark] = []
+    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
@@ -84,13 +87,12 @@ def discretise(
         bodies = with_masses(scene, bodies, problems)
     if scene.coupling:
         bodies = with_rigid_faces(scene, bodies)
-    remarks: list[str] = []
     fields = any(s.initial_fields for s in scene.substructure.values())
     if fields:
         check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems)
-        remarks += unconnected_remarks(scene, bodies)
+        remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
@@ -107,17 +109,18 @@ def discretise(
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
     if fields:
-        remarks += field_remarks(scene, bodies, conditions)
+        remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
         instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         problems += unheld(groups, acting(scene, bodies, instants[1:]), conditions, "quasi_static")
         if groups and not problems:
             conditions = with_place(groups, bodies, conditions, units)
-            remarks += free_remarks(groups)
+            remarks += remarks_of("free", free_remarks(groups))
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
-        remarks += [] if problems else free_remarks(start_groups(scene, bodies, conditions, units))
+        if not problems:
+            remarks += remarks_of("free", free_remarks(start_groups(scene, bodies, conditions, units)))
     cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
@@ -134,7 +137,11 @@ def discretise(
 
 
 def _units(
-    scene: Scene, bodies: dict[str, Body], conditions: Mapping[str, Conditions], problems: Problems, remarks: list[str]
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: Mapping[str, Conditions],
+    problems: Problems,
+    remarks: list[Remark],
 ) -> list[InterfaceUnit]:
     """Interfaces of a scene, and those that stand for its springs and couplings."""
     made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
@@ -145,13 +152,14 @@ def _units(
     return [unit for unit in made if unit is not None]
 
 
-def _remarks(problem: DiscretisedProblem) -> list[str]:
-    """Sentences on interfaces, meshes, laws and the time scheme."""
+def _remarks(problem: DiscretisedProblem) -> list[Remark]:
+    """Remarks on sizes, materials, loads, interfaces, meshes, laws and the time scheme."""
     scene, bodies, scheme = problem.scene, problem.bodies, problem.scheme
     return [
-        *redundancy_remarks(scene),
-        *locking_remarks(scene, bodies),
-        *(lumping_remarks(bodies) if scheme.explicit else []),
-        *([] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *scheme_remarks(bodies, problem.units, scheme, problem.dt),
+        *plausibility_remarks(problem),
+        *remarks_of("redundant", redundancy_remarks(scene)),
+        *remarks_of("locking", locking_remarks(scene, bodies)),
+        *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
+        *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
+        *remarks_of("scheme", scheme_remarks(bodies, problem.units, scheme, problem.dt)),
     ]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..errors import Problems
 from ..fem.elements import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
+from ..remarks import Remark
 from ..scene.attachments import places_of
 from ..scene.boundaries import (
     AXES,
@@ -34,11 +35,13 @@ from ..scene.boundaries import (
     Symmetry,
 )
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.laws import sampled_impulse_error
+from ..scene.laws import HalfSineLaw, sampled_impulse_error
 from ..scene.schema import Scene, faces_of
 from .body import Body
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
+_REFINE = "refine the mesh there (a smaller step alone does not help)"
+_NAMED = 2  # sides that are named before "and so many more"
 LARGEST, SMALLEST = 10.0, 1e-6
 """Sizes of the largest body, m, beyond which the unit of length is doubtful: a mesh in mm read as metres."""
 LOCKING_POISSON = 0.45
@@ -129,10 +132,35 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     for where, law in laws:
         error = abs(sampled_impulse_error(law, time))
         if error > _SAMPLING:
+            smooth = isinstance(law, HalfSineLaw)
             remarks.append(
                 f"{where}: its time integral, sampled at the instants, has an error of {100 * error:.2g} % "
-                "(jumps between instants): place the jumps on instants, or use smaller steps"
+                + (
+                    f"(a step of {float(time[1] - time[0]):.3g} s is too long for this law): use smaller steps"
+                    if smooth
+                    else "(jumps between instants): place the jumps on instants, or use smaller steps"
+                )
             )
+    return remarks
+
+
+def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
+    """One remark for each reason why waves are not followed at sides of interfaces (``latin.unresolved_sides``)."""
+    reasons: dict[str, list[str]] = {}
+    for sentence in sides:
+        side, _, rest = sentence.partition(": ")
+        reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
+    remarks = []
+    for reason, found in reasons.items():
+        remedy = _REFINE if reason.startswith("the mesh") else "take smaller steps"
+        more = f" and {len(found) - _NAMED} more sides" if len(found) > _NAMED else ""
+        remarks.append(
+            Remark(
+                "resolution",
+                f"{reason} to follow a wave at {'; '.join(found[:_NAMED])}{more}: contacts shorter than the passage of "
+                f"a wave through a few elements are not resolved; where they matter, {remedy}",
+            )
+        )
     return remarks
 
 
@@ -155,17 +183,21 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
     return lines
 
 
-def size_remarks(bodies: Mapping[str, Body]) -> list[str]:
-    """A warning where the largest body is larger than ``LARGEST`` or smaller than ``SMALLEST``."""
+def size_remarks(bodies: Mapping[str, Body], unit: float = 1.0) -> list[Remark]:
+    """A remark where the largest body is larger than ``LARGEST`` or smaller than ``SMALLEST``.
+
+    unit : lengths of the scene in a metre, 1e3 for mm.
+    """
     name, body = max(bodies.items(), key=lambda item: item[1].mesh.size)
     size = body.mesh.size
-    if SMALLEST <= size <= LARGEST:
+    if SMALLEST * unit <= size <= LARGEST * unit:
         return []
     message = f"the largest body, {name}, is {size:.4g} m long and has a mass of {_mass(body):.4g} kg"
     if body.description.mesh is None:
-        return [f"{message}: is its size in metres?"]
+        return [Remark("size", f"{message}: is its size in metres?")]
     scale = body.description.mesh.scale
-    return [f"{message}: is scale = {scale:g} the length of a unit of its mesh file in metres (1e-3 for mm)?"]
+    question = f"is scale = {scale:g} the length of a unit of its mesh file in metres (1e-3 for mm)?"
+    return [Remark("size", f"{message}: {question}")]
 
 
 def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:

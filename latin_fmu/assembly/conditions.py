@@ -129,7 +129,7 @@ def _nodal_conditions(
         elif isinstance(boundary, Absorbing):
             dashpots.append(absorbing_dashpots(body, split_face(boundary.face)[1]))
         else:
-            _drive(name, boundary, nodes, dofs, problems)
+            _drive(body, name, boundary, nodes, dofs, problems)
     for name, port in ports.items():
         if port.causality == "wave":
             dashpots.append((port_dashpots(body, name, port, explicit, problems),) * 2)
@@ -185,9 +185,13 @@ def _normal_axis(body: Body, name: str, boundary: Symmetry, problems: Problems) 
     return axis
 
 
-def _drive(name: str, boundary: Driven, nodes: Index, dofs: _Dofs, problems: Problems) -> None:
+def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, problems: Problems) -> None:
     for component, value in zip(boundary.components, boundary.value, strict=True):
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
+        coasts = boundary.type == "acceleration" and body.initial_velocity().any()
+        if value == 0.0 and not coasts:  # at rest, as held nodes are and those driven by zero: a common edge agrees
+            still = np.array([*(motion.value == 0.0 for motion in dofs.motions), False])
+            moved = moved[~dofs.held[moved] & ~still[dofs.driver[moved]]]
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.add(
                 f"boundary.{name}",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import Problems, SceneError
 from ..fem.common_part import common_cells
 from ..fem.faces import face_of
+from ..fem.location import locate, nearest_surface_point
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..fem.surface import Surface
@@ -35,6 +36,7 @@ Owner = Literal["automatic", "E", "Ep"]
 Side = tuple[Body, FacetSet]
 Mask = NDArray[np.bool_]
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
+_MOST_MIDDLES = 30  # at which bodies without a common face are searched for an overlap
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 
@@ -265,6 +267,8 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Sce
                 continue
             one, other = surfaces[first], surfaces[second]
             area, depth = _common(one, other, table.search)
+            if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
+                depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
                 free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
@@ -303,6 +307,19 @@ def _common(first: Surface, second: Surface, search: float) -> tuple[float, floa
     return area, deepest if deepest > search else 0.0
 
 
+def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> float:
+    """How deep a body lies in another, m, at the middles of facets (``_MOST_MIDDLES`` of each); 0 up to ``search``."""
+    deepest = 0.0
+    for (_, surface), (body, other) in ((first, second), (second, first)):
+        low, high = _box(other)
+        middles = np.concatenate([pieces.centres for pieces in surface.pieces])
+        middles = middles[((low < middles) & (middles < high)).all(axis=1)]
+        for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
+            if locate(body.mesh, middle) is not None:
+                deepest = max(deepest, nearest_surface_point(body.mesh, middle)[0])
+    return deepest if deepest > search else 0.0
+
+
 def _free_name(stem: str, taken: set[str]) -> str:
     number, name = 1, stem[:96]
     while name in taken:
@@ -320,7 +337,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     for name in bodies:
         if name in joined:
             continue
-        distance = {n: _distance(bodies[name], b) for n, b in bodies.items() if n != name}
+        distance = {n: between(bodies[name], b) for n, b in bodies.items() if n != name}
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
             f"substructure {name} touches nothing: it has no interface; {closest} is the nearest, "
@@ -329,6 +346,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     return remarks
 
 
-def _distance(one: Body, other: Body) -> float:
+def between(one: Body, other: Body) -> float:
+    """Smallest distance between nodes of the surfaces of two bodies, m."""
     places = [body.mesh.nodes[body.outside.nodes] for body in (one, other)]
     return float(np.min(nearest(*places)[0]))

@@ -19,6 +19,7 @@ from ..latin.assembly import Array, Assembly, InterfaceUnit
 from ..latin.outcome import BoltHistory
 from ..latin.probes import BoltPlace
 from ..propagator.model import closest_reduced
+from ..remarks import Remark
 from ..scene.fields import GROUND, split_face
 from ..scene.schema import Scene
 from .body import Body
@@ -31,7 +32,7 @@ _TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match in
 _CHANGED: Final = 1e-9  # of the largest value of a field: round-off of conditions along inclined axes
 
 
-def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[str]) -> None:
+def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[Remark]) -> None:
     """Refuse files without a point at a node, as those of a coarser mesh are; a finer mesh is a remark."""
     for name, body in bodies.items():
         for key in ("initial_velocity_field", "initial_displacement_field"):
@@ -46,7 +47,8 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[s
                     problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
                     break
                 if key == "initial_velocity_field":
-                    remarks.append(f"initial state: {counts}: the values at common nodes are taken")
+                    text = f"initial state: {counts}: the values at common nodes are taken"
+                    remarks.append(Remark("initial_state", text))
             distance, number = nearest(body.mesh.nodes, np.asarray(file.points, dtype=float))
             spacing = _smallest_distance(body.mesh.nodes)
             worst = int(np.argmax(distance))
@@ -119,7 +121,7 @@ def field_tractions(body: Body, impedance: float) -> Iterator[float]:
 
 
 def initial_problems(
-    scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], problems: Problems, remarks: list[str]
+    scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], problems: Problems, remarks: list[Remark]
 ) -> None:
     """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
     for unit in units:
@@ -144,10 +146,10 @@ def initial_problems(
             across, level = _jump(unit, bodies, "velocity_field")
             differ = second is not None and first.initial_velocity != second.initial_velocity
             if differ or np.abs(across).max(initial=0.0) > _TEARS * level:
-                remarks.append(
-                    f"interface {unit.name}: bonded sides start with different velocities; the jump is lost in the "
-                    "first step, with its energy"
+                text = (
+                    "bonded sides start with different velocities; the jump is lost in the first step, with its energy"
                 )
+                remarks.append(Remark("initial_state", f"interface {unit.name}: {text}"))
             continue
         gap = unit.geometry.gap + np.einsum("pi,pi->p", unit.geometry.frames[:, 0], jump)
         size = float(np.ptp(unit.geometry.points, axis=0).max())

@@ -14,6 +14,7 @@ from ..fem.mesh import Array, Index, nearest
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark, remarks_of
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from .body import Body, own_points, selection
@@ -22,6 +23,8 @@ from .face_pairs import MATCHING, FacePair, Side, by_mortar, on_plane
 
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
 _CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
+_APART = 0.55  # of the distance between facets and curved surfaces; meshes of one radius are seldom farther apart
+_CAD_ROUND_OFF = 0.05  # of the search
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
@@ -33,7 +36,7 @@ def build_interface(
     bodies: dict[str, Body],
     conditions: Mapping[str, Conditions],
     problems: Problems,
-    remarks: list[str],
+    remarks: list[Remark],
 ) -> InterfaceUnit | None:
     """The interface with its geometry; None, with its problems reported, where its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
@@ -41,10 +44,10 @@ def build_interface(
         pair = _on_ground(name, interface, sides[0], problems)
     else:
         pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, problems)
-        remarks += [] if pair is None else _area_remarks(name, interface, pair)
+        remarks += [] if pair is None else remarks_of("area", _area_remarks(name, interface, pair))
     if pair is None:
         return None
-    gap = _gap(name, interface, pair, problems)
+    gap = _gap(name, interface, pair, problems, remarks)
     if gap is None:
         return None
     behaviour = _behaviour(interface)
@@ -209,11 +212,12 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     )
 
 
-def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems) -> Array | None:
+def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, remarks: list[Remark]) -> Array | None:
     """Initial gap (n_point,): the distance of the faces, 0, or the number given where they touch.
 
     Flat facets stand for smooth surfaces: overlap below twice their distance from those (``FacePair.sags``) counts as
-    touching, and so does any distance where it is that small everywhere.
+    touching, and so does any distance where it is that small everywhere. So does overlap of a small share of
+    ``search``: the round-off of CAD files, which a remark names.
     """
     if interface.against_ground and interface.ground is None:
         return np.full(len(pair.points), interface.number_gap or 0.0)
@@ -222,12 +226,28 @@ def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems) ->
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
     if chordal.all():
+        if (
+            interface.behaves_open
+            and interface.number_gap is None
+            and interface.gap != "closed"
+            and distance.min() > max(negligible, _APART * float(pair.sags.max()))
+        ):
+            text = (
+                f"its faces are {distance.min():.3g} to {distance.max():.3g} m apart, less than their flat facets are "
+            )
+            text += f"from the curved surfaces (up to {pair.sags.max():.3g} m): the gap is taken as 0; mesh the faces "
+            remarks.append(Remark("gap", f"interface {name}: {text}finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
         return _bonded(name, distance, size, problems)
     if interface.gap == "closed":
         return _closed(name, pair, problems)
+    depth = -float(distance.min())
+    if negligible < depth <= _CAD_ROUND_OFF * (interface.search or 0.0):
+        text = f"its faces overlap by {depth:.3g} m, which is closed as round-off of the geometry (below search / 20)"
+        remarks.append(Remark("overlap", f"interface {name}: {text}"))
+        distance = np.maximum(distance, 0.0)
     if distance.min() < -negligible:
         problems.append(_overlap(name, interface, -float(distance.min())))
         return None

@@ -18,6 +18,7 @@ from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, SubstructureModel
 from ..propagator.interface_probing import SHARE
+from ..remarks import Remark, remarks_of
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
@@ -27,6 +28,7 @@ from ..scene.settings import WHOLE, Anderson, Uniform
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, side_impedance, side_stiffness
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
+from .checks import resolution_remarks
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
 from .kept_operators import Kept, KeptOperators
@@ -118,7 +120,7 @@ class SolverReadyProblem:
     settings: Settings
     output: OutputRequest
     info: dict[str, SubstructureInfo]
-    warnings: tuple[str, ...]
+    warnings: tuple[Remark, ...]
     timeline: Timeline
     start: InitialState | None = None
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
@@ -144,7 +146,7 @@ class DiscretisedProblem:
     classes: list[ModelClass]
     scheme: TimeScheme
     time: Array
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     scheme_reason: str = ""
     cuts: Mapping[str, BoltCut] = field(default_factory=dict)
@@ -272,8 +274,9 @@ class DiscretisedProblem:
         timeline.begin(assembly, self.time, {}, assembly.ground_start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        warnings = (*self.remarks, *without_factor, *([] if static else unresolved_sides(assembly)))
-        warnings += () if start is None else start.remarks
+        unresolved = [] if static else unresolved_sides(assembly)
+        warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
+        warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         return SolverReadyProblem(
             assembly,
             settings_of(scene),

@@ -22,9 +22,14 @@ import scipy.spatial as spatial
 from ..interface.laws import SEPARATION, bonds
 from ..latin.assembly import Array, Assembly
 from ..latin.outcome import InterfaceHistory, Resultants
+from ..latin.recorder import SubstructureInfo
+from ..remarks import Remark, remarks_of
+from ..results.quantities_of_interest import slip_in_contact
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees
+LARGEST_STRAIN = 0.05
+_EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
@@ -35,10 +40,15 @@ def run_remarks(
     histories: Mapping[str, InterfaceHistory],
     time: Array,
     balance: Mapping[str, Resultants],
-) -> list[str]:
-    """Sentences on drift, slip, rotations and resultants; ``time`` (n_time,) of the instants of the run, s."""
-    remarks = [*drift_remarks(problem.assembly, histories), *small_motion_remarks(problem, histories, time)]
-    return [*remarks, *balance_remarks(balance, problem.settings.tolerance)]
+) -> list[Remark]:
+    """Remarks on drift, slip, rotations, strains, faces that never touch, and resultants; ``time`` (n_time,) of the
+    instants of the run, s."""
+    return [
+        *remarks_of("drift", drift_remarks(problem.assembly, histories)),
+        *remarks_of("motion", [*small_motion_remarks(problem, histories, time), *strain_remarks(problem)]),
+        *remarks_of("never_touched", untouched_remarks(histories)),
+        *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance)),
+    ]
 
 
 def small_motion_remarks(
@@ -62,6 +72,49 @@ def small_motion_remarks(
     return remarks
 
 
+def strain_remarks(problem: SolverReadyProblem) -> list[str]:
+    """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
+    remarks = []
+    for propagator in problem.assembly.propagators:
+        for j, name in enumerate(propagator.names):
+            strain = _largest_strain(problem.info[name], propagator.full_displacement(j))
+            if strain > LARGEST_STRAIN:
+                remarks.append(
+                    f"substructure {name} is strained by {100 * strain:.2g} % at the end: strains are taken as small, "
+                    f"valid up to about {100 * LARGEST_STRAIN:g} %; check the units of loads and materials"
+                )
+    return remarks
+
+
+def _largest_strain(info: SubstructureInfo, u: Array) -> float:
+    """Largest change of the length of an edge over the length, the turn of the body as a whole left out."""
+    if not u.any():
+        return 0.0
+    u = u - np.cross(_spin(info.nodes, u), info.nodes - info.nodes.mean(axis=0))
+    largest, cells = 0.0, np.asarray(info.cells)
+    for first, second in _EDGES:
+        if second < cells.shape[1]:
+            a, b = cells[:, first], cells[:, second]
+            a, b = a[b >= 0], b[b >= 0]
+            edge, change = info.nodes[b] - info.nodes[a], u[b] - u[a]
+            length = np.einsum("ei,ei->e", edge, edge)
+            largest = max(largest, float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0)))
+    return largest
+
+
+def untouched_remarks(histories: Mapping[str, InterfaceHistory]) -> list[str]:
+    """Sentences on interfaces that may open and were never closed at an instant that is kept."""
+    return [
+        f"interface {name}: its sides never touch in this run"
+        + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} m)")
+        + ": check the gap, the direction of the motion and time.end, or leave it out, which costs less"
+        for name, history in histories.items()
+        if history.contact_status is not None
+        and history.contact_status.size
+        and (history.contact_status == SEPARATION).all()
+    ]
+
+
 def _slip_in_contact(history: InterfaceHistory, time: Array) -> float:
     """Largest relative displacement along the face of a point in contact, m; 0 where the sides cannot open."""
     status = history.contact_status
@@ -73,7 +126,7 @@ def _slip_in_contact(history: InterfaceHistory, time: Array) -> float:
     fastest = float(np.abs(history.velocity).max())
     if 4.0 * fastest * float(time[-1] - time[0]) < _edge(history):  # most that velocities can sum up to
         return 0.0
-    return float(history.slip(time)[touching].max())
+    return float(np.linalg.norm(slip_in_contact(history, time), axis=2).max())
 
 
 def _edge(history: InterfaceHistory) -> float:

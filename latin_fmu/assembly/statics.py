@@ -180,7 +180,7 @@ def state_at_end(
         if tolerance <= TIGHT[1]
         else (
             f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
-            "the residual forces excite vibrations",
+            "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",
         )
     )
     return InitialState(displacement, traction, closure, dict(amplitudes), message, remarks)

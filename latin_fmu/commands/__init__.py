@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..latin.processes import Processes
     from ..scene.schema import Scene
 
-CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY = 0, 1, 2, 3, 4, 5
-"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing."""
+CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED = 0, 1, 2, 3, 4, 5, 6
+"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``."""
 
 AddParser = Callable[..., argparse.ArgumentParser]
 """``add_parser`` of the subcommands of a parser."""
@@ -34,13 +34,20 @@ AddParser = Callable[..., argparse.ArgumentParser]
 Command = Callable[[argparse.Namespace], int]
 
 
+_TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interrupts at once
+_MORE_SIGNALS: Final = ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1")
+
+
 class Signals:
-    """SIGINT and SIGTERM of the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
+    """Signals that end the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
+
+    SIGINT and SIGTERM; SIGHUP (a terminal that is closed), SIGQUIT, and those that batch systems send before a limit,
+    SIGXCPU and SIGUSR1, unless the process has been told to ignore them (``nohup``).
 
     Attributes
     ----------
     received : number of the signal that came first, 0 before. noted : whether the first signal is only noted; a second
-        one interrupts.
+        SIGINT or SIGTERM interrupts (SIGXCPU comes again every second).
     """
 
     def __init__(self) -> None:
@@ -48,7 +55,7 @@ class Signals:
 
     @property
     def exit_code(self) -> int:
-        """Exit code of a process that a signal ended: 130 after SIGINT, 143 after SIGTERM."""
+        """Exit code of a process that a signal ended: 128 and its number, 130 after SIGINT, 143 after SIGTERM."""
         return 128 + (self.received or signal.SIGINT)
 
     @contextmanager
@@ -57,7 +64,9 @@ class Signals:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.signal(number, self._handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        more = [getattr(signal, name) for name in _MORE_SIGNALS if hasattr(signal, name)]
+        heard = [*_TWICE, *(number for number in more if signal.getsignal(number) is not signal.SIG_IGN)]
+        before = {number: signal.signal(number, self._handle) for number in heard}
         try:
             yield
         finally:
@@ -77,7 +86,7 @@ class Signals:
 
     def _handle(self, number: int, _frame: object) -> None:
         first, self.received = not self.received, self.received or number
-        if not (first and self.noted):
+        if not (self.noted and (first or number not in _TWICE)):
             raise KeyboardInterrupt
 
 
@@ -154,6 +163,12 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, "change one setting of the scene; may be repeated")
 
 
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """Declare the option ``--strict``."""
+    text = f"exit code {REMARKED} where there are warnings; everything else is as without it"
+    parser.add_argument("--strict", action="store_true", help=text)
+
+
 def add_settings(parser: argparse.ArgumentParser, text: str) -> None:
     """Declare ``--set`` with its help ``text``."""
     parser.add_argument("--set", metavar="a.b.c=value", action="append", default=[], dest="overrides", help=text)
@@ -169,6 +184,22 @@ def output_file(text: str) -> Path:
     if text.endswith(("/", os.sep)):
         raise argparse.ArgumentTypeError(f"{text!r} names a folder; name a file in it")
     return Path(text)
+
+
+def check_netcdf(output: Path) -> None:
+    """Make sure that an output in netCDF has no suffix of another format.
+
+    Raises
+    ------
+    InputError : it has.
+    """
+    if output.suffix.lower() not in ("", *_NETCDF):
+        what = f"results are written as netCDF (.nc), not as {output.suffix}"
+        remedy = "name OUT.nc; plot OUT.nc -o FIGURE.png draws it, latin_fmu.open_results reads it in Python"
+        raise InputError.of("bad argument", "--output", what, str(output), remedy=remedy)
+
+
+_NETCDF: Final = (".nc", ".nc4", ".cdf", ".netcdf", ".h5")
 
 
 def read_scene(arguments: argparse.Namespace) -> Scene:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, declare, output_file, read_scene
+from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, output_file, read_scene
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def _modes(arguments: argparse.Namespace) -> int:
         problem = Problem("--count", "out of range", str(arguments.count), f"1 to {_MOST_MODES}")
         raise InputError([problem], "bad argument")
     if arguments.output is not None:
+        check_netcdf(arguments.output)
         check_target(arguments.output)
     if arguments.vtk is not None:
         check_export_folder(arguments.vtk)
@@ -101,7 +102,7 @@ def _modes(arguments: argparse.Namespace) -> int:
 def _srs(arguments: argparse.Namespace) -> int:
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
-    from ..results.files import open_results, write_netcdf
+    from ..results.files import open_results, readable, write_netcdf
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import check_target, write_bytes
@@ -110,7 +111,8 @@ def _srs(arguments: argparse.Namespace) -> int:
     targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for target in targets:
         check_target(target)
-    with closing(open_results(arguments.results)) as tree, Waiting("spectra") as waiting:
+    file = arguments.results
+    with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
         made = _tree(tree, {name: spectrum_group(*pair).dataset() for name, pair in spectra.items()})
     print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()})))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem, ResultsError
-from . import CONVERGED, AddParser, add_scene, add_settings, declare, output_file, read_scene
+from . import CONVERGED, REMARKED, AddParser, add_scene, add_settings, add_strict, declare, output_file, read_scene
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -19,9 +19,12 @@ if TYPE_CHECKING:
 
 def register(add: AddParser) -> None:
     """Declare the four subcommands."""
-    add_scene(declare(add, "check", "read a scene, build its meshes and interfaces, print sizes and warnings", _check))
+    text = "read a scene, build its meshes and interfaces, print sizes and warnings"
+    add_scene(parser := declare(add, "check", text, _check))
+    add_strict(parser)
     text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
+    add_strict(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
     text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
@@ -70,9 +73,9 @@ def _check(arguments: argparse.Namespace) -> int:
     from .. import api
 
     with Waiting("check"):
-        lines = api.check(read_scene(arguments))
-    print("\n".join(lines))
-    return CONVERGED
+        lines, remarks = api.checked(read_scene(arguments))
+    print("\n".join(api.check_lines(lines, remarks)))
+    return REMARKED if arguments.strict and remarks else CONVERGED
 
 
 def _explain(arguments: argparse.Namespace) -> int:
@@ -93,7 +96,7 @@ def _explain(arguments: argparse.Namespace) -> int:
             size = _compiled_size(arguments)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
     print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
-    return CONVERGED
+    return REMARKED if arguments.strict and explanation.warnings else CONVERGED
 
 
 def _compiled_size(arguments: argparse.Namespace) -> int:
@@ -130,11 +133,11 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
     from ..pictures.interface_map import Window, save_film
-    from ..results.files import open_results
+    from ..results.files import open_results, readable
 
     window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
     waiting.update(0.0, "film")
-    with closing(open_results(arguments.file)) as tree:
+    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
         save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.update)
 
 
@@ -157,10 +160,10 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.interface_map import map_figure
     from ..pictures.result_picture import result_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
-    from ..results.files import open_results
+    from ..results.files import open_results, readable
     from ..results.spectra import stored_spectra
 
-    with closing(open_results(arguments.file)) as tree:
+    with closing(open_results(arguments.file)) as tree, readable(arguments.file):
         if "kind" in tree.attrs:  # a parametric study
             from ..parametric.figure import study_figure
 

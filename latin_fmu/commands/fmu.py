@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, Problem
 from . import BAD_INPUT, CONVERGED, SOLVER_FAILED, AddParser, add_scene, declare, output_file, read_scene
@@ -43,6 +43,7 @@ examples:
 loads.csv has a column time and columns named as inputs, e.g. load.press.value; between its rows inputs are
 linear, and where only a value is given its rate is taken from them.
 """
+_NEEDED: Final = "pip install 'latin-fmu[fmu]' gives what FMUs need"
 
 
 def register(add: AddParser) -> None:
@@ -116,17 +117,21 @@ def _fmu(arguments: argparse.Namespace) -> int:
     try:
         with Waiting("FMU") as waiting:
             files, lines = _made(arguments, scene, target, waiting)
-            problems = import_module("fmu_build.checks").validate(target)
     except ModuleNotFoundError as error:
-        print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
+        print(f"latin-fmu: {error.msg}; {_NEEDED}", file=sys.stderr)
         return BAD_INPUT
+    problems, verdict = [], "valid"
+    try:
+        problems = import_module("fmu_build.checks").validate(target)
+    except ModuleNotFoundError as error:  # the file is whole: its check alone needs fmpy
+        verdict = f"not checked against the standard ({error.msg}; {_NEEDED})"
     print("".join(f"{line}\n" for line in lines), end="")
     if problems:
         print("\n".join([f"{target} is not valid:", *(f"  {problem}" for problem in problems)]))
         return BAD_INPUT
     for name, content in files.items():
         write_bytes(target.with_name(name), content)
-    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), valid{''.join(f', {n}' for n in sorted(files))}")
+    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), {verdict}{''.join(f', {n}' for n in sorted(files))}")
     return CONVERGED
 
 

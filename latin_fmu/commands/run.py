@@ -19,9 +19,12 @@ from ..errors import InputError, Problem, SolverError
 from . import (
     CONVERGED,
     NOT_CONVERGED,
+    REMARKED,
     AddParser,
     Signals,
     add_scene,
+    add_strict,
+    check_netcdf,
     declare,
     ending_together,
     output_file,
@@ -61,6 +64,7 @@ def register(add: AddParser) -> None:
         type=output_file,
         help="results file (default: <name of the scene>.nc in the current folder)",
     )
+    add_strict(parser)
     parser.add_argument("--json", action="store_true", help="print a JSON report, and nothing else, on stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
     parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
@@ -69,7 +73,8 @@ def register(add: AddParser) -> None:
         metavar="N",
         type=interval,
         help="write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
-        "and OUT.nc.checkpoint.histories; SIGINT and SIGTERM leave one in any case",
+        "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, XCPU, "
+        "USR1). The checkpoint of an earlier run is kept under a number",
     )
     parser.add_argument(
         "--resume", action="store_true", help="continue from the checkpoint, where there is one, to the same bits"
@@ -109,6 +114,8 @@ def interval(text: str) -> tuple[int | None, float | None]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.output is not None:
+        check_netcdf(arguments.output)
     processes = started_together()
     if processes is None:
         return _run_alone(arguments)
@@ -156,18 +163,24 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             _show(solution, arguments, written, None)
             if lost:
                 raise UnwrittenError(lost, "cannot write the results")
-    return CONVERGED if solution.converged else NOT_CONVERGED
+    return _code(solution, solution.converged, arguments)
+
+
+def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
+    """Exit code of a run that has been written."""
+    return NOT_CONVERGED if not good else REMARKED if arguments.strict and solution.warnings else CONVERGED
 
 
 def _run_alone(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
-        from ..results.writing import check_target
+        from ..results.writing import check_target, remove_dead_drafts
 
         scene = read_scene(arguments)
     _note_inputs(scene, arguments.quiet)
     target = arguments.output or Path(f"{scene.name}.nc")
     check_target(target)  # before the long part
+    remove_dead_drafts(target.parent)
     if arguments.vtk is not None:
         from ..results.vtk import check_export_folder
 
@@ -189,7 +202,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         solution.outcome.stream.close()
     if solution.complete and not lost:
         checkpoint.remove()
-    elif checkpoint.path.exists():
+    elif checkpoint.found:
         written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
     _show(solution, arguments, written, choice)  # a full disk must not cost the numbers as well
     if lost:
@@ -199,7 +212,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     if arguments.signals.received:
         return int(arguments.signals.exit_code)
     good = solution.converged and (choice is None or choice.reached)
-    return CONVERGED if good else NOT_CONVERGED
+    return _code(solution, good, arguments)
 
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:

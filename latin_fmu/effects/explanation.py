@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..assembly.build import discretise
+from ..assembly.propagator_choice import chosen_propagators
+from ..remarks import Remark, remarks_of
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
@@ -16,7 +18,7 @@ from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
 _SHOWN = 2  # keys that are named before "and so many more"
@@ -30,7 +32,8 @@ class Explanation:
     ----------
     scene : its name. effects : every effect, on or off. choices : settings that the solver takes, in words.
     prediction : CPU seconds of set-up and instants, memory, unknowns. suggestions : what might be changed.
-    warnings : remarks on the scene, as of ``check``. lines : line of every key of the scene file.
+    warnings : remarks on the scene, as of ``check``, without those that need factors of matrices.
+    lines : line of every key of the scene file.
     """
 
     scene: str
@@ -38,7 +41,7 @@ class Explanation:
     choices: dict[str, str]
     prediction: dict[str, Any]
     suggestions: list[Suggestion]
-    warnings: tuple[str, ...]
+    warnings: tuple[Remark, ...]
     lines: dict[str, int]
 
     def report(self) -> dict[str, Any]:
@@ -54,6 +57,7 @@ class Explanation:
             "prediction": self.prediction,
             "suggestions": [s.report() for s in self.suggestions],
             "warnings": list(self.warnings),
+            "warning_codes": [remark.code for remark in self.warnings],
         }
 
     def text(self) -> str:
@@ -135,7 +139,9 @@ def explain(scene: Scene, text: str = "") -> Explanation:
         "iterations_per_instant": p.run.iterations,
     }
     proposed = suggestions(p, effects)
-    return Explanation(scene.name, effects, choices(p), predicted, proposed, discretised.remarks, key_lines(text))
+    _, memory = chosen_propagators(scene, discretised.classes)
+    remarks = (*discretised.remarks, *remarks_of("memory", memory))
+    return Explanation(scene.name, effects, choices(p), predicted, proposed, remarks, key_lines(text))
 
 
 def _interfaces(p: Prediction) -> str:

@@ -14,6 +14,10 @@ from .reference_cells import CELL_FACES, FACET_CORNERS, N_CORNER, TET_EDGES, Rul
 
 _FAR = 1e60  # m; products of three such lengths are still numbers
 _VOLUME = tuple(CELL_FACES)
+_CURVED = (
+    "their middle nodes lie too far out: mesh finer where the surface is curved; in gmsh set "
+    "Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1 for straight edges"
+)
 _FLAT = 1e-12  # det J over the lengths of its columns
 
 
@@ -101,14 +105,17 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
     """Cells numbered inside out are turned; flat or tangled ones are refused."""
     cells, bad = oriented(nodes, block)
     if bad.any():
+        first = int(bad.argmax())
+        place = ", ".join(f"{x:.4g}" for x in nodes[block.cells[first]].mean(axis=0))
+        corners = block.cells.shape[1] == CORNERS[block.cell_type]
         raise MeshError(
             [
                 Problem(
                     where,
                     f"{int(bad.sum())} {block.cell_type} cells have no volume or are tangled",
-                    f"first cell {int(bad.argmax())}",
+                    f"the first is number {first + 1} of them, around [{place}] m",
                     "a positive Jacobian at every node and integration point",
-                    "repair the mesh where it is distorted",
+                    "repair the mesh where it is distorted" if corners else _CURVED,
                 )
             ]
         )

@@ -2,7 +2,7 @@
 
 Several ``*NODE`` and ``*ELEMENT`` blocks, sets (lists, ``GENERATE``, sets of sets), ``*SURFACE`` of element faces
 (labels S1 ... S6) or nodes, ``*PART`` / ``*INSTANCE`` with translation and rotation, ``*INCLUDE``. Names are
-compared without regard to case and keep the spelling of their first use. Loads, materials and steps are ignored.
+compared without regard to case and keep the spelling of their first use. What else the deck says: ``deck_model``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ import numpy as np
 from ..errors import listed
 from .abaqus_cards import SOLID_FACES, Card, Include, cards, element_type, elements_of, nodes_of
 from .content import CORNERS, FLAT, Array, FileProblems, Index, MeshContent, rows_of
+from .deck_model import DeckModel
 
 _NONE = np.zeros(0, dtype=np.int64)
+_TABLES = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE")  # whose data lines are read here
 
 
 @dataclass
@@ -54,6 +56,7 @@ class _Deck:
         self.spelled: dict[str, str] = {}
         self.internal: set[str] = set()
         self.skipped: dict[str, int] = {}
+        self.model = DeckModel()
         self._here = self.root
 
     def spell(self, name: str) -> str:
@@ -65,6 +68,8 @@ class _Deck:
     def take(self, card: Card) -> None:
         """Add the content of a card to its scope."""
         keyword = card.keyword
+        rows = [] if keyword in _TABLES else [fields for _, fields in card.tokens()]
+        self.model.take(keyword, card.parameters, rows)
         if keyword == "NODE":
             self._nodes(card)
         elif keyword == "ELEMENT":
@@ -328,6 +333,8 @@ class _Model:
                 self._add_surface(content, frame, self.deck.spelled[key], items)
         self.problems.stop()
         content.parts = self._parts(content)
+        content.deck = self.deck.model
+        content.sections = self._sections(content)
         return content
 
     def _add_sets(self, content: MeshContent, frame: _Frame) -> None:
@@ -377,6 +384,11 @@ class _Model:
             self.problems.add(f"the surface {name} names a face that a {kind} has not", label, f"S1 to S{len(faces)}")
             return []
         return [cells[:, list(faces[int(label[1:4]) - 1])]]
+
+    def _sections(self, content: MeshContent) -> dict[str, list[str]]:
+        """Element sets of the solid sections of every volume group, in capitals."""
+        own = {self.deck.spelled[f.name]: f.scope.sections for f in self.frames[1:]}
+        return own or {name: [name.upper()] for name in content.volumes}
 
     def _parts(self, content: MeshContent) -> tuple[str, ...] | None:
         """Instances; without any, the element sets of the solid sections where they cover each cell once."""

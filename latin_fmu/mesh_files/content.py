@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
+
+if TYPE_CHECKING:
+    from .deck_model import DeckModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,6 +78,8 @@ class MeshContent:
     node_sets : name -> rows of ``points``.
     parts : the volume groups that are the parts of the model where the format defines them, else None.
     skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
+    deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
+        sections of its volume groups, in capitals.
     """
 
     points: Array
@@ -84,6 +89,22 @@ class MeshContent:
     node_sets: dict[str, Index] = field(default_factory=dict)
     parts: tuple[str, ...] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
+    deck: DeckModel | None = None
+    sections: dict[str, list[str]] = field(default_factory=dict)
+
+    def touching(self, group: str, name: str) -> bool:
+        """Whether a surface group or node set has whole facets on the cells of a volume group."""
+        cells = {kind: self.solids[kind][rows] for kind, rows in self.volumes[group].items()}
+        if name in self.facets:
+            nodes = np.unique(np.concatenate([table.ravel() for table in cells.values()]))
+            return any(bool(np.isin(table, nodes).all(axis=1).any()) for table in self.facets[name] if len(table))
+        some = self.node_sets.get(name, np.zeros(0, dtype=np.int64))
+        for kind, table in cells.items():
+            corners = CORNERS[kind]
+            least = 3 if corners == 4 else 4  # of the corners of a side; a wedge counts by its quadrilaterals
+            if (np.isin(table[:, :corners], some).sum(axis=1) >= least).any():
+                return True
+        return False
 
     def part_names(self, where: str) -> tuple[str, ...]:
         """The volume groups that share the cells out among them: the parts of an assembly, in file order.

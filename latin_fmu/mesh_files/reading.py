@@ -56,6 +56,7 @@ _MESHIO: Final = (
     ".wkt",
     ".svg",
 )
+_CAD: Final = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".fcstd")
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
@@ -88,6 +89,10 @@ def read_content(path: Path) -> MeshContent:
             raise
         except Exception as error:  # netCDF4 raises many kinds on damaged files
             raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {error}") from None
+    if suffix in _CAD:
+        what, made = "a CAD file holds no mesh", f"{path.stem}.msh"
+        remedy = f"mesh it, e.g. gmsh -3 {path.name} -order 2 -clmax 5 -o {made} (lengths in the unit of the file: add "
+        raise MeshError.of("unreadable mesh", path.name, what, suffix, _ALLOWED, f"{remedy}scale = 1e-3 for mm)")
     if suffix not in _MESHIO:
         raise MeshError.of(
             "unreadable mesh",
@@ -242,10 +247,14 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
     lines = [" ".join(line.split()) for line in noise.splitlines() if line.strip()]
     reasons = [line for line in lines if not line.startswith(("Error: Couldn't read file", "Couldn't read file"))]
     own = "" if isinstance(error, SystemExit) else str(error) or type(error).__name__
-    if isinstance(error, KeyError | IndexError | ValueError | AttributeError | TypeError):
-        own = f"{type(error).__name__} {own}"
+    if isinstance(error, KeyError):
+        own = f"it has or lacks an item {own}, which its reader (meshio) does not expect"
+    elif isinstance(error, IndexError | ValueError | AttributeError | TypeError):
+        own = f"its parts do not fit each other: {own}"
     reason = "; ".join([*reasons[:3], own] if own else reasons[:3]) or "; ".join(lines[-1:]) or "no reason given"
-    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=f"a whole file of the format {path.suffix}")
+    allowed = f"a whole file of the format {path.suffix}"
+    remedy = "export it again, best as .msh, .inp or .bdf, with tetrahedra of 4 or 10 nodes or hexahedra of 8, 20 or 27"
+    return Problem(path.name, f"cannot be read: {reason[:300]}", allowed=allowed, remedy=remedy)
 
 
 def _groups(mesh: Any) -> dict[str, list[Index]]:

@@ -35,6 +35,7 @@ from ..results.quantities_of_interest import (
     InterfaceFields,
     first_contact_time,
     largest_slip_share,
+    slip_in_contact,
 )
 from ..results.solution import Solution
 from ..scene.schema import Scene
@@ -73,7 +74,7 @@ _OF_INTERFACE: Final = tuple(
 QUANTITIES: Final = (
     *_OF_INTERFACE,
     Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
-    Quantity("largest_slip", "interface", "m", "largest distance that the sides have slid along each other"),
+    Quantity("largest_slip", "interface", "m", "largest distance that the sides have slid while in contact"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
     Quantity("peak_displacement", "sensor", "m", "largest displacement of a sensor"),
     Quantity("peak_velocity", "sensor", "m s-1", "largest velocity of a sensor"),
@@ -222,7 +223,7 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
         values["slip_share"] = largest_slip_share(fields) or 0.0
         values.setdefault("friction_work", 0.0)
     if history.contact_status is not None and whole:
-        values["largest_slip"] = float(history.slip(time).max(initial=0.0))
+        values["largest_slip"] = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
     return values
 
 

@@ -13,7 +13,7 @@ import xarray as xr
 
 from ..latin.outcome import Array
 from ..results.dataset import has_friction
-from ..results.quantities_of_interest import InterfaceFields, friction_sum, normal_resultant, status_shares
+from ..results.quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant, status_shares
 from ..results.spectra import ShockSpectrum
 from ..results.summary import prefix_for
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
@@ -200,8 +200,8 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
     if any(map(has_friction, groups.values())):
-        friction = {name: friction_sum(item) for name, item in fields.items()}
-        draw = partial(force_panel, title="Friction, sum of magnitudes over the points", reference=reference)
+        friction = {name: friction_resultant(item) for name, item in fields.items()}
+        draw = partial(force_panel, title="Friction force (magnitude of the tangential resultant)", reference=reference)
         panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
     return panels
 

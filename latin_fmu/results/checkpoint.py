@@ -1,9 +1,12 @@
 """Checkpoints: what a run needs to continue after its process has ended, to the last bit.
 
-Two files. ``NAME`` holds the state after a window and is replaced at every checkpoint, whole or not at all; its header
-names the scene, the version and the kind of machine. ``NAME.histories`` grows by what was recorded since the last
-checkpoint; the state holds its length and its checksum, so that a part written by a process that was killed meanwhile
-does not count.
+Three files. ``NAME`` holds the state after a window and is replaced at every checkpoint, whole or not at all; its
+header names the scene, the version and the kind of machine. ``NAME.previous`` is the one before, for a disk that fails.
+``NAME.histories`` grows by what was recorded since the last checkpoint; the state holds its length and its checksum,
+so that a part written by a process that was killed meanwhile does not count.
+
+A run that does not continue the checkpoint that it finds renames it to ``NAME.1``, ``NAME.1.histories`` (2, 3, ...)
+before it writes its own. Links are not followed: another user of the folder could have placed them.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
@@ -75,12 +79,13 @@ class Checkpoint:
         stop: Callable[[], bool] | None = None,
         log: Callable[[str], None] | None = None,
     ) -> None:
-        self.path, self.histories = Path(path), Path(f"{path}.histories")
+        self.path, self.histories, self.previous = Path(path), Path(f"{path}.histories"), Path(f"{path}.previous")
         self._every, self._seconds, self._resume = every, seconds, resume
         self._stop = stop
         self._log: Callable[[str], None] = warnings.warn if log is None else log
         self._file: BinaryIO | None = None
         self._told = ""
+        self._own = False  # whether the files at ``path`` are of this run
 
     @contextmanager
     def of(self, run: Run, digest: str) -> Iterator[None]:
@@ -115,10 +120,11 @@ class Checkpoint:
                 "bad argument", "checkpoint", what, str(self._every), f">= {longest}", "use solver.window = 1"
             )
         if self._periodic or self._resume:
-            check_target(self.path)
-            check_target(self.histories)
+            for path in (self.path, self.histories):
+                _refuse_link(path)
+                check_target(path)
             self._lock()
-        if self._resume and self.path.exists():
+        if self._resume and self.found:
             self._continue(run)
 
     def instants(self, run: Run) -> int:
@@ -141,10 +147,16 @@ class Checkpoint:
         return stops and not ended
 
     def remove(self) -> None:
-        """Remove the files: the results have been written."""
-        for path in (self.path, self.histories):
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
+        """Remove the files of this run: the results have been written. Those of another run stay."""
+        if self._own or not self.found:
+            for path in (self.path, self.previous, self.histories):
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a checkpoint, of this run or of an earlier one."""
+        return self.path.is_file() or self.previous.is_file()
 
     @property
     def _periodic(self) -> bool:
@@ -155,7 +167,9 @@ class Checkpoint:
         """The file of the histories, for this process alone (where the system has such locks)."""
         if self._file is not None:
             return self._file
-        file = os.fdopen(os.open(os.path.realpath(self.histories), os.O_RDWR | os.O_CREAT, 0o666), "r+b")
+        _refuse_link(self.histories)
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+        file = os.fdopen(os.open(self.histories, flags, 0o666), "r+b")
         try:
             import fcntl
 
@@ -163,15 +177,35 @@ class Checkpoint:
         except ImportError:
             pass
         except OSError as error:
+            holder = _holder(file.fileno())
             file.close()
             what, remedy = "another run writes its checkpoint here", "wait for its end, or name another output"
-            raise InputError.of("bad argument", str(self.path), what, remedy=remedy) from error
+            raise InputError.of("bad argument", str(self.path), what, holder, remedy=remedy) from error
         self._file = file
         return file
+
+    def _take_over(self) -> None:
+        """Make the place free for the checkpoints of this run: those of an earlier one get a number."""
+        _refuse_link(self.path)
+        if not self._own and self.found:
+            number = next(n for n in count(1) if not os.path.lexists(f"{self.path}.{n}"))
+            for suffix in ("", ".previous", ".histories"):
+                with suppress(FileNotFoundError):
+                    os.rename(f"{self.path}{suffix}", f"{self.path}.{number}{suffix}")
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+            text = (
+                f"the checkpoint of an earlier run is kept as {self.path}.{number} and {self.path}.{number}.histories"
+            )
+            self._log(f"{text}: rename both to continue it with --resume")
+        self._own = True
 
     def _write(self, run: Run) -> None:
         """Write a checkpoint; where that fails the run goes on, and the last one stays."""
         try:
+            self._lock()
+            self._take_over()
             file, recorder = self._lock(), run.recorder
             part = encode(
                 {
@@ -190,7 +224,9 @@ class Checkpoint:
             checksum = self._checksum.copy()
             checksum.update(added)
             tree = {"run": run.snapshot(), "bytes": self._bytes + len(added), "checksum": checksum.hexdigest()}
-            write_bytes(self.path, sealed(encode(tree, _KIND), _KIND, self._digest, self._machine), rescue=False)
+            state = sealed(encode(tree, _KIND), _KIND, self._digest, self._machine)
+            self._keep_previous()
+            write_bytes(self.path, state, rescue=False)
         except (OSError, UnwrittenError, InputError) as error:
             if str(error) != self._told:
                 self._told = str(error)
@@ -201,31 +237,83 @@ class Checkpoint:
         self._kept, self._fields, self._windows = recorder.n_kept, recorder.n_fields, len(run.windows)
         self._last, self._written_at = run.assembly.instant, clock.monotonic()
 
-    def _continue(self, run: Run) -> None:
-        """Bring a run at t = 0 to the state of the checkpoint."""
-        try:
-            tree = decode(opened(self.path.read_bytes(), _KIND, self._digest, self._machine), _KIND)
-        except SolverError as error:
-            raise SolverError(f"{self.path}: {error}; or run without --resume") from error
-        for part in self._parts(tree["bytes"], tree["checksum"]):
-            run.recorder.append(part["recorder"], part["first"])
-            run.windows.extend(part["windows"])
-        run.restore(tree["run"])
-        self._kept, self._fields, self._windows = run.recorder.n_kept, run.recorder.n_fields, len(run.windows)
-        self._bytes, self._last = tree["bytes"], run.assembly.instant
-        self._log(f"continued from {self.path}: instant {self._last} of {run.assembly.n_instant}")
+    def _keep_previous(self) -> None:
+        """Give the present state its second name, under which it outlives the next one; file systems without hard
+        links keep one generation."""
+        with suppress(OSError):
+            self.previous.unlink(missing_ok=True)
+            os.link(self.path, self.previous)
 
-    def _parts(self, size: int, checksum: str) -> Iterator[Any]:
-        """The parts of the histories, after all have been checked."""
-        file = self._lock()
+    def _continue(self, run: Run) -> None:
+        """Bring a run at t = 0 to the state of the checkpoint; of the one before where it is damaged.
+
+        Raises
+        ------
+        SolverError : none of both can be used.
+        """
+        failure: SolverError | None = None
+        for path in (self.path, self.previous):
+            if not path.is_file():
+                continue
+            try:
+                tree = decode(opened(path.read_bytes(), _KIND, self._digest, self._machine), _KIND)
+                checksum = self._checked(tree["bytes"], tree["checksum"])
+            except SolverError as error:
+                failure = failure or SolverError(f"{path}: {error}; or run without --resume")
+                continue
+            if failure is not None:
+                self._log(f"{failure}; the checkpoint before it is used")
+            self._checksum, self._own = checksum, True
+            for part in self._parts(tree["bytes"]):
+                run.recorder.append(part["recorder"], part["first"])
+                run.windows.extend(part["windows"])
+            run.restore(tree["run"])
+            self._kept, self._fields, self._windows = run.recorder.n_kept, run.recorder.n_fields, len(run.windows)
+            self._bytes, self._last = tree["bytes"], run.assembly.instant
+            self._log(f"continued from {path}: instant {self._last} of {run.assembly.n_instant}")
+            return
+        if failure is not None:
+            raise failure
+
+    def _checked(self, size: int, checksum: str) -> Any:
+        """Digest of the first ``size`` bytes of the histories, which must be the ``checksum``."""
+        file, digest = self._lock(), hashlib.blake2b(digest_size=32)
         file.seek(0)
         while (block := file.read(min(1 << 20, size - file.tell()))) and file.tell() <= size:
-            self._checksum.update(block)
-        if file.tell() != size or self._checksum.hexdigest() != checksum:
+            digest.update(block)
+        if file.tell() != size or digest.hexdigest() != checksum:
             raise SolverError(
                 f"the checkpoint cannot be used: {self.histories} is damaged (its checksum does not fit); use an "
-                "intact copy, or run without --resume"
+                "intact copy"
             )
+        return digest
+
+    def _parts(self, size: int) -> Iterator[Any]:
+        """The parts of the histories, which have been checked."""
+        file = self._lock()
         file.seek(0)
         while file.tell() < size:
             yield decode(file.read(int.from_bytes(file.read(_LENGTH), "little")), _KIND)
+
+
+def _refuse_link(path: Path) -> None:
+    """Refuse a link at the place of a checkpoint.
+
+    Raises
+    ------
+    InputError : there is one.
+    """
+    if path.is_symlink():
+        what = "this is a link, which checkpoints do not follow"
+        raise InputError.of("bad argument", str(path), what, remedy="remove it, or name another output")
+
+
+def _holder(descriptor: int) -> str | None:
+    """The process that has locked an open file, where the system tells (Linux, of processes of this machine)."""
+    number = os.fstat(descriptor).st_ino
+    with suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/locks").read_text().splitlines():
+            words = line.split()  # 1: FLOCK  ADVISORY  WRITE 812 08:01:4711 0 EOF
+            if words[1] == "FLOCK" and int(words[5].rsplit(":", 1)[1]) == number:
+                return f"process {words[4]}"
+    return None

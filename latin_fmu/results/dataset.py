@@ -60,7 +60,7 @@ from .groups import (
     annotated,
     describe_mesh,
 )
-from .quantities_of_interest import Force, InterfaceFields, normal_resultant
+from .quantities_of_interest import Force, InterfaceFields, normal_resultant, slip_in_contact
 from .sensors import bolt_groups, reaction_groups, sensor_groups
 
 if TYPE_CHECKING:
@@ -139,7 +139,8 @@ def result_groups(
     for name, interface in () if streamed else outcome.interfaces.items():
         indicator = outcome.interface_indicator.get(name)
         time = outcome.interface_time
-        slip = interface.slip(time) if surfaces and len(time) == len(outcome.time) else None
+        whole = surfaces and len(time) == len(outcome.time)
+        slip = np.linalg.norm(slip_in_contact(interface, time), axis=2) if whole else None
         groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, slip)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
@@ -253,7 +254,7 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
         for name, history in histories.items():
             slip = None
             if surfaces and stream.every == 1:
-                path = history.slip_path(time) + moved[name]
+                path = slip_in_contact(history, time) + moved[name]
                 slip, moved[name] = np.linalg.norm(path, axis=2), path[-1]
             group = interface_group(history, time, outcome.interface_indicator.get(name), surfaces, slip)
             group.variables["impulse"].values += impulse[name]

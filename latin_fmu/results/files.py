@@ -5,13 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..errors import Problem, ResultsError
+from ..errors import LatinError, Problem, ResultsError
 from .groups import SCHEMA_VERSION, Group, Variable, with_labels
 from .writing import write_whole
 
@@ -142,7 +143,7 @@ def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, A
 
 
 def _storage(variable: Variable) -> dict[str, Any]:
-    """Chunks and compression of an array; scalars have none."""
+    """Chunks, compression and checksums of an array, so that damage is an error when it is read; scalars have none."""
     shape = variable.values.shape
     if not shape:
         return {}
@@ -150,7 +151,7 @@ def _storage(variable: Variable) -> dict[str, Any]:
         chunks = (min(shape[0], 4096),)
     else:
         chunks = tuple(min(n, _CHUNK.get(dim, n)) for dim, n in zip(variable.dims, shape, strict=True))
-    return {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+    return {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True, "chunksizes": chunks}
 
 
 def open_results(path: str | Path) -> xr.DataTree:
@@ -176,7 +177,7 @@ def open_results(path: str | Path) -> xr.DataTree:
             f"the netCDF library cannot write this name in the encoding of the locale ({sys.getfilesystemencoding()})"
         )
         raise _unreadable(source, what, remedy="set LC_ALL=C.UTF-8, or rename file and folders") from error
-    except (OSError, ValueError, RuntimeError) as error:
+    except Exception as error:  # the library of a damaged file raises many kinds
         remedy = "give the .nc file written by a run"
         raise _unreadable(source, f"this is not a readable netCDF-4 file: {error}", remedy=remedy) from error
     version = tree.attrs.get("schema_version")
@@ -195,6 +196,26 @@ def open_results(path: str | Path) -> xr.DataTree:
             "open it with the version of latin_fmu that wrote it",
         )
     return tree
+
+
+@contextmanager
+def readable(path: str | Path) -> Iterator[None]:
+    """Context in which values of an open results file are read: those that cannot be had are a ResultsError.
+
+    A file whose head is whole may be damaged behind it: values are read when they are needed, and the libraries then
+    raise errors of many kinds.
+
+    Raises
+    ------
+    ResultsError : the file is damaged, or lacks a part.
+    """
+    try:
+        yield
+    except LatinError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        what = f"the file is damaged or incomplete: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise _unreadable(Path(path), what, remedy="take an intact copy, or run the scene again") from error
 
 
 def _unreadable(

@@ -163,7 +163,7 @@ INTERFACE: Final[Mapping[str, Meaning]] = {
     "peak_force": Meaning("N", "largest mean of the normal resultant over the time of the attribute peak_duration (s)"),
     "peak_force_raw": Meaning("N", "largest normal resultant of all instants", "has no limit where bodies land"),
     "pressure": Meaning("Pa", "normal pressure, positive in compression", "local-stage field"),
-    "slip": Meaning("m", "distance that side Ep has moved along the face of side E since the start of the run"),
+    "slip": Meaning("m", "distance that side Ep has moved along the face of E while in contact, from the start"),
     "cells": Meaning(None, "points of each triangle or quadrilateral of the surface", "-1: the cell has three points"),
     "surface": Meaning(None, "topology of the surface of the interface"),
     "surface_x": Meaning("m", "first coordinate of the point in the mean plane of the interface"),

@@ -315,15 +315,20 @@ def friction_resultant(fields: InterfaceFields) -> Array:
     return length
 
 
-def friction_sum(fields: InterfaceFields) -> Array:
-    """Sum of the magnitudes of the friction forces of all points, (n_time,), N.
+def slip_in_contact(history: InterfaceHistory, time: Array) -> Array:
+    """Motion of side E' along the face of E while the point is closed, summed up from the first instant, (n_time,
+    n_point, 3), m: a step counts where the point is closed at both its ends (at its end without inertia).
 
-    Unlike the resultant it does not cancel where a body spreads in all directions.
+    Free flight and landing are left out, so that the length is the distance over which friction acts on a straight way.
     """
-    along = np.einsum("tpc,pc->tp", fields.traction, fields.normals)
-    tangential = fields.traction - along[:, :, None] * fields.normals
-    total: Array = np.linalg.norm(tangential, axis=2) @ fields.areas
-    return total
+    path = history.slip_path(time)
+    if history.contact_status is None:
+        return path
+    closed = np.asarray(history.contact_status) != _OPEN
+    counts = closed[1:] if history.quasi_static else closed[1:] & closed[:-1]
+    moved = np.where(counts[:, :, None], np.diff(path, axis=0), 0.0)
+    slid: Array = np.concatenate([np.zeros((1, *path.shape[1:])), np.cumsum(moved, axis=0)])
+    return slid
 
 
 def first_contact_time(fields: InterfaceFields) -> float | None:

@@ -98,7 +98,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
     ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``defect`` (likewise, 0 without truncated
     tables of large interfaces), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
-    ``warnings``, and ``interfaces``: per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
+    ``warnings``, ``warning_codes`` (of ``remarks.REMARKS``, one each), and ``interfaces``:
+    per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
     resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
     land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at which the normal resultant
     exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an error estimate adds
@@ -117,6 +118,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "penetration": finite(outcome.penetration()),
         "resultants": {name: _resultants(r) for name, r in outcome.resultants.items()},
         "warnings": list(outcome.warnings),
+        "warning_codes": [getattr(warning, "code", "") for warning in outcome.warnings],
         "interfaces": {name: _interface(outcome, history) for name, history in outcome.interfaces.items()},
     }
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from ..fem.mesh import Mesh, boundary, cell_blocks
+from .files import readable
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
 from .spectra import RESPONSES, shock_response_spectrum
 
@@ -30,8 +31,9 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     Raises InputError where there is no such interface.
     """
     group = _group(tree, "interfaces", interface)
-    fields = InterfaceFields.of_dataset(group)
-    made = group[["force"]]
+    with readable(_source(tree)):
+        fields = InterfaceFields.of_dataset(group)
+        made = group[["force"]]
     for name, values, text in (
         ("normal", normal_resultant(fields), "normal resultant, positive in compression"),
         ("friction", friction_resultant(fields), "magnitude of the tangential resultant"),
@@ -51,7 +53,8 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     if "cells" not in group:
         what = "has no surface: its points carry no cells"
         raise InputError([Problem(f"interface {interface}", what)], "there is no map")
-    fields = InterfaceFields.of_dataset(group)
+    with readable(_source(tree)):
+        fields = InterfaceFields.of_dataset(group)
     at = int(normal_resultant(fields).argmax() if time is None else np.abs(fields.time - time).argmin())
     pressure = -np.einsum("pc,pc->p", fields.traction[at], fields.normals) + 0.0  # no negative zero
     attrs = {"units": "Pa", "long_name": "contact pressure", "mesh": "surface", "location": "node"}
@@ -67,8 +70,9 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     Raises InputError where no field of this substructure is in the file (``output.fields = true``).
     """
     group = _group(tree, "substructures", substructure, "store fields: output.fields = true")
-    nodes = np.stack([group[f"node_{axis}"].values for axis in "xyz"], axis=1)
-    tables = [block.corners for block in boundary(Mesh(nodes, cell_blocks(group["cell_nodes"].values), {})).blocks]
+    with readable(_source(tree)):
+        nodes = np.stack([group[f"node_{axis}"].values for axis in "xyz"], axis=1)
+        tables = [block.corners for block in boundary(Mesh(nodes, cell_blocks(group["cell_nodes"].values), {})).blocks]
     corners = np.full((sum(map(len, tables)), max(t.shape[1] for t in tables)), -1, dtype=np.int64)
     row = 0
     for table in tables:
@@ -153,6 +157,11 @@ def _history(tree: xr.DataTree, sensor: str, quantity: str) -> xr.DataArray:
         allowed = ", ".join(str(n) for n, v in group.data_vars.items() if v.dims == ("time", "component"))
         raise InputError([Problem(f"sensor {sensor}", "has no such history", quantity, allowed or "none")])
     return group[quantity]
+
+
+def _source(tree: xr.DataTree) -> str:
+    """Name of the file of a tree, for errors."""
+    return str(tree.encoding.get("source", "results"))
 
 
 def _group(tree: Mapping[str, Any], kind: str, name: str, remedy: str | None = None) -> xr.Dataset:

@@ -8,10 +8,12 @@ Where that fails at the end, it is written to the temporary folder instead, and 
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import stat
 import tempfile
 import uuid
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -60,7 +62,9 @@ def check_target(path: str | Path, size: float = 0.0) -> Path:
 
 
 def _example(target: Path) -> Path:
-    return (target if target.is_dir() else target.parent) / "out.nc"
+    if target.is_dir():
+        return target / "out.nc"
+    return Path("out.nc") if Path("/dev") in target.parents else target.parent / "out.nc"
 
 
 def _behind_links(path: str | Path) -> tuple[Path, int | None]:
@@ -122,7 +126,7 @@ def write_whole(
     draft: Path | None = None
     try:
         target = check(path)
-        draft = target.with_name(f".latin-fmu-{uuid.uuid4().hex}{target.suffix}")
+        draft = target.with_name(f"{_draft_stem()}{os.getpid()}-{uuid.uuid4().hex}{target.suffix}")
         write(draft)
         _flush(draft)
         _move(draft, target)
@@ -132,6 +136,34 @@ def write_whole(
         if draft is not None:
             _remove(draft)
     return target
+
+
+def _draft_stem() -> str:
+    """First part of the names of drafts of this machine; the number of a process says nothing on another one."""
+    return f".latin-fmu-{zlib.crc32(platform.node().encode()):08x}-"
+
+
+def remove_dead_drafts(folder: Path) -> None:
+    """Remove drafts in a folder that processes of this machine have left which were killed."""
+    stem = _draft_stem()
+    with suppress(OSError):
+        for path in folder.glob(f"{stem}*"):
+            number = path.name.removeprefix(stem).split("-")[0]
+            if number.isdigit() and not _is_alive(int(number)):
+                _remove(path)
+
+
+def _is_alive(process: int) -> bool:
+    """Whether a process of this number is there; True where the system does not tell."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def write_bytes(path: str | Path, content: bytes, rescue: bool = True) -> Path:
@@ -178,7 +210,7 @@ def _move(draft: Path, target: Path) -> None:
     """Rename the draft to the target; a folder that is there makes way, a file gives its mode."""
     aside = None
     if target.is_dir():
-        aside = target.with_name(f".latin-fmu-{uuid.uuid4().hex}")
+        aside = target.with_name(f".latin-fmu-before-{uuid.uuid4().hex}")
         target.rename(aside)
     elif target.exists():
         draft.chmod(stat.S_IMODE(target.stat().st_mode))

@@ -224,16 +224,22 @@ class _ContactKeys(Table):
         return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
 
 
+_SEARCH = (
+    "Interfaces found between boundaries; a pair with an interface in the scene is left as it is, and one that several "
+    "searches find belongs to the first of them."
+)
+
+
 if TYPE_CHECKING:
 
     class ContactSearch(_ContactKeys):
-        """Interfaces found between boundaries; a pair with an interface in the scene is left as it is."""
+        """Interfaces found between boundaries (``_SEARCH``)."""
 else:
     # parameters as in [interface.NAME]; "except" is a keyword of Python and cannot be written in the body of a class
     ContactSearch = create_model(
         "ContactSearch",
         __base__=_ContactKeys,
-        __doc__="Interfaces found between boundaries; a pair with an interface in the scene is left as it is.",
+        __doc__=_SEARCH,
         **{key: (field.annotation, field) for key, field in Interface.model_fields.items() if key in PARAMETERS},
         **{"except": (Annotated[NamePairs, about("pairs of substructures that are left out")], ())},
     )

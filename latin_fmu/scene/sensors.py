@@ -71,13 +71,15 @@ class Spectrum(Table):
         return self
 
     def frequencies(self, step: float, duration: float) -> tuple[float, ...]:
-        """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to Nyquist's at most; ``step`` and
-        ``duration`` of the run, s."""
+        """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to Nyquist's at most; the highest one
+        that is requested comes last, whatever the ratio. ``step`` and ``duration`` of the run, s."""
         first = 1.0 / duration if self.lowest is None else self.lowest
         last = 0.1 / step if self.highest is None else self.highest
         last = min(last, nyquist(step))
         count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
-        return tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
+        made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
+        short = self.highest is not None and made and made[-1] < last * (1 - 1e-9) and len(made) < MAX_FREQUENCIES
+        return (*made, last) if short else made
 
 
 class Sensor(Table):

@@ -20,6 +20,8 @@ import pytest
 import fmu_build.contents
 from fmu_build.adapter import CoSimulationAdapter, ModelExchangeAdapter, check_packages
 from fmu_build.build import build_fmu
+from fmu_build.drive import described
+from latin_fmu import InputError
 from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.variables import table_of
 
@@ -385,3 +387,11 @@ def test_simulate_fmu_raises(fmus, fmi, case, capsys):
         fmpy.simulate_fmu(str(fmus[fmi]), stop_time=6e-6, output_interval=0.2e-6, **given)
     # whatever the host says of debug logging; no logger of its own: the next FMU would call it after it is freed
     assert re.search(r"^\[(ERROR|DISCARD)\] ", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_archives_that_would_unpack_to_much_are_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "bomb.fmu", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
+        archive.writestr("resources/zeros", bytes(150_000_000))
+    with pytest.raises(InputError, match=r"'resources/zeros' would unpack to 150000000 bytes"):
+        described(tmp_path / "bomb.fmu")

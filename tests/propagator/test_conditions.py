@@ -274,3 +274,32 @@ def test_identical_bodies_share_one_class() -> None:
         boundary={"hold": {"type": "fixed", "face": "e.zmin"}, "out": {"type": "absorbing", "face": "f.zmin"}},
     ).assembly
     assert [p.names for p in assembly.propagators] == [["a", "b"], ["c"], ["d"], ["e"], ["f"]]
+
+
+SHAKEN = {"type": "acceleration", "face": "bar.zmin", "components": ["x", "y", "z"], "law": half_sine(1.0)}
+PLANE = {"type": "symmetry", "face": "bar.xmin"}
+
+
+@pytest.mark.parametrize("kind", ["acceleration", "velocity", "displacement"])
+def test_driven_by_zero_where_another_condition_holds(kind: str) -> None:
+    """On the common edge of a plane of symmetry and of a face that does not move across it: no conflict, and the
+    solution is that of a drive without this component."""
+    drive = {**SHAKEN, "type": kind, "value": [0.0, 0.0, 1e-3]}
+    whole = solved(boundary={"plane": PLANE, "shaker": drive, "other": {**drive, "face": "bar.zmax"}})
+    fixed = {"type": "fixed", "components": ["x", "y"]}
+    ends = {"zmin": {**fixed, "face": "bar.zmin"}, "zmax": {**fixed, "face": "bar.zmax"}}
+    alone = {**drive, "components": ["z"], "value": [1e-3]}
+    split = solved(boundary={"plane": PLANE, **ends, "shaker": alone, "other": {**alone, "face": "bar.zmax"}})
+    one, other = (outcome.substructures["bar"].displacement for outcome in (whole, split))
+    assert one is not None
+    assert np.abs(one).max() > 1e-5
+    assert one == pytest.approx(other, abs=1e-12 * np.abs(one).max())
+
+
+@pytest.mark.parametrize(
+    ("value", "more"), [([1e-3, 0.0, 0.0], {}), ([0.0, 0.0, 1e-3], {"initial_velocity": [1.0, 0.0, 0.0]})]
+)
+def test_driven_where_another_condition_holds(value: list[float], more: dict[str, Any]) -> None:
+    """By a number, or on from an initial velocity across the plane: the conditions contradict each other."""
+    with pytest.raises(SceneError, match="drives nodes already held or driven"):
+        built(boundary={"plane": PLANE, "shaker": {**SHAKEN, "value": value}}, substructure={"bar": body(**more)})

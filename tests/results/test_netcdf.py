@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+import random
+from contextlib import closing, suppress
 from pathlib import Path
 
 import netCDF4
@@ -13,6 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from latin_fmu import ResultsError
+from latin_fmu.cli import main
+from latin_fmu.results import views
 from latin_fmu.results.files import open_results, write_netcdf
 from latin_fmu.results.solution import Solution
 
@@ -127,3 +130,23 @@ def test_files_that_cannot_be_opened(crushing: Solution, tmp_path: Path) -> None
         with pytest.raises(ResultsError, match=words) as caught:
             open_results(tmp_path / name)
         assert caught.value.problems[0].remedy
+
+
+def test_damaged_files_are_a_sentence(
+    bars: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bytes changed behind a head that HDF5 still opens: a ResultsError where the values are read, or a figure."""
+    monkeypatch.chdir(tmp_path)
+    bars.save("whole.nc")
+    whole, draw, codes = Path("whole.nc").read_bytes(), random.Random(16), set()
+    name = next(iter(bars.interfaces))
+    for _ in range(25):
+        content = bytearray(whole)
+        for _ in range(draw.choice([1, 3, 30])):
+            content[draw.randrange(len(content))] = draw.randrange(256)
+        Path("damaged.nc").write_bytes(bytes(content))
+        codes.add(main(["plot", "damaged.nc", "-o", "damaged.png"]))
+        with suppress(ResultsError), closing(open_results("damaged.nc")) as tree:
+            views.resultant(tree, name)
+    assert codes <= {0, 2}
+    assert "Traceback" not in capsys.readouterr().err

@@ -33,15 +33,13 @@ def test_triangle_has_its_peak_and_its_ends_at_one_per_cent() -> None:
     assert measures.first_contact_time(item) == pytest.approx(2.02, abs=0.011)
     assert measures.separation_time(item) == pytest.approx(5.98, abs=0.011)
     assert measures.friction_resultant(item).max() == pytest.approx(3.0)
-    assert measures.friction_sum(item).max() == pytest.approx(3.0)
 
 
-def test_opposite_frictions_cancel_in_the_resultant_only() -> None:
+def test_opposite_frictions_cancel() -> None:
     one = fields()
     traction = np.concatenate([one.traction, one.traction * [1.0, -1.0, 1.0]], axis=1)
     both = fields(traction=traction, areas=np.array([2.0, 2.0]), normals=np.tile([0.0, 0.0, 1.0], (2, 1)))
     assert measures.friction_resultant(both).max() == pytest.approx(0.0, abs=1e-12)
-    assert measures.friction_sum(both).max() == pytest.approx(6.0)
 
 
 def test_never_in_contact() -> None:

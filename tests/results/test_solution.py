@@ -34,6 +34,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "penetration",
         "resultants",
         "warnings",
+        "warning_codes",
         "interfaces",
     ]
     parts = ["set_up", "march", "other", "output", "total"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.results.quantities_of_interest import slip_in_contact
 from latin_fmu.results.vtk import export_vtu
 
 from .test_sensors import pressed
@@ -24,9 +26,9 @@ def test_pressure_and_slip(solved: latin_fmu.Solution) -> None:
     history = solved.interfaces["crush"]
     assert np.array_equal(group["pressure"].values, -history.traction[:, :, 2])
     assert group["pressure"].attrs["units"] == "Pa"
-    moved = np.cumsum(0.5 * (history.velocity[1:, 1] - history.velocity[1:, 0]), axis=0)
-    moved += np.cumsum(0.5 * (history.velocity[:-1, 1] - history.velocity[:-1, 0]), axis=0)
-    expected = np.linalg.norm(moved[:, :, :2], axis=2) * solved.time[1]
+    jump, closed = history.velocity[:, 1] - history.velocity[:, 0], history.contact_status > 0
+    step = 0.5 * (jump[1:] + jump[:-1]) * (closed[1:] & closed[:-1])[:, :, None]
+    expected = np.linalg.norm(np.cumsum(step, axis=0)[:, :, :2], axis=2) * solved.time[1]
     assert group["slip"].values[1:] == pytest.approx(expected, abs=1e-20)
     assert (group["slip"].values[0] == 0.0).all()
     bare = latin_fmu.solve(pressed()).to_datatree()["interfaces/crush"]
@@ -100,3 +102,19 @@ def side_by_side() -> latin_fmu.Scene:
     data["load"] = {"press": {"face": "upper.xmax", "pressure": 1e8}}
     data["sensor"], data["output"] = {}, {"surfaces": True}
     return latin_fmu.scene_from_dict(data)
+
+
+def test_free_flight_is_no_slip(solved: latin_fmu.Solution) -> None:
+    """A point that moves along the face at 2 m/s from the first of five instants on, closed at some of them."""
+    history = solved.interfaces["crush"]
+    time, n = np.arange(5.0), len(history.points)
+    velocity = np.zeros((5, 2, n, 3))
+    velocity[:, 1, :, 0] = 2.0
+    for status, expected in (
+        ([0, 0, 0, 0, 0], [0.0, 0.0, 0.0, 0.0, 0.0]),
+        ([2, 2, 2, 2, 2], [0.0, 2.0, 4.0, 6.0, 8.0]),
+        ([0, 0, 2, 2, 0], [0.0, 0.0, 0.0, 2.0, 2.0]),
+    ):
+        states = np.repeat(np.array(status, dtype=np.int8)[:, None], n, axis=1)
+        own = replace(history, velocity=velocity, contact_status=states)
+        assert np.linalg.norm(slip_in_contact(own, time), axis=2)[:, 0] == pytest.approx(expected)

@@ -41,7 +41,7 @@ from latin_fmu.scene.substructures import Box, Material, Substructure
         (b"name = 'a'\n[time]\nend = 1\n[time]\n", "line 4"),
         (b"a = " + b"9" * 5000, "too many digits"),
         (b"a = " + b"[" * 100_000, "nested too deeply"),
-        (b"a." * 5000 + b"b = 1", "nested too deeply"),
+        (b"a." * 5000 + b"b = 1", "a key of 5001 parts"),
         (b"name = 1979-05-27", "must be text"),
         (b"[[material]]\nname = 1", "must be a table"),
         (b"[time]\nend = 07:32:00", "must be a number"),
@@ -213,3 +213,16 @@ def test_deep_nesting_is_refused() -> None:
     for data in (deep, endless):
         with pytest.raises(SceneError, match="nested too deeply"):
             scene_from_dict(data)
+
+
+def test_what_would_be_read_without_an_end_is_refused(tmp_path: Path) -> None:
+    """A device; a key of many parts, which takes a time that grows with their square."""
+    with pytest.raises(SceneError, match="device, pipe or socket"):
+        load_scene("/dev/zero")
+    for text in ("a" + ".a" * 50_000 + " = 1", "[a" + ".a" * 50_000 + "]", 'b = {"a"' + " . 'a'" * 50_000 + " = 1}"):
+        (tmp_path / "scene.toml").write_text(f'name = "x"\n{text}\n')
+        with pytest.raises(SceneError, match="50001 parts"):
+            load_scene(tmp_path / "scene.toml")
+    (tmp_path / "scene.toml").write_text('name = "x"\ndescription = "' + "a." * 500 + '"\n')
+    with pytest.raises(SceneError, match="material: this key is missing"):
+        load_scene(tmp_path / "scene.toml")

@@ -120,3 +120,26 @@ def test_overlap_within_the_search_is_refused_or_closed() -> None:
         units(data)
     data["contact"]["all"]["gap"] = "closed"
     assert units(data)["block_lid"].geometry.gap == pytest.approx(0.0, abs=0.0)
+
+
+@pytest.mark.parametrize("deep", [1.5e-4, 5e-4, 5e-3])
+def test_overlap_far_beyond_the_search_is_refused(deep: float) -> None:
+    """However deep, a body in another is found: the two would pass through each other."""
+    data = copy.deepcopy(tables())
+    data["substructure"]["lid"]["box"]["origin"][2] = 0.03 - deep
+    with pytest.raises(SceneError, match=f"block and lid overlap.*{deep:.4g} m"):
+        latin_fmu.check(latin_fmu.scene_from_dict(data))
+
+
+def test_round_off_of_a_geometry_is_closed() -> None:
+    """Overlap below a twentieth of the search: gap 0 and a remark; above, it is refused."""
+    data = tables(**{"except": [["plate", "block"]]})
+    data["substructure"]["lid"]["box"]["origin"][2] = 0.03 - 4e-6
+    discretised = discretise(latin_fmu.scene_from_dict(data))
+    assert discretised.units[0].geometry.gap == pytest.approx(0.0, abs=1e-15)
+    remark = next(r for r in discretised.remarks if r.code == "overlap")
+    assert "block_lid" in remark
+    assert "4e-06 m" in remark
+    data["substructure"]["lid"]["box"]["origin"][2] = 0.03 - 6e-6
+    with pytest.raises(SceneError, match="overlap at the start"):
+        discretise(latin_fmu.scene_from_dict(data))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.merged_assembly import merge
+from latin_fmu.assembly.merged_assembly import _check_start, merge
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.propagator import DirectPropagator
 
@@ -159,3 +161,14 @@ def test_identical_blocks_may_have_a_factor_each(friction):
         forces.append(resultants(solve(scene)))
     assert classes == [[1, 2, 1, 1], [1, 1, 1, 1, 1]]
     assert np.abs(forces[0] - forces[1]).max() < 1e-8 * np.abs(forces[0]).max()
+
+
+def test_a_spin_across_bonded_faces_of_unlike_meshes_is_refused() -> None:
+    """Weighted means of the nodes of the other face give translations, which every node shares, and no rotations."""
+    moving = [(0.0, 0.0, 0.0), (3.0, -2.0, 1.0)]
+    for velocity in moving:
+        model = SimpleNamespace(name="a", displacement=np.zeros(12), velocity=np.tile(velocity, 4))
+        _check_start([model])
+    turning = SimpleNamespace(name="a", displacement=np.zeros(12), velocity=np.arange(12.0))
+    with pytest.raises(ValueError, match="a starts with a spin"):
+        _check_start([turning])

@@ -172,7 +172,7 @@ def test_a_law_between_instants_is_cured_by_its_instants() -> None:
 def test_a_mesh_too_coarse_for_the_step_is_cured_by_the_mesh() -> None:
     scene = rod(time={"end": 1e-6, "instants": 100, "scheme": "hht"})
     coarse = warnings(scene, "too coarse for this step")
-    assert coarse
+    assert len(coarse) == 1  # one line for both sides
     assert all("refine the mesh there (a smaller step alone does not help)" in w for w in coarse)
     for name in "ab":
         scene["substructure"][name]["box"]["elements"] = [1, 1, 200]

@@ -1,0 +1,223 @@
+"""Remarks on numbers that a scene may have but hardly means: units of materials, loads, gaps and steps; torn parts.
+
+Ranges are those of solids, from rubber and foam to diamond: E from 1 MPa to 1.3 TPa, density from 10 to 25,000 kg m-3,
+speed of waves sqrt(E / rho) from 50 to 20,000 m/s, dry friction up to 2. Materials in mm, t, s and MPa are recognised
+by the same ranges, and lengths are then judged in mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from ..fem.mesh import nearest
+from ..latin.assembly import InterfaceUnit
+from ..remarks import Remark
+from ..scene.boundaries import Driven
+from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw
+from ..scene.schema import Scene
+from ..scene.substructures import Material
+from .body import Body
+from .checks import size_remarks
+from .face_pairs import between
+from .problem import DiscretisedProblem
+
+MODULUS, DENSITY, SPEED = (1e6, 1.3e12), (10.0, 25e3), (50.0, 2e4)
+"""Ranges of Young's modulus, Pa, of the density, kg m-3, and of sqrt(E / rho), m s-1."""
+FRICTION: Final = 2.0
+"""Largest coefficient of dry friction."""
+STRESS: Final = (1e-8, 1e-2)
+"""Range of pressures over Young's modulus; above, strains are not small."""
+_MM = (1e6, 1e12, 1e-3)  # factors to SI of moduli, densities and speeds in mm, t, s, MPa
+_GAP = 0.2  # of the size of the smaller body
+_COURANT = (1e-3, 100.0)  # steps over the passage of a wave through a mean element
+_MOST_BODIES = 20  # of which the nearest pair is named
+_COINCIDENT = 1e-6  # of the size of the body
+
+
+def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
+    """All remarks of this module on a scene."""
+    scene, bodies, units = problem.scene, problem.bodies, problem.units
+    return [
+        *size_remarks(bodies, 1e3 if in_millimetres(scene) else 1.0),
+        *_material_remarks(scene),
+        *_friction_remarks(units),
+        *_load_remarks(scene, bodies),
+        *_driving_remarks(problem),
+        *_gap_remarks(bodies, units),
+        *([] if scene.port else _unjoined_remarks(bodies, units)),
+        *_step_remarks(problem),
+        *(remark for name, body in bodies.items() for remark in _pieces(name, body)),
+    ]
+
+
+def in_millimetres(scene: Scene) -> bool:
+    """Whether all materials are those of solids in mm, t, s, MPa, and none is in SI."""
+    used = _elastic_materials(scene).values()
+    return bool(used) and all(_is_solid(m, _MM) and not _is_solid(m) for m in used)
+
+
+def _elastic_materials(scene: Scene) -> dict[str, Material]:
+    """Materials of bodies that deform."""
+    names = dict.fromkeys(s.material for s in scene.substructure.values() if not s.rigid)
+    return {name: scene.material[name] for name in names}
+
+
+def _is_solid(m: Material, units: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> bool:
+    values = (m.young_modulus, m.density, np.sqrt(m.young_modulus / m.density))
+    ranges = (MODULUS, DENSITY, SPEED)
+    return all(low <= f * v <= high for f, v, (low, high) in zip(units, values, ranges, strict=True))
+
+
+def _material_remarks(scene: Scene) -> Iterator[Remark]:
+    if in_millimetres(scene):
+        text = "the materials have the values of solids in mm, t, s and MPa: every number of the scene must then be in "
+        yield Remark("size", f"{text}these units, and results are in them, whatever unit stands beside them")
+        return
+    for name, m in _elastic_materials(scene).items():
+        e, rho = m.young_modulus, m.density
+        where = f"material {name}:"
+        if not MODULUS[0] <= e <= MODULUS[1]:
+            guess = _guess(e, MODULUS, (("GPa", 1e9), ("MPa", 1e6)), "Pa")
+            yield Remark("material", f"{where} no solid has a Young's modulus of {e:g} Pa{guess}")
+        if not DENSITY[0] <= rho <= DENSITY[1]:
+            guess = _guess(rho, DENSITY, (("g/cm3", 1e3), ("t/mm3", 1e12)), "kg/m3")
+            yield Remark("material", f"{where} no solid has a density of {rho:g} kg/m3{guess}")
+        elif not SPEED[0] <= (speed := float(np.sqrt(e / rho))) <= SPEED[1] and MODULUS[0] <= e <= MODULUS[1]:
+            text = f"a speed of waves sqrt(E / rho) of {speed:.3g} m/s is that of no solid: check both units"
+            yield Remark("material", f"{where} {text}")
+
+
+def _guess(value: float, allowed: tuple[float, float], units: tuple[tuple[str, float], ...], si: str) -> str:
+    """A question about the unit that a value would be plausible in; the usual range where there is none."""
+    for unit, factor in units:
+        if allowed[0] <= value * factor <= allowed[1]:
+            return f": is it in {unit}? Then write {value * factor:g} ({si})"
+    return f" (solids: {allowed[0]:g} to {allowed[1]:g} {si}): check its unit"
+
+
+def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:
+    for unit in units:
+        mu = float(getattr(unit.behaviour, "friction_coefficient", 0.0) or 0.0)
+        if mu > FRICTION:
+            text = f"a friction coefficient of {mu:g} is above that of all dry pairs (up to {FRICTION:g})"
+            remedy = f"is it in per cent? Then write {mu / 100:g}; for sides that never slide take behaviour no_slip"
+            yield Remark("friction", f"interface {unit.name}: {text}: {remedy}")
+
+
+def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
+    for name, load in scene.load.items():
+        substructure, face = split_face(load.face)
+        body = bodies[substructure]
+        inside = [n for n, i in scene.interface.items() if load.face in i.sides]
+        if inside:
+            text = f"its face {load.face} is a side of interface {inside[0]}: it acts between the two bodies, not from"
+            yield Remark("load", f"load {name}: {text} outside; choose a free face if that is not meant")
+        if isinstance(load.law, InputLaw) or body.rigid:
+            continue
+        modulus = body.shape.material.young_modulus
+        times = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        largest = float(np.abs(load.law.sample(times)).max())
+        share = load.size(float(body.face(face).areas.sum())) * largest / modulus
+        if share > STRESS[1]:
+            text = f"it acts with {share * modulus:.3g} Pa, {100 * share:.2g} % of Young's modulus: strains are not"
+            yield Remark(
+                "load", f"load {name}: {text} small; check the units of the load, of its law and of the material"
+            )
+        elif load.pressure and share < STRESS[0]:
+            text = f"a pressure of {share * modulus:.3g} Pa strains {substructure} by {share:.1g} only"
+            yield Remark("load", f"load {name}: {text}: is it in MPa? Then write it in Pa")
+        if load.pressure and load.pressure * float(np.mean(load.law.sample(times))) < 0.0:
+            text = "its pressure is negative: it pulls at the face (suction)"
+            yield Remark("load", f"load {name}: {text}; turn the sign if it is to press")
+
+
+def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
+    """Nothing that could move a body."""
+    scene = problem.scene
+    bodies = scene.substructure.values()
+    driven = scene.loads or scene.bolt or scene.port or scene.time.start.type == "static"
+    driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
+    driven = driven or (scene.gravity is not None and any(scene.gravity.acceleration))
+    driven = driven or any(any(b.body_force) or b.initial_keys for b in bodies)
+    joints = scene.joints.values()
+    driven = driven or any(i.initial_pressure(1.0) or i.ground_velocity is not None for i in joints)
+    if not driven:
+        text = "nothing loads or moves a body: every result is zero; add a [load], an initial velocity or a driven"
+        yield Remark("load", f"{text} [boundary]")
+
+
+def _gap_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iterator[Remark]:
+    """Gaps as wide as bodies: a number in mm, or meshes that were not put together."""
+    for unit in units:
+        if unit.attached or not unit.behaviour.opens:
+            continue
+        size = min(bodies[split_face(side)[0]].mesh.size for side in unit.sides if side != GROUND)
+        gap = float(unit.geometry.gap.min())
+        if gap > _GAP * size:
+            text = f"a gap of {gap:.4g} m between bodies of {size:.4g} m: is it in mm, or does a mesh stand elsewhere?"
+            yield Remark("gap", f"interface {unit.name}: {text}")
+
+
+def _unjoined_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iterator[Remark]:
+    if len(bodies) < 2 or units:
+        return
+    distance, first, second = min(
+        (between(bodies[a], bodies[b]), a, b) for a, b in combinations(list(bodies)[:_MOST_BODIES], 2)
+    )
+    text = f"no interface joins the bodies: they move through each other without contact; {first} and {second} are "
+    text += f"{distance:.4g} m apart (between nodes): add an [interface.NAME], or a [contact.NAME] with a larger search"
+    yield Remark("unjoined", text)
+
+
+def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
+    """Steps far from the time in which a wave crosses an element."""
+    scene = problem.scene
+    if scene.time.quasi_static:
+        return
+    courant = {}
+    for name, body in problem.bodies.items():
+        if not body.rigid:
+            m = body.shape.material
+            volume = float(body.rigid_motions.mass[0, 0]) / m.density
+            edge = (volume / max(body.mesh.n_cell, 1)) ** (1 / 3)
+            courant[name] = problem.dt * float(np.sqrt(m.young_modulus / m.density)) / edge
+    if not courant:
+        return
+    low, high = min(courant, key=courant.__getitem__), max(courant, key=courant.__getitem__)
+    if courant[high] < _COURANT[0]:
+        text = f"a wave takes {1 / courant[high]:.2g} steps through an element of {high}: longer steps cost less and"
+        yield Remark("step", f"time step {problem.dt:.3g} s: {text} lose nothing, the mesh sets the error")
+    elif courant[low] > _COURANT[1]:
+        text = f"a wave crosses {courant[low]:.2g} elements of {low} in a step: waves are not resolved"
+        yield Remark("step", f"time step {problem.dt:.3g} s: {text}; take smaller steps if they matter")
+
+
+def _pieces(name: str, body: Body) -> Iterator[Remark]:
+    """Parts of a body that share no node: a mesh torn along duplicate nodes, or several blocks."""
+    n = body.mesh.n_node
+    if body.description.box is not None:
+        return
+    first = np.concatenate([np.repeat(b.cells[:, 0], b.cells.shape[1]) for b in body.mesh.blocks])
+    others = np.concatenate([b.cells.ravel() for b in body.mesh.blocks])
+    graph = sp.coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(n, n))
+    count, piece = connected_components(graph, directed=False)
+    if count == 1:
+        return
+    largest = piece == np.bincount(piece).argmax()
+    distance, _ = nearest(body.mesh.nodes[~largest], body.mesh.nodes[largest])
+    twice = int((distance <= _COINCIDENT * body.mesh.size).sum())
+    text = f"substructure {name}: its mesh is in {count} pieces that share no node"
+    if twice:
+        text += (
+            f", {twice} nodes of which lie on nodes of another piece: it is torn there; merge the duplicate nodes of"
+        )
+        yield Remark("torn", f"{text} the mesh, or make the pieces parts with a perfect interface")
+    else:
+        yield Remark("torn", f"{text} and do not touch: make them parts of their own, with interfaces between them")

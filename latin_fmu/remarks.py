@@ -1,0 +1,66 @@
+"""Remarks: sentences on a scene or a run that are no errors, each with a code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import MappingProxyType
+from typing import Final, Self
+
+REMARKS: Final = MappingProxyType(
+    {
+        "accuracy": "the basis or the histories leave something out",
+        "area": "faces that hardly have a part in common",
+        "balance": "forces on a body out of balance",
+        "deck": "content of a mesh file that is not used",
+        "drift": "bonded sides that have come apart",
+        "friction": "a friction coefficient that no dry pair has",
+        "free": "a body without support whose place is chosen",
+        "gap": "a gap of the size of the bodies",
+        "initial_state": "initial fields that supports or the mesh change",
+        "load": "a pressure or force of doubtful size, sign or place, or none",
+        "locking": "linear elements that are too stiff",
+        "lumping": "lumped masses that do not suit the loads",
+        "material": "material constants that no solid has",
+        "memory": "a slower propagator, for lack of memory",
+        "motion": "slip, rotation or strain beyond small perturbations",
+        "never_touched": "faces that may touch and never do",
+        "overlap": "an overlap that has been closed",
+        "redundant": "interfaces that join the same faces",
+        "resolution": "steps or elements that do not resolve a wave",
+        "sampling": "laws whose impulse the instants change",
+        "scheme": "a time scheme that does not suit the contacts",
+        "size": "bodies of doubtful size",
+        "start": "a static start that has not converged far enough",
+        "step": "a step of doubtful length",
+        "torn": "a part in several pieces",
+        "unjoined": "bodies without an interface",
+    }
+)
+"""Codes of remarks, and what each is about."""
+
+
+class Remark(str):
+    """A sentence on a scene or a run that is no error, remedy included.
+
+    Attributes
+    ----------
+    code : one of ``REMARKS``, by which programs tell remarks apart.
+    """
+
+    __slots__ = ("code",)
+    code: str
+
+    def __new__(cls, code: str, text: str) -> Self:
+        """A remark of this code; a text that is a remark keeps its own."""
+        made = super().__new__(cls, text)
+        made.code = text.code if isinstance(text, Remark) else code
+        assert made.code in REMARKS, made.code
+        return made
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str]]:
+        return type(self), (self.code, str(self))
+
+
+def remarks_of(code: str, texts: Iterable[str]) -> list[Remark]:
+    """Remarks of one code."""
+    return [Remark(code, text) for text in texts]
