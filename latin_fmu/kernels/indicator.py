@@ -196,7 +196,12 @@ def relative_forces(pools: Any, window: int) -> float:
             error_t = max(error_t, np.sqrt(max(total[3], 0.0)))
     measure[4] = max(measure[4], TANGENTIAL_FLOOR * measure[3])
     measure[1] = max(error_n / measure[3], error_t / measure[4] if parts == 2 else 0.0)
-    work[run.measure + 8] = work_of_error(pools, window)
+    power = work[run.totals + 5]
+    if window == 1:  # F_hat acts, not F
+        power += work[run.norms + 4 * window]
+    if run.shared == 0:
+        take_works(pools, own_put_in(pools), work[run.works + OF_DRIFT])
+    work[run.measure + 8] = work_of_error(pools, window, power)
     if measure[0] == 0.0:  # nothing moves
         measure[1] = work[run.measure + 8] = 0.0
     return float(measure[1])
@@ -225,15 +230,13 @@ def take_works(pools: Any, put_in: float, drift: float) -> None:
 
 
 @kernel
-def work_of_error(pools: Any, window: int) -> float:
-    """Work that the error of an iterate does over the window, relative to what it may do; 0 without inertia and where
+def work_of_error(pools: Any, window: int, power: float) -> float:
+    """Work that an error of this power does over the window, relative to what it may do; 0 without inertia and where
     energies are not accounted for.
 
     All instants together may do BUDGET of the energy put in, each of them a share of what is left.
     """
     run, work = pools.run[0], pools.moving
-    if run.shared == 0:
-        take_works(pools, own_put_in(pools), work[run.works + OF_DRIFT])
     put_in, net = work[run.works + PUT_IN], work[run.works + NET]
     if run.static == 1 or put_in < 0.0:
         return 0.0
@@ -241,10 +244,7 @@ def work_of_error(pools: Any, window: int) -> float:
     put_in = max(put_in, work[run.measure + 2] * window * run.dt)
     share = SHARE if window == 1 else SHARE_OF_WINDOW
     allowed = share * BUDGET * put_in * max(1.0 - abs(net) / (BUDGET * put_in), LEAST)
-    power = work[run.totals + 5]
-    if window == 1:  # F_hat acts, not F
-        power += work[run.norms + 4 * window]
-    return float(abs(power) * run.dt / allowed)
+    return float(abs(power) * run.dt / allowed) if allowed > 0.0 else 0.0
 
 
 @kernel

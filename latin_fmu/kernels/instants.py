@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .energy import open_account
 from .energy_parts import ELASTIC, KINETIC, N_TERM, OF_DRIFT, OF_GROUND, STORED
-from .indicator import accept
+from .indicator import accept, cross_of_classes, work_of_error
 from .iteration import iterate
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
@@ -81,15 +81,16 @@ def correct(pools: Any, instant: int, call: int) -> int:
     instant is accepted; CORRECTED, these tractions and their exact velocities are the reference and the next iterate;
     or FAILED."""
     each_class(pools, SOLUTION, instant, 0)
-    return decided(pools, call, squared_defect(pools))
+    squared = squared_defect(pools)
+    return decided(pools, call, squared, cross_of_classes(pools, 1))
 
 
 @kernel
-def decided(pools: Any, call: int, squared: float) -> int:
-    """``correct`` from the squared defect of all classes."""
+def decided(pools: Any, call: int, squared: float, power: float) -> int:
+    """``correct`` from the squared defect of all classes and its power."""
     run = pools.run[0]
     size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
-    if size <= run.tolerance:
+    if size <= run.tolerance and work_of_error(pools, 1, power) <= 1.0:
         pools.moving[run.defects + call] = size
         accept(pools, 1)
         return WITHIN

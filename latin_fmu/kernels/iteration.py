@@ -142,7 +142,7 @@ def newton_step(pools: Any, first: int) -> bool:
 def next_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     """One iteration from the q of ``work``, or one Newton step where it is time for one."""
     run = pools.run[0]
-    course = pools.moving[run.course : run.course + 9]
+    course = pools.moving[run.course : run.course + 10]
     if iteration == 0:
         course[:] = 0.0
     if window == 1 and course[ACTIVE] == 1.0:

@@ -57,10 +57,11 @@ SLOW, LITTLE = 6, 0.02
 GAIN = 0.1
 """Share of the distance from the tolerances at the first step that an iterate has to be below for the acceleration to
 go on from it where the method is left: a step may have moved floating bodies far."""
-MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, DUE = range(9)
+MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE = range(10)
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
-distance from the tolerances at the first step, residual of a trial of the Python driver, 1 where the acceleration has
+distance from the tolerances at the first step, residual of a trial of the Python driver (of
+several processes the defect of tables, and its power), 1 where the acceleration has
 stalled and a step is due whatever it costs."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with."""
@@ -227,7 +228,7 @@ def try_length(pools: Any, length: float) -> None:
 @kernel
 def search(pools: Any) -> None:
     """Halve the step until the residual falls enough, at most HALVINGS times; the best trial is the iterate."""
-    course = pools.moving[pools.run[0].course : pools.run[0].course + 9]
+    course = pools.moving[pools.run[0].course : pools.run[0].course + 10]
     before, best, best_length, length, last = course[SIZE], np.inf, 1.0, 1.0, 1.0
     for _ in range(HALVINGS + 1):
         last = length
@@ -246,7 +247,7 @@ def search(pools: Any) -> None:
 @kernel
 def count_step(pools: Any, size: float) -> None:
     """Count a step with this residual at its end."""
-    course = pools.moving[pools.run[0].course : pools.run[0].course + 9]
+    course = pools.moving[pools.run[0].course : pools.run[0].course + 10]
     course[MADE] += 1.0
     course[WITHOUT] = course[WITHOUT] + 1.0 if size > (1.0 - LITTLE) * course[SIZE] else 0.0
 
@@ -256,7 +257,7 @@ def leave(pools: Any, iteration: int) -> None:
     """Go back to the iterate before the first step, or to a much better one, and to the acceleration, which begins
     anew with this iteration."""
     run, work = pools.run[0], pools.moving
-    course = work[run.course : run.course + 9]
+    course = work[run.course : run.course + 10]
     course[ACTIVE], course[LEFT], course[PHASE] = 0.0, 1.0, float(iteration)
     for j in range(run.n_flat):
         work[run.q + j] = work[run.best_q + j]
@@ -267,7 +268,7 @@ def continues(pools: Any, iteration: int) -> bool:
     """Whether the next iterate is that of a Newton step, or the best one where the method is left; decided after the
     verdict on this iterate. Acceleration goes on where at its present rate it ends within two iterations."""
     run, work = pools.run[0], pools.moving
-    course, merits = work[run.course : run.course + 9], work[run.merits : run.merits + 2 * (iteration + 1)]
+    course, merits = work[run.course : run.course + 10], work[run.merits : run.merits + 2 * (iteration + 1)]
     if run.newton == 0 or course[LEFT] == 1.0:
         return False
     if course[ACTIVE] == 1.0:

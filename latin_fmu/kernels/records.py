@@ -319,7 +319,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
         "work (9,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate, share of "
         "the tractions that changes, work of the error over that allowed",
     ),
-    ("course", "work (9,): course of Newton's method at this instant (``newton``)"),
+    ("course", "work (10,): course of Newton's method at this instant (``newton``)"),
     ("best_q", "work (N,): q of the best iterate"),
     ("step_f", "work (N,): change of the tractions in a Newton step, Pa"),
     ("step_w", "work (N,): change of the velocities, m s-1"),

@@ -154,16 +154,19 @@ def add_table_norms(pools: Any, c: int, i: int, part: int, gain: float) -> None:
 @kernel
 def squared_defect(pools: Any) -> float:
     """Squared size of W_A - W_hat at the channels of classes with tables of Y, in the norm of the error indicator; with
-    the exact velocities W_A under the tractions of the local stage in ``w_free``."""
+    the exact velocities W_A under the tractions of the local stage in ``w_free``. The power of these tractions on it
+    goes to ``cross`` of the classes, where the others have theirs already."""
     run, work = pools.run[0], pools.moving
     n, total = run.n_flat, 0.0
+    f_hat, area = work[run.local_f : run.local_f + n], pools.fixed[run.area : run.area + n]
     w_hat, weights = work[run.local_w : run.local_w + n], pools.fixed[run.weights + 2 * n : run.weights + 3 * n]
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        if row.sparse == 0 or work[row.ended] == 0.0:
-            continue
+        exact, power = row.sparse == 1 and work[row.ended] == 1.0, 0.0
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]
-            apart = work[row.w_free + at] - w_hat[j]
-            total += weights[j] * apart * apart
+            apart = (work[row.w_free + at] if exact else work[run.w + j]) - w_hat[j]
+            power += area[j] * f_hat[j] * apart
+            total += weights[j] * apart * apart if exact else 0.0
+        work[row.cross] = power + (0.0 if exact else work[row.cross])
     return float(total)

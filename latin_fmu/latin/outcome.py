@@ -324,8 +324,8 @@ class Outcome:
     substructure-instants marched or solved through a condensed operator, divided by substructures x instants.
     ``marched`` counts the marched ones alone (below 1 where inactive substructures are left out).
     ``energy`` is the assembly's: keys of ``SubstructureHistory.energy`` summed, plus ``friction_dissipation``,
-    ``contact_dissipation`` (impacts), ``ground_work`` where the ground moves, ``layer_energy`` and
-    ``joint_dissipation`` where there are elastic layers and viscous joints,
+    ``contact_dissipation`` (impacts), ``drift_work`` (against the laws), ``ground_work`` where the ground moves,
+    ``layer_energy`` and ``joint_dissipation`` where there are elastic layers and viscous joints,
     and ``balance``; None unless requested. ``warnings`` lists remarks on the scene and the run.
     ``interfaces_every`` : the fields of the interfaces are kept at every so many instants. ``stream`` : those at more
     instants than are in ``interfaces``, for the results file; None where these are all.

@@ -171,7 +171,7 @@ class Image:
         sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
         sizes |= {"displacement": n, "moved": n, "layer": n}
         sizes |= {"shares": n_interface, "norms": 4 * self.window + 1, "merits": 6 * most + 128}
-        sizes |= {"measure": 9, "counts": 2, "course": 9}
+        sizes |= {"measure": 9, "counts": 2, "course": 10}
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
         sizes |= {"team": MARKS + team.LINE * tasks, "order": len(self._rows)}

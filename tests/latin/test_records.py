@@ -277,7 +277,7 @@ def newton_sizes(run: Any) -> dict[str, int]:
     n, most = int(run["n_flat"]), int(run["n_unknown"])
     names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
     return {
-        "course": 9,
+        "course": 10,
         **dict.fromkeys(names if most else (), n),
         "unknown_of": int(run["n_place"]) + 1,
         "elsewhere": 0,
