@@ -46,12 +46,12 @@ Array = NDArray[np.float64]
 
 TANGENTIAL_FLOOR = 1e-2
 """Smallest scale of tangential forces over that of normal ones."""
-BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.01, 0.5
+BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.03, 0.5
 """Share of the energy put in that errors may do as work; share of what is left of it for an instant, for a window of
 several."""
 LEAST = 0.1
 """Share of this that an instant may always do."""
-STILL, NOTHING = 1e-7, 1e-12
+STILL, NOTHING = 1e-9, 1e-12
 """Change of the tractions over these up to which a joint is at rest: smaller motions are resolved as one of this size.
 Residual over the whole tractions and velocities, preload and ride included, that is round-off."""
 
@@ -127,7 +127,7 @@ def set_error(pools: Any, window: int) -> float:
     measure, scales = work[run.measure : run.measure + 9], pools.moving[run.scales : run.scales + 3]
     measure[7] = min(1.0, max(STILL, np.sqrt(totals[3] / totals[2]))) if totals[2] > 0.0 else 1.0
     measure[2] = max(scales[0], max(totals[1], STILL * STILL * totals[2]) / window)
-    nothing = totals[0] <= min(NOTHING, run.tolerance) ** 2 * totals[4]
+    nothing = np.isfinite(totals[4]) and totals[0] <= min(NOTHING, run.tolerance) ** 2 * totals[4]
     measure[0] = 0.0 if nothing else np.sqrt(totals[0] / window / measure[2])
     measure[1] = np.nan
     measure[3], measure[4] = scales[1], scales[2]

@@ -29,6 +29,9 @@ AT_REST = 1e-2
 SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
+PRECISE = 1e-2
+"""Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
+iterate."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
@@ -169,14 +172,16 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         numbers[5], numbers[6] = 1.0, pools.moving[run.scales]
     merit, known = error / run.tolerance, np.nan
     if np.isfinite(forces) and np.isfinite(merit):
-        known = max(merit, forces / run.force_tolerance, numbers[8])
+        known = max(merit, forces / run.force_tolerance)
         if merit > 0.0:
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
     allowed = 1.0
     if window == 1 and iteration >= SLOW and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
         allowed = CLOSER
-    met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance and numbers[8] <= 1.0
+    met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
+    if numbers[8] > 1.0:  # the work of the error
+        met = error <= PRECISE * run.tolerance and forces <= PRECISE * run.force_tolerance
     # a first guess just within tolerance is not accepted: its error would add up from instant to instant
     if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
         return CONVERGED | BEST

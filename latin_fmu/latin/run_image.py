@@ -17,7 +17,7 @@ from ..kernels.laws import LAWS
 from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, RESIDUAL, SIZE
 from ..kernels.sums import MEASURES
 from ..propagator.image import Image
-from .assembly import Array, Assembly
+from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
 from .probes import Probes
@@ -98,23 +98,7 @@ def make_image(
         **({} if part is None else part.fields()),
         **more,
     }
-    groups = [
-        {
-            "law": law_of(group.behaviour),
-            "elastic": int(group.behaviour.elastic),
-            "opens": int(group.behaviour.opens),
-            # without inertia contact reads the gap, of either sign
-            "keeps_normal": int(group.behaviour.keeps[0] and not (static and group.behaviour.opens)),
-            "keeps_tangential": int(group.behaviour.keeps[1]),
-            "start": group.start,
-            "n_point": group.n_point,
-            "n_component": group.n_component,
-            "n_parameter": group.parameters.shape[1],
-            "parameters": group.parameters.astype(float),
-            "initial_gap": group.gap,
-        }
-        for group in layout.groups
-    ]
+    groups = [_group_fields(group, static) for group in layout.groups]
     window = settings.window or assembly.n_instant
     return Image(
         assembly.propagators,
@@ -129,6 +113,24 @@ def make_image(
         None if probes is None else probes.rows,
         None if part is None else part.divided,
     )
+
+
+def _group_fields(group: Group, static: bool) -> dict[str, Any]:
+    """Fields of the record of a group."""
+    return {
+        "law": law_of(group.behaviour),
+        "elastic": int(group.behaviour.elastic),
+        "opens": int(group.behaviour.opens),
+        # without inertia contact reads the gap, of either sign
+        "keeps_normal": int(group.behaviour.keeps[0] and not (static and group.behaviour.opens)),
+        "keeps_tangential": int(group.behaviour.keeps[1]),
+        "start": group.start,
+        "n_point": group.n_point,
+        "n_component": group.n_component,
+        "n_parameter": group.parameters.shape[1],
+        "parameters": group.parameters.astype(float),
+        "initial_gap": group.gap,
+    }
 
 
 def negligible_scales(

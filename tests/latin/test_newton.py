@@ -237,7 +237,7 @@ def test_points_held_by_several_interfaces() -> None:
         scene["load"][axis] = {"face": f"b.{axis}max", "traction": push}
     solution = solve(scene)
     assert steps(solution) > 0
-    assert max(w.iterations for w in solution.windows) <= 12  # 65 without Newton steps
+    assert max(w.iterations for w in solution.windows) <= 20  # 65 without Newton steps
 
 
 # -- the same by other ways ---------------------------------------------------------------------------------------

@@ -21,11 +21,11 @@ SMALL = (24, 3, 2)
 
 
 def within(counts: Any, mean: float, largest: int) -> bool:
-    """Whether all instants converged without fall-back, with Newton steps within these limits after at most nine
-    iterations."""
+    """Whether all instants converged without fall-back, with Newton steps within these limits. They begin where they
+    are cheaper than the iterations they save, on these small interfaces after at most thirty."""
     steps, before = counts.newton_steps, counts.iterations - counts.newton_steps
     assert counts.unconverged == counts.fallbacks == 0
-    assert before.max() <= 9
+    assert before.max() <= 30
     assert steps.mean() <= mean
     assert steps.max() <= largest
     return True
@@ -54,10 +54,9 @@ def test_points_held_by_several_interfaces() -> None:
 
 
 def test_stack() -> None:
-    """Three iterations and two Newton steps in the mean once started."""
+    """Two Newton steps in the mean once started."""
     counts = scenes.measure(scenes.CASES["stack of 8"](), error=False)
     assert within(counts, 2, 11)
-    assert np.median(counts.iterations - counts.newton_steps) == 3
 
 
 def test_thousand_transits_in_a_step() -> None:
