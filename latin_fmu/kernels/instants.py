@@ -90,12 +90,13 @@ def decided(pools: Any, call: int, squared: float, power: float) -> int:
     """``correct`` from the squared defect of all classes and its power."""
     run = pools.run[0]
     size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
-    allowed = run.tolerance if work_of_error(pools, 1, power) <= 1.0 else PRECISE * run.tolerance
+    last = pools.moving_int[run.corrections + call] == MOST_CORRECTIONS
+    allowed = run.tolerance if last or work_of_error(pools, 1, power) <= 1.0 else PRECISE * run.tolerance
     if size <= allowed:
         pools.moving[run.defects + call] = size
         accept(pools, 1)
         return WITHIN
-    if pools.moving_int[run.corrections + call] == MOST_CORRECTIONS or not np.isfinite(size):
+    if last or not np.isfinite(size):
         return FAILED
     pools.moving_int[run.corrections + call] += 1
     guess_from_reference(pools, pools.moving[run.q : run.q + run.n_flat], True)
