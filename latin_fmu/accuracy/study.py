@@ -229,9 +229,9 @@ class Study:
         return sorted(rows, key=lambda r: (r.resolution.mesh, r.resolution.time, -r.tolerance))
 
     def error(self, row: Row, quantity: str) -> float:
-        """Relative error of a quantity of a row against the reference; NaN where unknown, or where the reference is
-        a run hardly finer."""
-        if row.run is None or quantity not in row.run.quantities.values:
+        """Relative error of a quantity of a row against the reference; NaN where unknown, where the run has not
+        converged, or where the reference is a run hardly finer."""
+        if row.run is None or row.failure or quantity not in row.run.quantities.values:
             return math.nan
         finest = self.reference.resolution
         if finest is not None and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75:

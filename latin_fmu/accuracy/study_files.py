@@ -69,7 +69,8 @@ def _runs(study: Study) -> xr.Dataset:
         _add(table, name, ("run",), values, long_name, unit)
     dims = ("run", "quantity")
     _add(table, "error", dims, [study.error(r, q) for r in rows for q in quantities], "relative error")
-    read = [r.run.quantities.values.get(q, np.nan) if r.run else np.nan for r in rows for q in quantities]
+    kept = [r.run if not r.failure else None for r in rows]
+    read = [run.quantities.values.get(q, np.nan) if run else np.nan for run in kept for q in quantities]
     _add(table, "value", dims, read, "value, in its unit", None)
     return table
 
