@@ -187,11 +187,11 @@ def _lumped(nodes):
     return share / share.sum()
 
 
-def test_a_bond_does_not_drift():
-    """Loose tolerance, long ring-down: the error of place stays that of an instant, and there is nothing to report."""
+def test_sides_of_a_bond_that_stand_apart_are_told():
+    """Loose tolerance, long ring-down: the sides of a joint stand apart and the run reports it; tight: it does not."""
     scene = stack(2, "perfect", tolerance=0.3, force_tolerance=3.0, bonds="iterate")
     scene["time"] = {"end": 2e-4, "instants": 1000}
-    assert not any("drifted apart" in w for w in solve(scene).warnings)
+    assert any("drifted apart" in w for w in solve(scene).warnings)
     scene["solver"] = {"tolerance": 1e-6}
     assert not solve(scene).warnings
 
