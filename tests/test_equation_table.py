@@ -82,8 +82,8 @@ MUTATIONS = {
     ),
     "(24) times 1e6": (
         "kernels.indicator",
-        "np.sqrt(difference / window / measure[2])",
-        "np.sqrt(1e6 * difference / window / measure[2])",
+        "np.sqrt(totals[0] / window / measure[2])",
+        "np.sqrt(1e6 * totals[0] / window / measure[2])",
     ),
 }
 
