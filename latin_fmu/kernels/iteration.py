@@ -29,9 +29,12 @@ AT_REST = 1e-2
 SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
-PRECISE = 0.1
+PRECISE = 0.03
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
 iterate."""
+MOST = 6
+"""Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
+it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
@@ -180,7 +183,8 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if window == 1 and iteration >= SLOW and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
         allowed = CLOSER
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
-    if numbers[8] > 1.0 and work[run.course + MADE] == 0.0:  # the work of the error; Newton steps end far below
+    steps = work[run.course + MADE]
+    if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
         met = error <= PRECISE * run.tolerance and forces <= PRECISE * run.force_tolerance
     # a first guess just within tolerance is not accepted: its error would add up from instant to instant
     if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):

@@ -13,7 +13,7 @@ import numpy as np
 from ..cholesky.substitution import LANES
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.energy_parts import N_TERM, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from ..kernels.energy_parts import N_TERM, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
@@ -29,7 +29,7 @@ from .run_image import Stages, all_in_kernels, histories, law_of, make_image, ne
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
-from .status import WindowList, round_off, status, with_energy
+from .status import WindowList, round_off, status, with_energy, with_work
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
@@ -228,12 +228,12 @@ class RunState:
         return self._over_processes(float(self.image.field("works", 5)[OF_DRIFT]))
 
     def _put_in(self) -> float:
-        """Energy put in since the start (``indicator.own_put_in``), J; 0 where energies are not accounted for."""
+        """Energy put in since the start (``indicator.own_put_in``), J; -1 where energies are not accounted for."""
         image, works = self.image, self.image.field("works", 5)
         own = float(works[STORED] + works[OF_GROUND])
         for c, propagator in enumerate(self.held.propagators):
             if not propagator.energy:
-                return 0.0
+                return -1.0
             terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
             own += float(terms[WORK_OF_LOADS].sum())
         return max(self._over_processes(own), float(works[PUT_IN]))
@@ -406,9 +406,17 @@ class RunState:
         """Whether every window of the segment converged, and a sentence on it; ``energy`` and ``stored`` as for
         ``status.with_energy``."""
         converged, sentence = status(self.assembly, self.settings, self.windows, self.interface_indicator)
-        if energy is None or self.assembly.quasi_static:
+        if self.assembly.quasi_static:
             return converged, sentence
-        return with_energy(converged, sentence, self.assembly.time, energy, stored, round_off(self.assembly))
+        negligible, works = round_off(self.assembly), self.image.field("works", 5)
+        alone = self.part is None
+        put_in = self._put_in() if alone else float(works[PUT_IN])
+        if converged and put_in >= 0.0:  # NET is the sum over all processes, up to the instant before the last
+            work = float(works[OF_DRIFT if alone else NET])
+            converged, sentence = with_work(sentence, work, put_in + negligible, self.settings)
+        if energy is None:
+            return converged, sentence
+        return with_energy(converged, sentence, self.assembly.time, energy, stored, negligible)
 
     def named_indicator(self) -> dict[str, float]:
         """Largest indicator of each interface by name; empty where there is none."""

@@ -15,6 +15,9 @@ from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
 from .settings import Settings
 
+BALANCED = 1e-3
+"""Work of the errors of a run, or of a window of several instants, over the energy put in, up to which it has
+converged."""
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
@@ -41,6 +44,22 @@ def status(
     if last < assembly.n_instant:
         sentence += f"; stopped there, results end at t = {assembly.time[last]:.6g} s"
     return False, sentence + f". {_remedy(assembly, settings, failed)}"
+
+
+def with_work(sentence: str, work: float, put_in: float, settings: Settings) -> tuple[bool, str]:
+    """The status of a run whose windows have all converged: it has not where the errors that they left did more work
+    at the interfaces, J, than a share BALANCED of the energy put in.
+
+    The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
+    the next, to make that error up takes as many times the work.
+    """
+    if not abs(work) > BALANCED * put_in:
+        return True, sentence
+    return False, (
+        f"not converged: the errors of the iteration did {work:.2g} J of work against the laws of the interfaces, "
+        f"{abs(work) / put_in:.1e} of the {put_in:.3g} J put in (allowed: {BALANCED:g}). Lower solver.tolerance, as to "
+        f"{0.1 * settings.tolerance:g}"
+    )
 
 
 def with_energy(
@@ -116,7 +135,8 @@ def _excess(settings: Settings, window: WindowRecord) -> str:
     if not window.final_mismatch <= forces:
         return f"interface force residual {window.final_mismatch:.2e} (tolerance {forces:.1e})"
     if window.imbalance > 0.0:
-        return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in (allowed 1e-3)"
+        allowed = f"(allowed {BALANCED:g})"
+        return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in {allowed}"
     return "work against the laws of the interfaces above its share of 1e-4 of the energy put in"
 
 

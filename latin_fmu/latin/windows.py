@@ -30,11 +30,10 @@ from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
 from .shared_stages import SharedStages
 from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
+from .status import BALANCED
 
 _MOST_REFUSALS = 3  # instants that need a fall-back, after which all others take the exact operator
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
-BALANCED = 1e-3
-"""Work of the error of a window of several instants, over the energy put in, up to which it has converged."""
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.5
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
