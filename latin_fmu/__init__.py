@@ -11,13 +11,13 @@ equations                                                              module
 =====================================================================  ==========================================
 (1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elements, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.laws
-(7)        perfect connection                                          interface.laws, kernels.laws
+(7)        perfect connection                                          laws.perfect
 (8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
            in windows of several instants                              kernels.iteration, kernels.instants
 (12)-(17)  search directions k                                         latin.search_direction
-(15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, kernels.laws
+(15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, laws.dispatch
 (18)-(19)  points, normals, gap of an interface                        assembly.interfaces
-(20)-(23)  unilateral contact with Coulomb friction                    interface.laws, kernels.laws
+(20)-(23)  unilateral contact with Coulomb friction                    interface.laws, laws.contact
 (24)       error indicator; force residual                             kernels.indicator
            loop, acceleration; from instant to instant                 kernels.iteration, kernels.acceleration
                                                                        kernels.instants

@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("mesh_files",),
     ("reader",),
     ("aot",),
-    ("cholesky",),
+    ("cholesky", "laws"),
     ("kernels",),
     ("fem", "interface", "time_scheme"),
     ("propagator",),
@@ -41,7 +41,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("__init__", "__main__"),
 )
-NUMERICAL = ("cholesky", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
+NUMERICAL = ("cholesky", "laws", "kernels", "fem", "interface", "time_scheme", "propagator", "latin")
 FOREIGN = {"xarray", "netCDF4", "pydantic", "matplotlib", "fmpy", "pythonfmu", "pythonfmu3", "typer", "meshio"}
 FILE_CALLS = {
     "open",

@@ -71,7 +71,7 @@ MUTATIONS = {
         "f_hat[j] = 0.5 * sign * traction[j]\n",
     ),
     "pressure of the law halved": (
-        "kernels.laws",
+        "laws.contact",
         "pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if",
         "pressure = 0.5 * max(0.0, -(jump[0] + reach[0])) / z[0] if",
     ),

@@ -29,7 +29,7 @@ from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels import sparse_response
 from latin_fmu.kernels.acceleration import Anderson
-from latin_fmu.kernels.laws import LAWS, law_tangents
+from latin_fmu.laws.dispatch import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
 from latin_fmu.stability.scenes import ALUMINIUM, Box, column, half_sine
 

@@ -343,7 +343,7 @@ def share(*kernels: Any) -> None:
 
 
 def _stays_plain(function: Callable[..., Any]) -> bool:
-    return PLAIN and _module(function).startswith(("kernels.", "cholesky.substitution"))
+    return PLAIN and _module(function).startswith(("kernels.", "laws.", "cholesky.substitution"))
 
 
 def entry(*signatures: str, **names: Any) -> Callable[[Function], Function]:

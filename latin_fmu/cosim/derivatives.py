@@ -9,7 +9,7 @@ constant, too.
 While no point opens or closes, sticks or begins to slip, the end of a segment of windows of one instant depends
 smoothly on its loads and motions. ``Tangents`` keeps the laws of the interfaces about the solution at every instant,
 
-    F_hat = F* + J (jump + g - jump* - g*),        J = dF_hat / djump  (``kernels.laws.tangent``),
+    F_hat = F* + J (jump + g - jump* - g*),        J = dF_hat / djump  (``laws.dispatch.tangent``),
 
 with * the solution, jump the free velocities and g the normalised gaps of the points. ``march`` solves the instants
 of a segment with these laws in the place of their own. The fields are then affine in the histories that drive the
@@ -31,11 +31,11 @@ import scipy.sparse.linalg as spla
 from ..assembly.segments import Segment
 from ..errors import InputError, Problem, SolverError
 from ..kernels import entries
-from ..kernels.laws import law_tangents
 from ..latin.assembly import Array
 from ..latin.outcome import WindowRecord
 from ..latin.run_image import Stages
 from ..latin.windows import Run
+from ..laws.dispatch import law_tangents
 from .variable import input_of, is_wave
 from .variables import EVENTS
 from .windowed import LastStep, Windowed

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from ..laws.dispatch import tangent
 from .envelope import PANEL, TILE, factorise, place_rows, substitute
-from .laws import tangent
 from .products import entry_of, symmetric_size
 
 Array = NDArray[np.float64]

@@ -244,7 +244,8 @@ def begin_window(pools: Any) -> None:
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         pools.moving[row.known] = 0.0
-        for e in range(row.n_state):
+        # there is room for them with longer windows alone: one instant changes no state before it is accepted
+        for e in range(row.n_state if pools.run[0].longest_window > 1 else 0):
             pools.moving[row.kept_states + e] = pools.moving[row.state + e]
 
 
@@ -253,5 +254,5 @@ def rewind(pools: Any) -> None:
     """Set the state of every class to that at the start of the window."""
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        for e in range(row.n_state):
+        for e in range(row.n_state if pools.run[0].longest_window > 1 else 0):
             pools.moving[row.state + e] = pools.moving[row.kept_states + e]

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from ..laws.dispatch import apply
 from .half_solves import face_response, gain_of
-from .laws import apply
 from .products import product, symmetric_size
 from .records import STATIC
 from .splits import tile_of

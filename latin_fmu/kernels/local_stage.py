@@ -14,12 +14,13 @@ The iteration stops at a tolerance, so that the sides do not move quite as the l
 have no feedback of position. So the drift D is carried along, the jump of the sides over the jump that the velocities
 of the law give by the recursion of the scheme, and the law of the next instant is applied to the jump
 
-    d + make_up D,    make_up = theta / dt,    with the gap G - D:
+    d + make_up D,    make_up = theta / dt,    with the gap G - D,    theta = 1:
 
 an error eps in an instant leaves D = dt eps / theta, not n dt eps after n instants. G - D is the gap of the law, with
 the penetration that the time step makes at landing in it: that is never pushed out. Making D up does the work F.D that
 the drift took away, so that no energy is added but (F_new - F_old).D, of second order. Under average acceleration the
-errors obey z^2 - (1 - theta/2) z + theta/2 = 0, |z| = 1/2 for theta = 1/2.
+errors obey z^2 - (1 - theta/2) z + theta/2 = 0, |z| = 0.7 for theta = 1, 0.5 for theta = 1/2, under which a bouncing
+ball has twice the work of drift.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from ..laws.dispatch import NO_SLIP, apply
 from .energy_parts import OF_DRIFT
-from .laws import NO_SLIP, apply
 from .matrices import read_channels
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from ..laws.dispatch import contact_status
 from .energy_parts import DAMPED, ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, OF_LANDING, WORK_OF_LOADS
-from .laws import contact_status
 from .matrices import add_matrix
 
 Array = NDArray[np.float64]
@@ -185,7 +185,7 @@ def status_at(pools: Any, row: int, g: int, p: int) -> int:
     h, n_parameter = group.n_component, group.n_parameter
     at, own = run.history_f + row * run.n_flat + group.start + p * h, group.parameters + p * n_parameter
     traction, parameters = pools.moving[at : at + h], pools.fixed[own : own + n_parameter]
-    return contact_status(group.law, traction, parameters, run.no_contact)
+    return int(contact_status(group.law, traction, parameters, run.no_contact))
 
 
 # -- contact events (``cosim.outputs``) -----------------------------------------------------------------------------

@@ -43,8 +43,8 @@ TABLES: Final = tuple(name for name, _ in _OF)
 CLASS_FIELDS: Final[tuple[Field, ...]] = (
     *((key.format(name), text.format(name, what)) for name, what in _OF for key, text in _TABLE),
     ("sparse", "1 where the linear stage takes the table of Y"),
-    ("ended", "work (1,): 1 where ``load`` holds the solution under the tractions ``reference`` at the end of instant"),
-    ("point_vectors", "work (2, 3 c) of swept classes: a vector over the points of a table, and its product"),
+    ("ended", "work (1,) if swept: 1 where ``load`` holds the solution under ``reference`` at the end of the instant"),
+    ("point_vectors", "work (2, 3, c) if swept: a vector over the points of a table, and its product"),
 )
 """Fields of the record of a class, see ``records``."""
 RUN_FIELDS: Final[tuple[Field, ...]] = (

@@ -13,9 +13,9 @@ from typing import Any, Final
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.laws import LAWS
 from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, RESIDUAL, SIZE
 from ..kernels.sums import MEASURES
+from ..laws.dispatch import LAWS
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
@@ -27,7 +27,6 @@ from .settings import Settings
 _DIFFERENCE = 1e-7  # of the largest free velocity of a group: step of the derivative of its law
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _AT_REST = 1e-11  # residual over the tractions of that equilibrium below which nothing moves
-_MADE_UP = 0.5  # share of the drift that is made up in an instant, with inertia (``kernels.local_stage``)
 REUSE: Final = 1e-2
 """Change of q up to which the previous solve of a substructure is reused, in tolerances."""
 
@@ -89,7 +88,7 @@ def make_image(
         "ground": ground,
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
-        "make_up": (1.0 if static else _MADE_UP) / assembly.dt,
+        "make_up": 1.0 / assembly.dt,
         "longest_step": _LONGEST_STATIC if static else np.inf,
         **({} if direction.coarse is None else direction.coarse.sizes),
         **direction.relative_fields(),
@@ -340,7 +339,7 @@ class Stages:
         return group.behaviour.local(jump, z, gap, self.rate(g), group.parameters)
 
     def rate(self, g: int) -> float:
-        """The argument ``rate`` of the law of a group (``kernels.laws``), s-1."""
+        """The argument ``rate`` of the law of a group (``laws.dispatch``), s-1."""
         run, elastic = self.image.run[0], self._groups[g].behaviour.elastic
         return float(run["layer_rate"] if elastic else 1.0 / run["dt"])
 

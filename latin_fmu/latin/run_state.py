@@ -413,7 +413,9 @@ class RunState:
         put_in = self._put_in() if alone else float(works[PUT_IN])
         if converged and put_in >= 0.0:  # NET is the sum over all processes, up to the instant before the last
             work = float(works[OF_DRIFT if alone else NET])
-            converged, sentence = with_work(sentence, work, put_in + negligible, self.settings)
+            # what passes the interfaces in an instant counts, too (``indicator.work_of_error``): bodies that rest
+            put_in = max(put_in, float(self.image.field("scales", 3)[0]) * self.assembly.dt) + negligible
+            converged, sentence = with_work(sentence, work, put_in, self.settings)
         if energy is None:
             return converged, sentence
         return with_energy(converged, sentence, self.assembly.time, energy, stored, negligible)

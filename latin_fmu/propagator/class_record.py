@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.pieces import pieces, row_parts
-from ..cholesky.substitution import LANES, SPARE, TILED
-from ..kernels.active_points import SCRATCH
-from ..kernels.energy import FIELDS
-from ..kernels.energy_parts import N_TERM
-from ..kernels.krylov import SMALL, VECTORS
-from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle, padded
+from ..cholesky.substitution import TILED
+from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
@@ -348,62 +344,6 @@ def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
     return row
 
 
-def state(block: Block, row: Row) -> None:
-    """Places of the motion and of the account of energies."""
-    size, wide = row["n"] * row["m"], (row["n"] + row["n_motion"]) * row["m"]
-    row["state"] = row["rest"] = block.reserve(1)
-    for name in ("u", "v", "a", "residual"):
-        row[name] = block.reserve(size)
-    row["n_state"] = block.size - row["state"]
-    row["energy"] = row["totals"] = block.reserve(N_TERM * row["m"] * row["accounted"])
-    row["past"] = block.reserve(FIELDS * wide * row["accounted"])
-    row["turn"] = block.reserve(row["accounted"])
-    row["n_energy"] = block.size - row["energy"]
-
-
-def work(block: Block, row: Row, window: int, stride: int) -> None:
-    """Places of the scratch; states are kept every ``stride`` instants of windows of at most ``window`` instants."""
-    n, m, c, g = row["n"], row["m"], row["n_channel"], row["n_inner"]
-    wide = (n + row["n_motion"]) * m
-    sizes = {
-        "marched": 1,
-        "passed": 1,
-        "u_free": n * m,
-        "v_free": n * m,
-        "load": n * m,
-        "mass_a": n * m,
-        "weighted_v": n * m * row["accounted"],
-        "half_solution": padded(m) * n,
-        "face_vector": max(padded(m), LANES) * n * row.get("swept", 0),
-        "reference": c * m,
-        "point_vectors": 6 * c * row.get("swept", 0),
-        "ended": row.get("swept", 0),
-        "inner": g * m,
-        "inner_answer": g * m,
-        "free_a": g * m,
-        "w_free": c * m,
-        "solved_q": window * c * m,
-        "solved_w": window * c * m,
-        "known": 1,
-        "changes": window * row["divided"],
-        "kept_states": row["n_state"] * (window // stride + 1) if window > 1 else 0,
-        "channel": c * m,
-        "answer": c * m,
-        "vectors": 2 * m * row["n_live"],
-        "answers": 2 * m * max(row["n_live"], c),
-        "tile": -(-2 * m // LANES) * (max(n, c) + SPARE) * LANES if m >= TILED else m * (max(n, c) + SPARE) * LANES,
-        "extended": 4 * wide * row["accounted"],
-        "piece_work": (PARTS - 1) * (n if m < TILED else n * LANES) * (row["n_piece"] > 0),
-        "piece_tile": row["n_piece"] * SPARE * LANES,
-        "solved": 1,
-        "class_norms": 4 * window,
-        "cross": window,
-    }
-    for name, size in sizes.items():
-        row[name] = block.reserve(size)
-    row["w_damped"] = block.reserve(c * m) if row["kind"] == STATIC else row["w_free"]
-
-
 def histories(block: Block, constant: Row, propagator: Any) -> Row:
     """Loads and prescribed motions of the class with the constants ``constant`` over a segment of time."""
     forcing = propagator.forcing
@@ -420,24 +360,6 @@ def histories(block: Block, constant: Row, propagator: Any) -> Row:
     if constant["n_motion"]:
         row["motions"] = block.put(forcing.motion_table())
     return row
-
-
-def newton_sizes(run: Row, n: int) -> dict[str, int]:
-    """Numbers of the work arrays of Newton's method for n channels."""
-    largest = int(run.get("n_unknown", 0))
-    names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
-    sizes = dict.fromkeys(names if largest else (), n)
-    places = int(run.get("n_place", 0))
-    sizes |= {"elsewhere": places * int(run.get("shared", 0)), "unknown_of": places + 1}
-    sizes |= {"unknown_start": int(run.get("n_block", 0)) + 1}
-    own = largest if run.get("krylov") else 0
-    sizes |= {"basis": (VECTORS + 1) * own, "krylov_work": 3 * own + SMALL if own else 0}
-    sizes |= {"row_at": largest, "pivots": largest, "unknowns": largest + 3, "block": 9, "elimination": SCRATCH}
-    return (
-        sizes
-        | dict.fromkeys(("columns", "rows", "softness"), 3 * largest + 9)
-        | {"matrix": int(run.get("n_matrix", 0))}
-    )
 
 
 def grown(data: Array, size: int) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isqrt, prod
+from math import prod
 from typing import Any, cast
 
 import numpy as np
@@ -17,14 +17,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
-from ..kernels import entries, team
-from ..kernels.energy_parts import N_TERM
+from ..kernels import entries
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..kernels.tasks import CHUNK
-from ..kernels.team import MARKS, PARTS
+from ..kernels.team import PARTS
 from ..time_scheme.scheme import coefficients
-from . import class_record, run_record
+from . import class_record, layout
 from .class_record import Block
 from .model import Array, Index
 
@@ -138,66 +137,34 @@ class Image:
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
         """Places of state, work and output."""
-        n, run, block = self.n_flat, self._run, Block()
-        n_interface = int(run.get("n_interface", 0))
-        for row in self._rows:
-            class_record.state(block, row)
-        points = 0
+        run, block, points = self._run, Block(), 0
         for group in self._groups:
-            size = group["n_point"] * (group["n_component"] if group["elastic"] else 1)
-            group["gap"] = block.reserve(group["n_point"])
-            group["layer"] = block.reserve(size if group["elastic"] else 0)
-            group["drift"] = block.reserve(3 * group["n_point"] * group["n_component"])
             group["first_point"], points = points, points + group["n_point"]
         run["n_point"] = points
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "worst": n_interface, "works": 5}
-        sizes |= {"touched": int(run.get("shared", 0))} | run_record.communication_state(run, n_interface)
-        for name, size in sizes.items():
-            run[name] = block.reserve(size)
-        self._n_state = block.size
-        stride = isqrt(self.window) + 1
-        for row in self._rows:
-            class_record.work(block, row, self.window, stride)
-        for group in self._groups:
-            points, h = group["n_point"], group["n_component"]
-            size = points * (h if group["elastic"] else 1)
-            group["jump"], group["traction"] = block.reserve(points * h), block.reserve(points * h)
-            group["reach"] = block.reserve(size)
-            group["opening"], group["opened"] = block.reserve(4 * size), block.reserve(4 * size)
-            group["planned"] = block.reserve(3 * points * h)
-            group["tangent"] = block.reserve(9 * points if group.get("law", 0) < 0 else 0)
-        depth, most, wide = int(run.get("depth", 0)), run["max_iterations"], self.window * n
-        sizes = dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), wide)
-        sizes |= {"dq": depth * wide, "dr": depth * wide, "gram": depth * depth, "least": (depth + 3) * depth}
-        sizes |= {"displacement": n, "moved": n, "layer": n}
-        sizes |= {"shares": n_interface, "norms": 4 * self.window + 1, "merits": 6 * most + 128}
-        sizes |= {"measure": 9, "counts": 2, "course": 10}
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
-        sizes |= {"team": MARKS + team.LINE * tasks, "order": len(self._rows)}
-        sizes |= run_record.sums(run, n_interface) | run_record.messages(run, self.window, len(self._rows))
-        sizes |= class_record.newton_sizes(run, n) | run_record.communication_work(run)
-        for name, size in sizes.items():
-            run[name] = block.reserve(size)
-        if not run.get("shared", 0):
-            run["own_parts"], run["coarse_own"] = run["parts"], run["coarse_parts"]
-        per_row = 2 * n + run["n_point"] + 2 * most + 2 + run.get("n_drive", 0) + run.get("n_output", 0)
-        for row in self._rows:
-            per_row += row["m"] * (row["n_probe"] + 3 * row["n_sensor"] + N_TERM * row["accounted"])
+        per_row, self.rows = 0, 1
+        for arrays, some in ((layout.CLASS, self._rows), (layout.RUN, [run])):
+            for record in some:
+                sizes = self._sizes(record, tasks)
+                per_row += sum(array.size(sizes) for array in arrays if array.pool == "output")
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
         self.rows = COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
-        for row in self._rows:
-            row["probed"] = block.reserve(self.rows * row["n_probe"] * row["m"])
-            row["sensed"] = block.reserve(self.rows * 3 * row["n_sensor"] * row["m"])
-            row["energies"] = block.reserve(self.rows * N_TERM * row["m"] * row["accounted"])
-        sizes = {"history_gap": run["n_point"], "iterations": 1, "newton_steps": 1, "defects": 1, "corrections": 1}
-        sizes |= {"errors": most, "force_residuals": most, "history_f": n, "history_w": n}
-        sizes |= {"history_works": 1}
-        outputs, interfaces = int(run.get("n_output", 0)), int(run.get("n_interface", 0))
-        sizes |= {"drive": run.get("n_drive", 0), "output": outputs, "friction_ratio": interfaces * min(outputs, 1)}
-        for name, size in sizes.items():
-            run[name] = block.reserve(self.rows * size)
+        for pool in layout.POOLS:
+            for row in self._rows:
+                layout.place(block, layout.CLASS, pool, row, self._sizes(row, tasks))
+                if pool == "state":
+                    row["state"], row["energy"] = row["rest"], row["totals"]
+                    row["n_state"], row["n_energy"] = row["totals"] - row["rest"], block.size - row["totals"]
+            for group in self._groups:
+                layout.place(block, layout.GROUP, pool, group, self._sizes(group, tasks))
+            layout.place(block, layout.RUN, pool, run, self._sizes(run, tasks))
+            if pool == "state":
+                self._n_state = block.size
         self._tail = block.size
+
+    def _sizes(self, record: Fields, tasks: int) -> Mapping[str, Any]:
+        return layout.sizes_of(record, self._run, self.rows, len(self._rows), tasks)
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""

@@ -12,6 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from latin_fmu.interface import BEHAVIOURS, Behaviour
+from latin_fmu.interface.laws import SEPARATION, SLIP, STICK
+from latin_fmu.laws.dispatch import LAWS, apply_to_points, law_tangents
 
 from . import plain_laws
 from .conftest import RATE
@@ -68,6 +70,59 @@ def test_law_is_that_of_numpy(behaviour: Behaviour, solve: Solve, points: Any, g
     expected = getattr(plain_laws, behaviour.name)(p.jump, p.z, p.normalised_gap, RATE, parameters)
     assert expected.any()
     np.testing.assert_allclose(solve(p), expected, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("ground", [False, True], ids=["two_bodies", "ground"])
+def test_tangent_is_the_derivative_of_the_value(behaviour: Behaviour, points: Any, ground: bool) -> None:
+    """Against central differences, but where a branch changes between them."""
+    p = points(behaviour, ground=ground)
+    parameters = behaviour.point_parameters(len(p.normalised_gap))
+
+    def slope(step: float) -> Array:
+        found = []
+        for e in range(behaviour.n_component):
+            aside = np.zeros_like(p.jump)
+            aside[:, e] = step
+            ahead, behind = (
+                behaviour.local(p.jump + sign * aside, p.z, p.normalised_gap, RATE, parameters) for sign in (1.0, -1.0)
+            )
+            found.append((ahead - behind) / (2 * step))
+        return np.stack(found, axis=-1)
+
+    coarse, fine = slope(2e-6), slope(1e-6)
+    scale = np.maximum(np.abs(fine).max(axis=(1, 2)), 1.0)
+    smooth = np.abs(coarse - fine).max(axis=(1, 2)) <= 1e-6 * scale
+    assert smooth.mean() > 0.9
+    made = law_tangents(LAWS[behaviour.name], p.jump, p.z, p.normalised_gap, RATE, parameters)
+    assert (np.abs(made - fine).max(axis=(1, 2)) <= 1e-5 * scale)[smooth].all()
+
+
+def test_status_is_that_of_the_motion(behaviour: Behaviour, solve: Solve, points: Any) -> None:
+    """Separation without traction, stick without sliding, slip on the cone of friction."""
+    p = points(behaviour)
+    f_hat = solve(p)
+    w_hat = hat_velocities(p, f_hat)
+    status = behaviour.status(f_hat, behaviour.point_parameters(len(p.normalised_gap)))
+    carried, sliding = np.abs(f_hat).max(axis=1) > 0.0, np.zeros(len(f_hat))
+    if behaviour.n_component > 1:
+        sliding = np.linalg.norm((w_hat[1] - w_hat[0])[:, 1:], axis=1)
+    if not behaviour.opens:
+        assert (status == STICK).all()
+        return
+    assert ((status == SEPARATION) == ~carried).all()
+    assert sliding[status == STICK].max(initial=0.0) <= 1e-9 or behaviour.name == "no_slip"
+    slips = status == SLIP
+    if slips.any():
+        limit = -behaviour.friction_coefficient * f_hat[slips, 0]
+        shear = np.linalg.norm(f_hat[slips, 1:], axis=1)
+        assert np.abs(shear - limit).max() <= 1e-9 * max(1.0, limit.max())
+
+
+def test_every_law_has_its_own_code_and_no_code_gives_nothing() -> None:
+    assert list(LAWS) == list(BEHAVIOURS)
+    jump, z, traction = np.full((1, 3), -1.0), np.ones((1, 2)), np.zeros((1, 3))
+    apply_to_points(len(LAWS), jump, z, np.zeros((1, 1)), 1.0, np.ones((1, 2)), traction)
+    assert np.isnan(traction).all()
 
 
 def test_a_solution_is_a_fixed_point_for_any_search_direction(behaviour: Behaviour, solve: Solve, points: Any) -> None:

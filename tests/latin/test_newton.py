@@ -10,10 +10,11 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
-from latin_fmu.kernels import envelope, laws
-from latin_fmu.kernels.laws import LAWS
+from latin_fmu.kernels import envelope
 from latin_fmu.latin import search_direction
 from latin_fmu.latin.search_direction import LARGEST, ordered_blocks, relative_operator
+from latin_fmu.laws import dispatch as laws
+from latin_fmu.laws.dispatch import LAWS
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, rubbing
 
 RNG = np.random.default_rng(5)

@@ -1,7 +1,7 @@
 """Records and pools: every field documented, every array in its pool, none on another's numbers; snapshots are copies.
 
-Each number of the blocks belongs to one field. The fields are found from the documentation of the records themselves
-(their pool and shape), so that a field that lies elsewhere or is larger than documented shows.
+Each number of the blocks belongs to one field, by the declarations of the records (pool and shape), and kernels write
+none that belongs to no field.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -17,17 +16,15 @@ import pytest
 
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.segments import SegmentedRun
-from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
-from latin_fmu.kernels.active_points import SCRATCH
-from latin_fmu.kernels.energy_parts import TERMS
-from latin_fmu.kernels.krylov import SMALL, VECTORS
-from latin_fmu.kernels.products import padded
+from latin_fmu.kernels.energy import FIELDS
+from latin_fmu.kernels.energy_parts import N_TERM
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
-from latin_fmu.kernels.sums import MEASURES
 from latin_fmu.kernels.tasks import CHUNK
-from latin_fmu.kernels.team import LINE, MARKS, PARTS
+from latin_fmu.kernels.team import LINE, PARTS
+from latin_fmu.propagator import layout
+from latin_fmu.propagator.class_record import Block
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -179,154 +176,45 @@ def test_every_field_is_documented(fields: Any) -> None:
     assert records.RUN.names == tuple(name for name, _ in RUN_FIELDS + RUN_NUMBERS)
 
 
-def class_sizes(row: Any, run: Any, rows: int) -> dict[str, int]:
-    """Numbers of the arrays of a class in the moving block, by the shapes that the records document."""
-    n, m, g, c, w = (int(row[name]) for name in ("n", "m", "n_inner", "n_channel", "n_live"))
-    window, wide, counted = int(run["longest_window"]), (n + int(row["n_motion"])) * m, int(row["accounted"])
-    sizes = {
-        "state": int(row["n_state"]),
-        "totals": len(TERMS) * m * counted,
-        "past": 16 * wide * counted,
-        "turn": counted,
-        "marched": 1,
-        "passed": 1,
-        "ended": int(row["swept"]),
-        "face_vector": max(padded_(m), LANES) * n * int(row["swept"]),
-        "reference": c * m,
-        "point_vectors": 6 * c * int(row["swept"]),
-        "known": 1,
-        **dict.fromkeys(("u_free", "v_free", "load", "mass_a"), n * m),
-        "weighted_v": n * m * counted,
-        "half_solution": n * padded_(m),
-        **dict.fromkeys(("inner", "inner_answer", "free_a"), g * m),
-        "w_free": c * m,
-        "solved_q": window * c * m,
-        "changes": window * int(row["divided"]),
-        "solved_w": window * c * m,
-        "channel": c * m,
-        "answer": c * m,
-        "vectors": 2 * m * w,
-        "answers": 2 * m * w,
-        "tile": (m if m < TILED else padded_(2 * m) // LANES) * (max(n, c) + SPARE) * LANES,
-        "piece_work": (PARTS - 1) * n * (1 if m < TILED else LANES) * (row["n_piece"] > 0),
-        "piece_tile": int(row["n_piece"]) * SPARE * LANES,
-        "solved": 1,
-        "class_norms": 4 * window,
-        "cross": window,
-        "extended": 4 * wide * counted,
-        "kept_states": (window // (isqrt(window) + 1) + 1) * int(row["n_state"]) if window > 1 else 0,
-        "probed": rows * int(row["n_probe"]) * m,
-        "sensed": rows * 3 * int(row["n_sensor"]) * m,
-        "energies": rows * len(TERMS) * m * counted,
-    }
-    if row["kind"] == records.STATIC:
-        sizes["w_damped"] = c * m
-    return sizes
-
-
-def padded_(m: int) -> int:
-    """Numbers per row in tiles."""
-    return int(getattr(padded, "py_func", padded)(m))
-
-
-def run_sizes(run: Any, rows: int) -> dict[str, int]:
-    """The same for the run as a whole."""
-    n, w, most = int(run["n_flat"]), int(run["longest_window"]), int(run["max_iterations"])
-    depth, parts = int(run["depth"]), int(run["n_interface"])
-    return {
-        "f_hat": n,
-        "w_hat": n,
-        "scales": 3,
-        "carry": 1,
-        "finish": 1,
-        "worst": parts,
-        "works": 5,
-        "counts": 2,
-        **dict.fromkeys(("q", "w", "f", "s", "local_f", "local_w", "r", "last_q", "last_r"), w * n),
-        "dq": depth * w * n,
-        "dr": depth * w * n,
-        "gram": depth**2,
-        "least": (depth + 3) * depth,
-        "coarse": int(run["n_coarse"] + run["n_coarse_here"]),
-        "coarse_parts": 2 * int(run["n_coarse"]),
-        "parts": parts * (MEASURES + 2 * depth),
-        "totals": MEASURES + 2 * depth,
-        "displacement": n,
-        "moved": n,
-        "layer": n,
-        "shares": parts,
-        "norms": 4 * w + 1,
-        "merits": 2 * (3 * most + 64),
-        "measure": 9,
-        **newton_sizes(run),
-        "errors": rows * most,
-        "force_residuals": rows * most,
-        "iterations": rows,
-        "newton_steps": rows,
-        "defects": rows,
-        "corrections": rows,
-        "history_f": rows * n,
-        "history_w": rows * n,
-        "history_gap": rows * int(run["n_point"]),
-        "history_works": rows,
-    }
-
-
-def newton_sizes(run: Any) -> dict[str, int]:
-    """The same for Newton's method."""
-    n, most = int(run["n_flat"]), int(run["n_unknown"])
-    names = ("best_q", "step_f", "step_w", "old_q", "old_w", "new_q", "new_w")
-    return {
-        "course": 10,
-        **dict.fromkeys(names if most else (), n),
-        "unknown_of": int(run["n_place"]) + 1,
-        "elsewhere": 0,
-        "unknown_start": int(run["n_block"]) + 1,
-        **dict.fromkeys(("row_at", "pivots"), most),
-        **dict.fromkeys(("columns", "rows", "softness"), 3 * (most + 3)),
-        "unknowns": most + 3,
-        "block": 9,
-        "elimination": SCRATCH,
-        "matrix": int(run["n_matrix"]),
-        "basis": (VECTORS + 1) * most if run["krylov"] else 0,
-        "krylov_work": SMALL + 3 * most if run["krylov"] else 0,
-    }
-
-
-def group_sizes(group: Any) -> dict[str, int]:
-    """The same for a group."""
-    p, h = int(group["n_point"]), int(group["n_component"])
-    width = p * h if group["elastic"] else p
-    return {
-        "gap": p,
-        "layer": p * h if group["elastic"] else 0,
-        "drift": 3 * p * h,
-        "planned": 3 * p * h,
-        "reach": width,
-        "jump": p * h,
-        "traction": p * h,
-        "opening": 4 * width,
-        "opened": 4 * width,
-        "tangent": 9 * p if group["law"] < 0 else 0,
-    }
-
-
 def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
-    """Name, documented pool, first number and size of each array of the moving block."""
-    run = image.run[0]
+    """Name, declared pool, first number and size of the arrays of the moving block that have a place of their own."""
     chunks = sum(-(-int(group["n_point"]) // CHUNK) for group in image.groups)
     tasks = max([len(image.classes), PARTS, chunks, *(int(row["n_piece"]) for row in image.classes)])
-    team = {"team": MARKS + LINE * tasks, "order": len(image.classes)}
-    parts = [("run", RUN_FIELDS, run, run_sizes(run, image.rows) | team)]
-    parts += [
-        (f"class {c}", CLASS_FIELDS, row, class_sizes(row, run, image.rows)) for c, row in enumerate(image.classes)
-    ]
-    parts += [(f"group {g}", GROUP_FIELDS, group, group_sizes(group)) for g, group in enumerate(image.groups)]
-    for who, fields, record, sizes in parts:
-        meanings = dict(fields)
-        for name, size in sizes.items():
-            pool = re.split(r"[ ,:]", meanings[name])[0]
-            yield f"{who}: {name}", pool, int(record[name]), size
+    run = plainly(image.run[0])
+    parts = [("run", layout.RUN, run)]
+    parts += [(f"class {c}", layout.CLASS, plainly(row)) for c, row in enumerate(image.classes)]
+    parts += [(f"group {g}", layout.GROUP, plainly(group)) for g, group in enumerate(image.groups)]
+    for who, fields, record in parts:
+        sizes = layout.sizes_of(record, run, image.rows, len(image.classes), tasks)
+        for field in fields:
+            size = field.size(sizes)
+            if size or field.elsewhere is None:
+                yield f"{who}: {field.name}", field.pool, int(record[field.name]), size
+
+
+def plainly(record: Any) -> dict[str, Any]:
+    """The numbers of a record by name."""
+    return {name: record[name].item() for name in record.dtype.names}
+
+
+def test_declarations_that_cannot_be_read_are_refused() -> None:
+    assert [field.name for field in layout.declared([("a", "work (3,): b"), ("n", "number")])] == ["a"]
+    for meaning in ("work (3: b", "state, int32 (3,): b", "output (3,) where n: b"):
+        with pytest.raises(ValueError, match="cannot be read"):
+            layout.declared([("a", meaning)])
+
+
+def test_shapes_conditions_and_places_elsewhere() -> None:
+    fields = layout.declared(
+        [("a", "work (2, p): b"), ("b", "work (N,) if shared else a: b"), ("c", "work (w,) if shared: d")]
+    )
+    run: dict[str, Any] = {"n_flat": 5, "longest_window": 7, "n_point": 3}
+    for shared, expected in ((0, [6, 0, 0]), (1, [6, 5, 7])):
+        sizes = layout.sizes_of(run | {"shared": shared}, run, 1)
+        assert [field.size(sizes) for field in fields] == expected
+        record: dict[str, Any] = {}
+        layout.place(Block(), fields, "work", record, sizes)
+        assert (record["b"] == record["a"]) == (shared == 0)
 
 
 @pytest.mark.parametrize(("tables", "change"), CASES)
@@ -359,9 +247,9 @@ def test_arrays_lie_in_their_pools_and_do_not_overlap(tables: Tables, change: Ca
         assert places[-1] + size <= row["state"] + row["n_state"]
         if row["accounted"]:
             assert row["energy"] == row["totals"]
-            assert row["totals"] + len(TERMS) * row["m"] <= row["past"]
+            assert row["totals"] + N_TERM * row["m"] <= row["past"]
             wide = int((row["n"] + row["n_motion"]) * row["m"])
-            assert row["past"] + 16 * wide <= row["turn"] < row["energy"] + row["n_energy"] <= row["turn"] + LINE
+            assert row["past"] + FIELDS * wide <= row["turn"] < row["energy"] + row["n_energy"] <= row["turn"] + LINE
 
 
 @pytest.mark.parametrize(("tables", "change"), CASES)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
+
+import latin_fmu
 
 from .blocks import solve, stack
 from .scenes import MODELS, solved
@@ -189,9 +193,11 @@ def _lumped(nodes):
 
 def test_sides_of_a_bond_that_stand_apart_are_told():
     """Loose tolerance, long ring-down: the sides of a joint stand apart and the run reports it; tight: it does not."""
-    scene = stack(2, "perfect", tolerance=0.3, force_tolerance=3.0, bonds="iterate")
+    scene = stack(2, "perfect", tolerance=0.6, force_tolerance=6.0, bonds="iterate")
     scene["time"] = {"end": 2e-4, "instants": 1000}
-    assert any("drifted apart" in w for w in solve(scene).warnings)
+    coarse = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(scene)))
+    assert any("drifted apart" in w for w in coarse.warnings)
+    assert not coarse.converged  # by the work of its errors
     scene["solver"] = {"tolerance": 1e-6}
     assert not solve(scene).warnings
 

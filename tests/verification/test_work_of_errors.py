@@ -102,12 +102,12 @@ def bouncing(scheme: str, instants: int, tolerance: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("instants", [50, 200])
+@pytest.mark.parametrize(("instants", "within"), [(50, 5e-4), (200, 2e-4)])
 @pytest.mark.parametrize("scheme", ["generalized_alpha", "hht"])
-def test_a_ball_gains_no_energy(scheme: str, instants: int) -> None:
+def test_a_ball_gains_no_energy(scheme: str, instants: int, within: float) -> None:
     default = bouncing(scheme, instants, 1e-3)
     assert default <= 1.0 + 1e-5
-    assert default == pytest.approx(bouncing(scheme, instants, 1e-8), abs=2e-4)
+    assert default == pytest.approx(bouncing(scheme, instants, 1e-8), abs=within)
 
 
 def thrown(scheme: str, tolerance: float) -> float:

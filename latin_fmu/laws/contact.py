@@ -1,0 +1,68 @@
+"""Unilateral contact with Coulomb friction, Eqs. (18)-(23).
+
+With w = (s' - s).N the opening velocity without traction and g the normalised gap,
+
+    P = max(0, -(w + g)) / z_n                             end-of-instant Signorini law
+    G = (s' - s)_t / z_t                                   traction that would stop the sliding
+    F_hat_t = G                   if |G| <= mu P   (22) stick
+            = mu P G / |G|        otherwise        (23) slip
+
+The opening velocity is then max(w, -g); for equal k on both sides and a closed gap P = -k C_n with the contact
+indicator C_n = w / 2 of (20), and G is G_n of (21).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..compiled import kernel
+from .base import Array, PointLaw
+from .parts import add_unknown, friction, friction_status, friction_tangent
+
+
+@kernel
+def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+    """P = max(0, -((s' - s)_n + reach)) / z_n, and friction; parameter mu."""
+    pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if z[0] > 0.0 else 0.0
+    traction[0] = -pressure
+    friction(pressure, parameters[0], jump, z[1], traction)
+
+
+@kernel
+def tangent(
+    jump: Array,
+    z: Array,
+    reach: Array,
+    rate: float,
+    parameters: Array,
+    proximal: float,
+    columns: Array,
+    rows: Array,
+    softness: Array,
+) -> int:
+    """Unknowns of a pressed point: its pressure, and those of friction."""
+    closing = -(jump[0] + reach[0])
+    if not (closing > 0.0 and z[0] > 0.0):
+        return 0
+    add_unknown(0, 0, proximal * z[0], columns, rows, softness)
+    return friction_tangent(closing / z[0], parameters[0], jump, z[1], proximal * z[1], columns, rows, softness)
+
+
+@kernel
+def point_status(traction: Array, parameters: Array, no_contact: float) -> int:
+    """By the friction cone."""
+    return friction_status(traction, parameters[0], no_contact)
+
+
+@dataclass(frozen=True)
+class Contact(PointLaw):
+    """Unilateral contact; ``friction_coefficient`` is Coulomb's (0: frictionless, normal unknowns only)."""
+
+    friction_coefficient: float = 0.0
+    name: ClassVar[str] = "contact"
+    opens: ClassVar[bool] = True
+    tangential: ClassVar[str] = "friction_coefficient"
+    value = staticmethod(value)
+    tangent = staticmethod(tangent)
+    point_status = staticmethod(point_status)

@@ -1,0 +1,75 @@
+"""Contact without slip.
+
+The normal law is that of contact. Tangentially a point whose gap at the start of the instant is at most ``touch`` does
+not slide within the instant, pressed or not; a point that closes within the instant slides freely until it has closed:
+
+    F_hat_t = G   where the gap is at most ``touch``,   else 0
+
+``touch`` is a small part of the distance that the loads can close within an instant: with touch = 0 a pressed point
+would slide over a gap of the size of a rounding error. It is the limit of Coulomb's law for mu -> infinity that stays
+solvable: the closure of Coulomb's cone is the half space P >= 0, shear without pressure belongs to it. Stick then
+depends on the past only, the problem of the instant is convex and the iteration converges, where a very large friction
+coefficient (stick from the smallest pressure on) may not. The status follows the traction: stick wherever there is
+any, separation only where there is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..compiled import kernel
+from .base import Array, PointLaw
+from .parts import SEPARATION, STICK, add_unknown, sticking
+
+
+@kernel
+def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
+    """P as in contact; held along the face while the gap at the start of the instant is below the parameter, m."""
+    closing = -(jump[0] + reach[0])
+    traction[0] = -closing / z[0] if closing > 0.0 and z[0] > 0.0 else 0.0
+    held = reach[0] <= rate * parameters[0] and z[1] > 0.0
+    for i in range(1, len(jump)):
+        traction[i] = jump[i] / z[1] if held else 0.0
+
+
+@kernel
+def tangent(
+    jump: Array,
+    z: Array,
+    reach: Array,
+    rate: float,
+    parameters: Array,
+    proximal: float,
+    columns: Array,
+    rows: Array,
+    softness: Array,
+) -> int:
+    """The pressure of a pressed point, and the shear of a held one."""
+    made = 0
+    if -(jump[0] + reach[0]) > 0.0 and z[0] > 0.0:
+        made = add_unknown(0, 0, proximal * z[0], columns, rows, softness)
+    if len(jump) > 1 and z[1] > 0.0 and reach[0] <= rate * parameters[0]:
+        made = sticking(made, proximal * z[1], columns, rows, softness)
+    return made
+
+
+@kernel
+def point_status(traction: Array, parameters: Array, no_contact: float) -> int:
+    """Stick where there is a pressure or a shear above ``no_contact``, else separation."""
+    carried = -traction[0]
+    for i in range(1, len(traction)):
+        carried = max(carried, abs(traction[i]))
+    return STICK if carried > no_contact else SEPARATION
+
+
+@dataclass(frozen=True)
+class NoSlip(PointLaw):
+    """Contact of surfaces that never slide on each other; ``touch`` : gap that counts as closed, m."""
+
+    touch: float = 0.0
+    name: ClassVar[str] = "no_slip"
+    opens: ClassVar[bool] = True
+    value = staticmethod(value)
+    tangent = staticmethod(tangent)
+    point_status = staticmethod(point_status)

@@ -1,0 +1,99 @@
+"""Parts that laws of interfaces share: Coulomb's friction under a pressure, and unknowns of tangents.
+
+A tangent J = dF_hat / djump is the sum over unknowns i of c_i r_i^T / (z_i + s_i): ``columns`` (3, 3) and ``rows``
+(3, 3) hold c_i and r_i, ``softness`` (3, 3) the numbers s_i on its diagonal; all three are 0 before.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled import kernel
+
+Array = NDArray[np.float64]
+
+SEPARATION, STICK, SLIP = 0, 1, 2
+ON_CONE: Final = 1 - 1e-10
+"""A stuck point whose traction is this close to the cone counts as slipping."""
+
+
+@kernel
+def friction(pressure: float, coefficient: float, jump: Array, z: float, traction: Array) -> None:
+    """Tangential traction (21)-(23) under a pressure P: G = (s' - s)_t / z_t where |G| <= mu P, else mu P G / |G|."""
+    for i in range(1, len(jump)):
+        traction[i] = 0.0
+    if len(jump) == 1 or z <= 0.0 or pressure <= 0.0:
+        return
+    # limit: velocity that the cone can stop
+    norm, limit = np.hypot(jump[1], jump[2]), coefficient * pressure * z
+    scale = 1.0 if norm <= limit else limit / norm
+    traction[1] = scale * jump[1] / z
+    traction[2] = scale * jump[2] / z
+
+
+@kernel
+def friction_tangent(
+    pressure: float,
+    coefficient: float,
+    jump: Array,
+    z: float,
+    soft: float,
+    columns: Array,
+    rows: Array,
+    softness: Array,
+) -> int:
+    """Unknowns of a point with friction whose first one is that of its pressure, where there is one (P > 0): two more
+    where it sticks, with ``soft``; where it slips one more, across the direction of slip, and the shear along it
+    follows from the pressure."""
+    if not pressure > 0.0:
+        return 0
+    if len(jump) == 1 or z <= 0.0:
+        return 1
+    norm, limit = np.hypot(jump[1], jump[2]), coefficient * pressure * z
+    if norm <= limit:
+        return sticking(1, soft, columns, rows, softness)
+    along, across = jump[1] / norm, jump[2] / norm
+    columns[1], columns[2] = -coefficient * along, -coefficient * across
+    if limit <= 0.0:
+        return 1
+    columns[4] = rows[4] = -across
+    columns[5] = rows[5] = along
+    softness[4] = z * (norm / limit - 1.0)
+    return 2
+
+
+@kernel
+def sticking(made: int, soft: float, columns: Array, rows: Array, softness: Array) -> int:
+    """Add the unknowns of both tangential components, which are held; number of unknowns then."""
+    for i in range(1, 3):
+        made = add_unknown(made, i, soft, columns, rows, softness)
+    return made
+
+
+@kernel
+def add_unknown(made: int, i: int, soft: float, columns: Array, rows: Array, softness: Array) -> int:
+    """Add the unknown of component i alone with s_i = ``soft``; number of unknowns then."""
+    columns[3 * made + i] = rows[3 * made + i] = 1.0
+    softness[4 * made] = soft
+    return made + 1
+
+
+@kernel
+def friction_status(traction: Array, coefficient: float, no_contact: float) -> int:
+    """Separation up to a pressure ``no_contact``, slip on the friction cone, else stick."""
+    pressure = -traction[0]
+    if pressure <= no_contact or pressure <= 0.0:
+        return SEPARATION
+    limit = ON_CONE * coefficient * pressure
+    if len(traction) == 1 or limit <= 0.0:
+        return SLIP
+    return STICK if traction[1] * traction[1] + traction[2] * traction[2] < limit * limit else SLIP
+
+
+@kernel
+def always_stick(traction: Any, parameters: Any, no_contact: float) -> int:
+    """Status of sides that stay together."""
+    return STICK
