@@ -370,3 +370,17 @@ def test_segments_keep_what_they_use_and_no_more() -> None:
         image = run.run.image
         sizes.append((len(image.moving), len(image.fixed), image._n_fixed))
     assert len(set(sizes[1:])) == 1
+
+
+def test_a_run_that_stops_keeps_the_state_before_the_instant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of windows of one instant: nothing is kept for the start of a window there, and nothing is put back."""
+    monkeypatch.setattr("latin_fmu.latin.windows.HOPELESS", 0.0)
+    tables = blocks(2, max_iterations=2, newton=False, acceleration="none", tolerance=1e-12)
+    run = made(tables, plain)
+    image = run.image
+    before = [image.class_field(c, "rest", int(row["n_state"])).copy() for c, row in enumerate(image.classes)]
+    run.all()
+    assert run.stopped
+    assert run.assembly.instant == 0
+    for c, state in enumerate(before):
+        assert np.array_equal(image.class_field(c, "rest", len(state)), state)
