@@ -161,5 +161,5 @@ def _remarks(problem: DiscretisedProblem) -> list[Remark]:
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *remarks_of("scheme", scheme_remarks(bodies, problem.units, scheme, problem.dt)),
+        *remarks_of("scheme", scheme_remarks(bodies, problem.units, scheme, problem.dt, problem.layers)),
     ]

@@ -74,7 +74,7 @@ def model_classes(
     units: list[InterfaceUnit],
     layout: Layout,
     scheme: TimeScheme,
-    dt: float,
+    layers: Mapping[str, ContactLayer],
     moved: Mapping[str, ContactLayer] | None = None,
     cuts: Mapping[str, BoltCut] = NO_BOLTS,
     free: Collection[str] = (),
@@ -82,13 +82,13 @@ def model_classes(
 ) -> list[ModelClass]:
     """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene requests it).
 
-    moved : contact layers with which body forces act, where it is not those of ``scheme`` (static start).
+    layers : ``contact_layers`` of the bodies. moved : those of the body forces where they are others (static start).
     cuts : of the bolts. free : those whose tension is given, and not their shortening.
     kept : operators of a scene solved before.
     """
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
     for name, body in bodies.items():
-        layer = None if body.rigid else contact_layer(name, body, units, scheme, dt)
+        layer = layers.get(name)
         loading = layer if moved is None else moved.get(name)
         loads = load_terms(scene, name, body, loading)
         own = [cut for cut in cuts.values() if cut.table.substructure == name]
@@ -172,18 +172,23 @@ def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> Substructure
     return replace(model, stiffness=sp.csr_array(softened))
 
 
-def contact_layer(
-    name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme, dt: float
-) -> ContactLayer | None:
-    """Mass of an elastic body, and the viscosity of its contact layer, as the scheme takes them with steps dt (s); None
-    in statics.
+def contact_layers(
+    bodies: Mapping[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float
+) -> dict[str, ContactLayer]:
+    """Masses of the elastic bodies, and the viscosities of their contact layers, as the scheme takes them with steps dt
+    (s); none in statics.
 
     Raises
     ------
     SceneError : a contact node of ``massless_contact`` has no inner neighbour.
     """
     if isinstance(scheme, QuasiStatic):
-        return None
+        return {}
+    return {name: _contact_layer(name, body, units, scheme, dt) for name, body in bodies.items() if not body.rigid}
+
+
+def _contact_layer(name: str, body: Body, units: list[InterfaceUnit], scheme: TimeScheme, dt: float) -> ContactLayer:
+    """That of one elastic body."""
     shape, m = body.shape, body.shape.material
     if not scheme.massless_contact:
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
@@ -260,8 +265,15 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
     return GeneralizedAlpha(), f"bodies land: {', '.join(u.name for u in landing[:3])}"
 
 
-def scheme_remarks(bodies: dict[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float) -> list[str]:
-    """Sentences on a time scheme that does not suit the contacts of a scene, with steps dt (s).
+def scheme_remarks(
+    bodies: dict[str, Body],
+    units: list[InterfaceUnit],
+    scheme: TimeScheme,
+    dt: float,
+    layers: Mapping[str, ContactLayer],
+) -> list[str]:
+    """Sentences on a time scheme that does not suit the contacts of a scene, with steps dt (s); ``layers`` :
+    ``contact_layers`` of the bodies.
 
     Bodies land where an interface that may open has a gap, or sides that move relative to each other along N at t = 0.
     The Courant number is that of the elements at their contact faces.
@@ -288,8 +300,8 @@ def scheme_remarks(bodies: dict[str, Body], units: list[InterfaceUnit], scheme: 
                 "refine its mesh, or set landing_damping = 0"
             )
         if scheme.massless_contact:
-            layer = contact_layer(name, body, units, scheme, dt)
-            if layer is not None and layer.left:
+            layer = layers[name]
+            if layer.left:
                 remarks.append(
                     f"substructure {name}: {layer.left} contact nodes have no inner neighbour (one element between two "
                     "contacts) and keep their mass: their contact force is less smooth; give it two elements there"

@@ -17,7 +17,7 @@ Matrices C of velocities give, to first order, for a mode phi of the mass M that
     zeta = phi^T C phi / (2 omega phi^T M phi),    K phi = omega^2 M phi
 
 or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
-(``fem.contact_layer``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and that of
+(``fem.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and that of
 absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
 """
 
@@ -40,7 +40,7 @@ from ..scene.settings import GeneralizedAlpha as GeneralizedAlphaTable
 from ..scene.settings import ReducedPropagator
 from ..time_scheme import HHT, GeneralizedAlpha, QuasiStatic, TimeScheme
 from ..time_scheme.scheme import coefficients
-from .models import chosen_scheme, contact_layer
+from .models import chosen_scheme, contact_layers
 from .problem import DiscretisedProblem
 
 LIMIT: Final = 5e-5
@@ -174,10 +174,10 @@ def run_matrices(
     scheme, reason = chosen_scheme(scene, discretised.bodies, discretised.units)
     if isinstance(scheme, QuasiStatic):
         return None
+    layers = contact_layers(discretised.bodies, discretised.units, scheme, discretised.dt)
     blocks: list[tuple[sp.csr_array, ...]] = []
     for name, model in models.items():
-        body, none = discretised.bodies[name], sp.csr_array((model.n_full, model.n_full))
-        faces = None if body.rigid else contact_layer(name, body, discretised.units, scheme, discretised.dt)
+        faces, none = layers.get(name), sp.csr_array((model.n_full, model.n_full))
         mass, viscosity = (model.inertia, None) if faces is None else (faces.mass, faces.viscosity)
         if scheme.explicit and faces is not None:
             mass = model.with_lumped_mass.inertia if faces.lumped is None else diagonal_matrix(faces.lumped)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
@@ -32,7 +32,7 @@ from .checks import resolution_remarks
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
 from .kept_operators import Kept, KeptOperators
-from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, model_classes
+from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, contact_layers, model_classes
 from .ports import port_motions, port_supports
 from .propagator_choice import divided, made_propagators
 from .supports import Motion, supports
@@ -152,6 +152,8 @@ class DiscretisedProblem:
     cuts: Mapping[str, BoltCut] = field(default_factory=dict)
     ramps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """First and last amplitude of the load terms of the bolts while they are tightened."""
+    layers: Mapping[str, ContactLayer] = field(default_factory=dict)
+    """Contact layers of the elastic bodies (``models.contact_layers``)."""
     kept: KeptOperators | None = None
     """Operators of a scene solved before, replaced by those of this one."""
 
@@ -172,10 +174,10 @@ class DiscretisedProblem:
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         dt = float(time[1] - time[0])
-        classes = model_classes(scene, bodies, conditions, units, layout, scheme, dt, moved, cuts, free, kept)
-        return DiscretisedProblem(
-            scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason, cuts=cuts, kept=kept
-        )
+        layers = contact_layers(bodies, units, scheme, dt)
+        classes = model_classes(scene, bodies, conditions, units, layout, scheme, layers, moved, cuts, free, kept)
+        made = DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason)
+        return replace(made, cuts=cuts, layers=layers, kept=kept)
 
     @property
     def scheme_in_words(self) -> str:

@@ -39,7 +39,6 @@ from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, w
 from .initial_state import InitialState
 from .kept_operators import Kept
 from .limit_load import allowed_motions, loss_of_equilibrium
-from .models import contact_layer
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
@@ -194,8 +193,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.joints]
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
-    layers = {n: contact_layer(n, b, whole.units, whole.scheme, whole.dt) for n, b in bodies.items() if not b.rigid}
-    moved = {n: layer for n, layer in layers.items() if layer is not None}  # the loads of the motion that follows
+    moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
 
 

@@ -11,7 +11,7 @@ from ..compiled import kernel
 from .energy import open_account
 from .energy_parts import ELASTIC, KINETIC, N_TERM, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
-from .iteration import PRECISE, iterate
+from .iteration import iterate, precise
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
 from .newton import MADE
@@ -91,7 +91,7 @@ def decided(pools: Any, call: int, squared: float, power: float) -> int:
     run = pools.run[0]
     size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
     last = pools.moving_int[run.corrections + call] == MOST_CORRECTIONS
-    allowed = run.tolerance if last or work_of_error(pools, 1, power) <= 1.0 else PRECISE * run.tolerance
+    allowed = run.tolerance if last or work_of_error(pools, 1, power) <= 1.0 else precise(run.tolerance) * run.tolerance
     if size <= allowed:
         pools.moving[run.defects + call] = size
         accept(pools, 1)

@@ -29,9 +29,9 @@ AT_REST = 1e-2
 SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
-PRECISE = 0.03
+PRECISE, IDLE = 0.03, 1e-7
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
-iterate."""
+iterate. Tolerance up to which it never does: of bodies at rest it is round-off there."""
 MOST = 6
 """Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
 it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
@@ -185,7 +185,8 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
     if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
-        met = error <= PRECISE * run.tolerance and forces <= PRECISE * run.force_tolerance
+        share = precise(run.tolerance)
+        met = error <= share * run.tolerance and forces <= share * run.force_tolerance
     # a first guess just within tolerance is not accepted: its error would add up from instant to instant
     if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
         return CONVERGED | BEST
@@ -218,6 +219,12 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         else:
             bits |= STALLED
     return bits
+
+
+@kernel
+def precise(tolerance: float) -> float:
+    """Share of this tolerance within which the work of the error does not count."""
+    return max(PRECISE, min(1.0, IDLE / tolerance))
 
 
 @kernel
