@@ -186,6 +186,48 @@ def soften(pools: Any) -> None:
 
 
 @kernel
+def sum_of_tangents(pools: Any, count: int) -> float:
+    """Sum of the columns, rows and softness of ``count`` unknowns: it differs where the active points do."""
+    run, work, total = pools.run[0], pools.moving, 0.0
+    for i in range(3 * count):
+        total += work[run.columns + i] + work[run.rows + i] + work[run.softness + i]
+    return float(total + count)
+
+
+@kernel
+def sum_of_matrix(pools: Any, size: int) -> float:
+    """Sum of the numbers of the matrix, not factorised."""
+    at, total = pools.run[0].matrix, 0.0
+    for i in range(size):
+        total += pools.moving[at + i]
+    return float(total)
+
+
+@kernel
+def is_factored(pools: Any, count: int) -> bool:
+    """Whether the factors at hand are those of the matrix of these ``count`` unknowns, which follows from the numbers
+    of unknowns of the points and from columns, rows and softness; if not, these are kept to compare with."""
+    run, work, numbers = pools.run[0], pools.moving, pools.moving_int
+    same, width = work[run.factored] == 1.0 and run.shared == 0, 3 * run.n_unknown + 9
+    for p in range(run.n_place + 1):
+        same = same and numbers[run.factored_of + p] == numbers[run.unknown_of + p]
+    for kind in range(3):
+        at = run.columns if kind == 0 else run.rows if kind == 1 else run.softness
+        for i in range(3 * count if same else 0):
+            same = same and work[run.factored_tangents + kind * width + i] == work[at + i]
+    if same:
+        return True
+    work[run.factored] = 0.0
+    for p in range(run.n_place + 1):
+        numbers[run.factored_of + p] = numbers[run.unknown_of + p]
+    for kind in range(3):
+        at = run.columns if kind == 0 else run.rows if kind == 1 else run.softness
+        for i in range(3 * count):
+            work[run.factored_tangents + kind * width + i] = work[at + i]
+    return False
+
+
+@kernel
 def solve_active(pools: Any) -> bool:
     """Unknowns from their right-hand side; False where the matrix is singular."""
     run, work, numbers = pools.run[0], pools.moving, pools.moving_int
@@ -196,7 +238,9 @@ def solve_active(pools: Any) -> bool:
     pivots = numbers[run.pivots : run.pivots + run.n_unknown]
     matrix = work[run.matrix : run.matrix + run.n_matrix]
     scratch = work[run.elimination : run.elimination + SCRATCH]
-    if not factorise(run.n_block, start, low, high, row_at, matrix, pivots, scratch) > SINGULAR:
-        return False
+    if work[run.factored] == 0.0:
+        if not factorise(run.n_block, start, low, high, row_at, matrix, pivots, scratch) > SINGULAR:
+            return False
+        work[run.factored] = 1.0 - run.shared  # what other processes add to the matrix is not compared
     substitute(run.n_block, start, low, high, row_at, matrix, pivots, work[run.unknowns : run.unknowns + run.n_unknown])
     return True

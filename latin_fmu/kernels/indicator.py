@@ -35,8 +35,9 @@ from numpy.typing import NDArray
 
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
-from .energy_parts import NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from .energy_parts import LARGEST, N_WORK, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from .half_solves import forward_on_face, gain_of
+from .newton import keep_course
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
 from .splits import dense
@@ -191,9 +192,11 @@ def relative_forces(pools: Any, window: int) -> float:
         total = work[run.norms + 4 * i : run.norms + 4 * i + 4]
         for part in range(parts):
             measure[3 + part] = max(measure[3 + part], measure[7] * np.sqrt(max(total[2 * part], 0.0)))
-        error_n = max(error_n, np.sqrt(max(total[1], 0.0)))
+        # of forces that stay as they are the tolerance is below their round-off
+        least = NOTHING**2 * max(total[0], total[2] if parts == 2 else 0.0)
+        error_n = max(error_n, 0.0 if total[1] <= least else np.sqrt(total[1]))
         if parts == 2:
-            error_t = max(error_t, np.sqrt(max(total[3], 0.0)))
+            error_t = max(error_t, 0.0 if total[3] <= least else np.sqrt(total[3]))
     measure[4] = max(measure[4], TANGENTIAL_FLOOR * measure[3])
     measure[1] = max(error_n / measure[3], error_t / measure[4] if parts == 2 else 0.0)
     power = work[run.totals + 5]
@@ -225,8 +228,9 @@ def own_put_in(pools: Any) -> float:
 @kernel
 def take_works(pools: Any, put_in: float, drift: float) -> None:
     """Largest energy put in so far, and work of the drift, of all processes."""
-    works = pools.moving[pools.run[0].works : pools.run[0].works + 5]
+    works = pools.moving[pools.run[0].works : pools.run[0].works + N_WORK]
     works[PUT_IN], works[NET] = max(works[PUT_IN], put_in) if put_in >= 0.0 else -1.0, drift
+    works[LARGEST] = max(works[LARGEST], abs(drift))
 
 
 @kernel
@@ -330,7 +334,7 @@ def accept(pools: Any, window: int) -> None:
     n = run.n_flat
     for e in range(3):
         state[run.scales + e] = work[run.measure + 2 + e]
-    state[run.finish] = 1.0 if work[run.course] > 0.0 else 0.0  # steps made (``newton.MADE``)
+    keep_course(pools)
     share = work[run.shares : run.shares + run.n_interface]
     share[:] = 0.0
     weights, interface = (

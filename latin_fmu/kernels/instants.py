@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .energy import open_account
-from .energy_parts import ELASTIC, KINETIC, N_TERM, OF_DRIFT, OF_GROUND, STORED
+from .energy_parts import ELASTIC, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
 from .iteration import iterate, precise
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
@@ -257,7 +257,7 @@ def open_accounts(pools: Any) -> None:
     """Begin the account of energies of every class at instant 0, with the tractions of the state."""
     run = pools.run[0]
     tractions = pools.moving[run.f_hat : run.f_hat + run.n_flat]
-    works, stored = pools.moving[run.works : run.works + 5], 0.0
+    works, stored = pools.moving[run.works : run.works + N_WORK], 0.0
     for c in range(len(pools.classes)):
         open_account(pools, c, 0, tractions)
         row = pools.classes[c]

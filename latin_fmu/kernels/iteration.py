@@ -15,7 +15,22 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .indicator import add_class_norms, error_indicator, relative_forces
 from .matrices import add_matrix
-from .newton import ACTIVE, BEGUN, DUE, GAIN, LEFT, MADE, PHASE, advance_iterate, keep_end, leave, propose, search
+from .newton import (
+    ACTIVE,
+    BEGUN,
+    DUE,
+    GAIN,
+    LAST,
+    LEFT,
+    MADE,
+    N_COURSE,
+    PHASE,
+    advance_iterate,
+    keep_end,
+    leave,
+    propose,
+    search,
+)
 from .tasks import NORMS, RESPONSE, WINDOW, each_class, each_point
 
 Array = NDArray[np.float64]
@@ -25,7 +40,7 @@ PATIENCE, RECENT = 12, 6
 STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
 """Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
 AT_REST = 1e-2
-"""Fraction of the tolerance up to which the first iterate of an instant is accepted."""
+"""Fraction of the tolerances up to which the first iterate of an instant is accepted."""
 SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
@@ -148,7 +163,7 @@ def newton_step(pools: Any, first: int) -> bool:
 def next_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     """One iteration from the q of ``work``, or one Newton step where it is time for one."""
     run = pools.run[0]
-    course = pools.moving[run.course : run.course + 10]
+    course = pools.moving[run.course : run.course + N_COURSE]
     if iteration == 0:
         course[:] = 0.0
     if window == 1 and course[ACTIVE] == 1.0:
@@ -187,8 +202,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
         share = precise(run.tolerance)
         met = error <= share * run.tolerance and forces <= share * run.force_tolerance
-    # a first guess just within tolerance is not accepted: its error would add up from instant to instant
-    if met and (window > 1 or iteration > 0 or error <= AT_REST * run.tolerance):
+    work[run.course + LAST] = float(iteration)
+    # a first guess just within tolerance is not accepted: its error would grow from instant to instant
+    still = error <= AT_REST * run.tolerance and forces <= AT_REST * run.force_tolerance
+    if met and (window > 1 or iteration > 0 or still):
         return CONVERGED | BEST
     if not np.isfinite(error):
         return BROKEN

@@ -36,7 +36,16 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .acceleration import difference_parts, next_iterate
-from .active_points import activate, add_relative, assemble, soften, solve_active
+from .active_points import (
+    activate,
+    add_relative,
+    assemble,
+    is_factored,
+    soften,
+    solve_active,
+    sum_of_matrix,
+    sum_of_tangents,
+)
 from .krylov import add_columns, admit, solve_by_products, widen
 from .local_stage import finish, outgoing, prepare, solve_points
 from .sums import add_parts
@@ -57,12 +66,13 @@ SLOW, LITTLE = 6, 0.02
 GAIN = 0.1
 """Share of the distance from the tolerances at the first step that an iterate has to be below for the acceleration to
 go on from it where the method is left: a step may have moved floating bodies far."""
-MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE = range(10)
+N_COURSE = 12
+MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS, LAST = range(N_COURSE)
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step, residual of a trial of the Python driver (of
 several processes the defect of tables, and its power), 1 where the acceleration has
-stalled and a step is due whatever it costs."""
+stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last iteration."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with."""
 
@@ -103,6 +113,9 @@ def active_matrix(pools: Any) -> int:
     add_relative(pools, pools.moving[run.step_w : run.step_w + run.n_flat])
     if run.krylov == 1:
         return count
+    pools.moving[run.course + TANGENTS] = sum_of_tangents(pools, count)
+    if is_factored(pools, count):
+        return count
     size = assemble(pools)
     soften(pools)
     for p in range(run.n_place if run.shared == 1 else 0):
@@ -124,8 +137,11 @@ def change_tractions(pools: Any, size: int) -> bool:
             return False
         for j in range(n):
             x[j] = work[run.local_f + j] - work[run.f + j]
-    elif size > 0 and not solve_active(pools):
-        return False
+    elif size > 0:
+        if run.shared == 1:  # the tangents of all processes
+            work[run.course + TANGENTS] = sum_of_matrix(pools, size)
+        if not solve_active(pools):
+            return False
     count = pools.moving_int[run.unknown_of + run.n_place]
     add_columns(pools, work[run.unknowns : run.unknowns + count], x)
     admit(pools, x, v)
@@ -228,7 +244,7 @@ def try_length(pools: Any, length: float) -> None:
 @kernel
 def search(pools: Any) -> None:
     """Halve the step until the residual falls enough, at most HALVINGS times; the best trial is the iterate."""
-    course = pools.moving[pools.run[0].course : pools.run[0].course + 10]
+    course = pools.moving[pools.run[0].course : pools.run[0].course + N_COURSE]
     before, best, best_length, length, last = course[SIZE], np.inf, 1.0, 1.0, 1.0
     for _ in range(HALVINGS + 1):
         last = length
@@ -247,7 +263,7 @@ def search(pools: Any) -> None:
 @kernel
 def count_step(pools: Any, size: float) -> None:
     """Count a step with this residual at its end."""
-    course = pools.moving[pools.run[0].course : pools.run[0].course + 10]
+    course = pools.moving[pools.run[0].course : pools.run[0].course + N_COURSE]
     course[MADE] += 1.0
     course[WITHOUT] = course[WITHOUT] + 1.0 if size > (1.0 - LITTLE) * course[SIZE] else 0.0
 
@@ -257,7 +273,7 @@ def leave(pools: Any, iteration: int) -> None:
     """Go back to the iterate before the first step, or to a much better one, and to the acceleration, which begins
     anew with this iteration."""
     run, work = pools.run[0], pools.moving
-    course = work[run.course : run.course + 10]
+    course = work[run.course : run.course + N_COURSE]
     course[ACTIVE], course[LEFT], course[PHASE] = 0.0, 1.0, float(iteration)
     for j in range(run.n_flat):
         work[run.q + j] = work[run.best_q + j]
@@ -266,22 +282,25 @@ def leave(pools: Any, iteration: int) -> None:
 @kernel
 def continues(pools: Any, iteration: int) -> bool:
     """Whether the next iterate is that of a Newton step, or the best one where the method is left; decided after the
-    verdict on this iterate. Acceleration goes on where at its present rate it ends within two iterations."""
+    verdict on this iterate. Acceleration goes on where at its present rate it ends within two iterations. After
+    instants that ended at the same active points the step comes first: its factors are at hand (``keep_course``)."""
     run, work = pools.run[0], pools.moving
-    course, merits = work[run.course : run.course + 10], work[run.merits : run.merits + 2 * (iteration + 1)]
+    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
     if run.newton == 0 or course[LEFT] == 1.0:
         return False
     if course[ACTIVE] == 1.0:
         if course[MADE] >= STEPS or course[WITHOUT] >= SLOW:
             leave(pools, iteration + 1)
         return True
-    count, warm = iteration + 1, work[run.finish] == 1.0
+    count, warm = iteration + 1, finish[0] == 1.0
+    now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0
+    # factors that serve many instants are worth what the iterations of these have cost
+    if settled and (warm or (count >= WARM and finish[3] + count >= EXPECTED * run.newton_price)):
+        course[ACTIVE], course[BEGUN] = 1.0, now
+        return True
     if count < (WARM if warm else COLD):
         return False
-    ratio = work[run.measure + 5]
-    now, past = merits[2 * iteration + 1], merits[2 * iteration - 3]
-    now = now if np.isfinite(now) else ratio * merits[2 * iteration]
-    past = past if np.isfinite(past) else ratio * merits[2 * iteration - 4]
+    past = _merit(pools, iteration - 2)
     if not warm and now <= FAR and count < LATE:
         return False
     if now * now <= past:
@@ -290,6 +309,37 @@ def continues(pools: Any, iteration: int) -> bool:
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
+
+
+@kernel
+def _merit(pools: Any, iteration: int) -> float:
+    """Distance of an iterate from both tolerances; where that from one is known, from the other in their last ratio."""
+    run = pools.run[0]
+    at = run.merits + 2 * iteration
+    known = pools.moving[at + 1]
+    return float(known if np.isfinite(known) else pools.moving[run.measure + 5] * pools.moving[at])
+
+
+@kernel
+def keep_course(pools: Any) -> None:
+    """Keep how an accepted instant ended, in ``finish``: 1 where by a Newton step; sum of its last tangents; instants
+    in a row that ended with the same sum; iterations made in them. An instant that needed no iteration changes nothing.
+
+    While the active points stay the same, a step costs a substitution, and the next instant begins with one. The
+    decision follows from the state alone, and not from factors at hand: a run that continues from a state makes it too.
+    """
+    run, work = pools.run[0], pools.moving
+    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
+    if run.newton == 0 or course[LAST] == 0.0:
+        return
+    compared = course[MADE] > 0.0
+    # of a few iterations no step is in sight; several processes would have to exchange the sums
+    if not compared and run.shared == 0 and course[LAST] >= COLD:
+        course[TANGENTS], compared = sum_of_tangents(pools, activate(pools)), True
+    same = compared and course[TANGENTS] == finish[1] and run.krylov == 0
+    finish[0], finish[1] = 1.0 if course[MADE] > 0.0 else 0.0, course[TANGENTS]
+    finish[2] = finish[2] + 1.0 if same else 0.0
+    finish[3] = course[LAST] + 1.0 + (finish[3] if same else 0.0)
 
 
 @kernel

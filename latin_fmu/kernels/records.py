@@ -297,9 +297,12 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("w_hat", "state (N,): velocities likewise, m s-1"),
     ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
     ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
-    ("finish", "state (1,): 1 where the last instant ended with a Newton step"),
+    ("finish", "state (4,): end of the last instant by a Newton step, see ``newton.keep_course``"),
     ("worst", "state (n_interface,): largest indicator of each interface"),
-    ("works", "state (5,): of the energy put in and of the drift, J (``energy_parts.STORED`` and those behind it)"),
+    (
+        "works",
+        "state (N_WORK,): of the energy put in and of the drift, J (``energy_parts.STORED`` and those behind it)",
+    ),
     ("counts", "work (2,): substructure-instants marched in windows of several instants, and solved through Y"),
     ("q", "work (w, N): incoming quantity F + k W, Pa"),
     ("w", "work (w, N): velocities of the linear stage, m s-1"),
@@ -328,7 +331,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
         "work (9,): error, force residual, scales reached (3), ratio of merits, scale of the best iterate, share of "
         "the tractions that changes, work of the error over that allowed",
     ),
-    ("course", "work (10,): course of Newton's method at this instant (``newton``)"),
+    ("course", "work (N_COURSE,): course of Newton's method at this instant (``newton``)"),
     ("best_q", "work (N,) if n_unknown: q of the best iterate"),
     ("step_f", "work (N,) if n_unknown: change of the tractions in a Newton step, Pa"),
     ("step_w", "work (N,) if n_unknown: change of the velocities, m s-1"),
@@ -347,6 +350,9 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("block", "work (9,)"),
     ("elimination", "work (SCRATCH,): scratch of the elimination"),
     ("matrix", "work (n_matrix,): matrix of the active points and its factors"),
+    ("factored", "work (1,): 1 where it holds the factors for the tangents below"),
+    ("factored_of", "work, int64 (n_place + 1,): ``unknown_of`` of these"),
+    ("factored_tangents", "work (3, 3 * n_unknown + 9): their columns, rows and softness"),
     ("basis", "work (VECTORS + 1, n_unknown) if krylov: vectors of the method"),
     (
         "krylov_work",

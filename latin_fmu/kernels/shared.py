@@ -19,7 +19,7 @@ from .indicator import accept, cross_of_classes, own_put_in, relative_forces, re
 from .instants import CORRECTED, WITHIN, decided, end_instant, first_guess
 from .iteration import BROKEN, CONVERGED, STALLED, judge, linear_stage
 from .local_stage import open_window
-from .newton import ACTIVE, MADE, POWER, RESIDUAL, advance_iterate, steps_made
+from .newton import ACTIVE, MADE, N_COURSE, POWER, RESIDUAL, advance_iterate, steps_made
 from .sparse_response import squared_defect
 from .substructure import change_of
 from .tasks import END, NORMS, PREDICT, SOLUTION, each_class, each_point
@@ -187,7 +187,7 @@ def decide(pools: Any, instant: int, call: int) -> int:
     messages hold displacements where the instant is ended, q where it goes on."""
     run, work = pools.run[0], pools.moving
     result = decided(pools, call, work[run.course + RESIDUAL], work[run.course + POWER])
-    work[run.course : run.course + 10] = 0.0
+    work[run.course : run.course + N_COURSE] = 0.0
     if result == WITHIN:
         _end(pools, instant)
     elif result == CORRECTED:
@@ -214,7 +214,7 @@ def begin_instant(pools: Any, instant: int, ended: bool, fused: bool) -> int:
 def first_of(pools: Any, instant: int) -> int:
     """First q of an instant, as far as it follows from what is held here; returns what has to be exchanged for it."""
     run, work = pools.run[0], pools.moving
-    work[run.course : run.course + 10] = 0.0
+    work[run.course : run.course + N_COURSE] = 0.0
     first_guess(pools, instant)
     if run.static == 1:
         return NOTHING

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, RESIDUAL, SIZE
+from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, N_COURSE, RESIDUAL, SIZE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
 from ..propagator.image import Image
@@ -296,10 +296,10 @@ class Stages:
         if self._compiled:
             image.call(entries.STAGE, n, self.first, iteration)
             return
-        if n == 1 and iteration and image.field("course", 10)[ACTIVE] == 1.0 and self._newton_step(iteration):
+        if n == 1 and iteration and image.field("course", N_COURSE)[ACTIVE] == 1.0 and self._newton_step(iteration):
             return
         if iteration == 0:
-            image.field("course", 10)[:] = 0.0
+            image.field("course", N_COURSE)[:] = 0.0
         self._stage(iteration)
 
     def _stage(self, iteration: int) -> None:
@@ -361,7 +361,7 @@ class Stages:
 
     def _search(self) -> None:
         """``kernels.newton.search``."""
-        course, sizes = self.image.field("course", 10), list[float]()
+        course, sizes = self.image.field("course", N_COURSE), list[float]()
         for halving in range(HALVINGS + 1):
             sizes.append(self._try(halving))
             if sizes[-1] <= (1.0 - DECREASE * 0.5**halving) * course[SIZE]:
@@ -376,7 +376,7 @@ class Stages:
         self.image.call(entries.TRIAL, halving)
         self._local_stage(0)
         self.image.call(entries.TRIAL_SIZE)
-        return float(self.image.field("course", 10)[RESIDUAL])
+        return float(self.image.field("course", N_COURSE)[RESIDUAL])
 
     def _differentiate(self, g: int) -> None:
         """Derivative of the law of a group by its free velocities, by one difference per component."""
@@ -445,11 +445,11 @@ class Stages:
 
     def newton_steps(self) -> int:
         """Newton steps made in this window."""
-        return int(self.image.field("course", 10)[MADE])
+        return int(self.image.field("course", N_COURSE)[MADE])
 
     def leave_newton(self) -> None:
         """No Newton steps in the rest of this window: a fall-back follows."""
-        self.image.field("course", 10)[[ACTIVE, LEFT]] = 0.0, 1.0
+        self.image.field("course", N_COURSE)[[ACTIVE, LEFT]] = 0.0, 1.0
 
     def measures(self) -> Array:
         """Measures (9,) of the last iterate, a copy."""

@@ -13,7 +13,8 @@ import numpy as np
 from ..cholesky.substitution import LANES
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.energy_parts import N_TERM, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from ..kernels.energy_parts import LARGEST, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from ..kernels.indicator import NOTHING
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
 from .assembly import Array, Assembly, Index
@@ -29,7 +30,7 @@ from .run_image import Stages, all_in_kernels, histories, law_of, make_image, ne
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
-from .status import WindowList, round_off, status, with_energy, with_work
+from .status import ROUND_OFF, WindowList, round_off, status, with_energy, with_work
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
@@ -225,11 +226,11 @@ class RunState:
 
     def _drift_work(self) -> float:
         """Work against the laws of the interfaces since the start (``drift_work`` of the energies), J."""
-        return self._over_processes(float(self.image.field("works", 5)[OF_DRIFT]))
+        return self._over_processes(float(self.image.field("works", N_WORK)[OF_DRIFT]))
 
     def _put_in(self) -> float:
         """Energy put in since the start (``indicator.own_put_in``), J; -1 where energies are not accounted for."""
-        image, works = self.image, self.image.field("works", 5)
+        image, works = self.image, self.image.field("works", N_WORK)
         own = float(works[STORED] + works[OF_GROUND])
         for c, propagator in enumerate(self.held.propagators):
             if not propagator.energy:
@@ -248,7 +249,7 @@ class RunState:
     def get_state(self) -> dict[str, Array]:
         """Copies of the fields that the next segment starts from, beside the states of the propagators."""
         n = self.image.n_flat
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 1, "works": 5}
+        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 4, "works": N_WORK}
         kept = {name: self.image.field(name, size).copy() for name, size in sizes.items()}
         groups = [np.zeros(0), *(self.image.group_field(g, "drift", size) for g, size in self._drifts())]
         return kept | {"drift": np.concatenate(groups)}
@@ -408,13 +409,13 @@ class RunState:
         converged, sentence = status(self.assembly, self.settings, self.windows, self.interface_indicator)
         if self.assembly.quasi_static:
             return converged, sentence
-        negligible, works = round_off(self.assembly), self.image.field("works", 5)
+        negligible, works = round_off(self.assembly), self.image.field("works", N_WORK)
         alone = self.part is None
         put_in = self._put_in() if alone else float(works[PUT_IN])
-        if converged and put_in >= 0.0:  # NET is the sum over all processes, up to the instant before the last
-            work = float(works[OF_DRIFT if alone else NET])
-            # what passes the interfaces in an instant counts, too (``indicator.work_of_error``): bodies that rest
-            put_in = max(put_in, float(self.image.field("scales", 3)[0]) * self.assembly.dt) + negligible
+        if converged and put_in >= 0.0:  # the largest is that of all processes, up to the instant before the last
+            work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
+            # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
+            work -= negligible * max(1.0, NOTHING / ROUND_OFF * self.assembly.instant)
             converged, sentence = with_work(sentence, work, put_in, self.settings)
         if energy is None:
             return converged, sentence

@@ -7,7 +7,7 @@ import numpy as np
 from ..kernels import entries
 from ..kernels.instants import CORRECTED, WITHIN
 from ..kernels.iteration import BROKEN, CONVERGED, STALLED
-from ..kernels.newton import ACTIVE, POWER, RESIDUAL
+from ..kernels.newton import ACTIVE, N_COURSE, POWER, RESIDUAL
 from ..kernels.shared import FUSED, GUESS, LONG, NEEDED, NEWTON
 from ..propagator.image import Image
 from .assembly import Array
@@ -55,7 +55,7 @@ class SharedStages(Stages):
 
     def evaluate(self, iteration: int, phase: int = 0) -> None:
         """``kernels.iteration.next_stage``, with the exchanges between its parts."""
-        course = self.image.field("course", 10)
+        course = self.image.field("course", N_COURSE)
         if iteration == 0:
             course[:] = 0.0
         newton = self.n == 1 and course[ACTIVE] == 1.0
@@ -118,7 +118,7 @@ class SharedStages(Stages):
         self.image.call(entries.TRY, halving)
         self._exchange.parts()
         self.image.call(entries.TRIAL_SIZE)
-        return float(self.image.field("course", 10)[RESIDUAL])
+        return float(self.image.field("course", N_COURSE)[RESIDUAL])
 
     def end_instant(self, instant: int, i: int = 0) -> None:
         """Gaps and accepted fields at the end of an instant, the i-th of the window."""
@@ -148,7 +148,7 @@ class SharedStages(Stages):
         """Correct an instant solved by tables of Y until its defect is within the tolerance; whether it is."""
         image, result = self.image, CORRECTED if self.image.run[0]["sparse"] else WITHIN
         while result == CORRECTED:
-            self._exchange.processes.add(image.field("course", 10)[RESIDUAL : POWER + 1])
+            self._exchange.processes.add(image.field("course", N_COURSE)[RESIDUAL : POWER + 1])
             result = image.call(entries.DECIDE, self.first, call)
             if result == CORRECTED:
                 self._take_guess(GUESS, self._fused)

@@ -18,11 +18,12 @@ from .settings import Settings
 BALANCED = 1e-3
 """Work of the errors of a run, or of a window of several instants, over the energy put in, up to which it has
 converged."""
+ROUND_OFF = 1e-9
+"""Share of the work of the largest tractions on the velocities they give, over a time step, that is round-off."""
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
 _CANCELLED = 1e-6  # of the work of the interfaces
-_ROUND_OFF = 1e-9  # of the work of the largest tractions on the velocities they give, over a time step
 
 
 def status(
@@ -47,17 +48,18 @@ def status(
 
 
 def with_work(sentence: str, work: float, put_in: float, settings: Settings) -> tuple[bool, str]:
-    """The status of a run whose windows have all converged: it has not where the errors that they left did more work
-    at the interfaces, J, than a share BALANCED of the energy put in.
+    """The status of a run whose windows have all converged: it has not where the errors that they left had done more
+    work at the interfaces by any instant, ``work`` in J, than a share BALANCED of the energy put in.
 
     The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
     the next, to make that error up takes as many times the work.
     """
-    if not abs(work) > BALANCED * put_in:
+    if not work > BALANCED * put_in:
         return True, sentence
+    share = work / put_in if put_in > 0.0 else np.inf
     return False, (
         f"not converged: the errors of the iteration did {work:.2g} J of work against the laws of the interfaces, "
-        f"{abs(work) / put_in:.1e} of the {put_in:.3g} J put in (allowed: {BALANCED:g}). Lower solver.tolerance, as to "
+        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {BALANCED:g}). Lower solver.tolerance, as to "
         f"{0.1 * settings.tolerance:g}"
     )
 
@@ -113,7 +115,7 @@ def round_off(assembly: Assembly) -> float:
     """Work, J, that round-off of the motion can do, as of bodies that a preload holds at rest."""
     layout, impedance = assembly.layout, assembly.impedance
     yielding = np.divide(layout.area, impedance, out=np.zeros_like(impedance), where=layout.normal & (impedance > 0))
-    return _ROUND_OFF * assembly.characteristic_traction**2 * float(yielding.sum()) * assembly.dt
+    return ROUND_OFF * assembly.characteristic_traction**2 * float(yielding.sum()) * assembly.dt
 
 
 def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:

@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 SEPARATION, STICK, SLIP = 0, 1, 2
 ON_CONE: Final = 1 - 1e-10
 """A stuck point whose traction is this close to the cone counts as slipping."""
+AT_EDGE: Final = 1 + 1e-9
+"""Up to this times the cone the tangent is that of a stuck point: at the edge both are tangents of the law, and
+round-off of a joint at rest does not change this one."""
 
 
 @kernel
@@ -53,7 +56,7 @@ def friction_tangent(
     if len(jump) == 1 or z <= 0.0:
         return 1
     norm, limit = np.hypot(jump[1], jump[2]), coefficient * pressure * z
-    if norm <= limit:
+    if norm <= AT_EDGE * limit:
         return sticking(1, soft, columns, rows, softness)
     along, across = jump[1] / norm, jump[2] / norm
     columns[1], columns[2] = -coefficient * along, -coefficient * across

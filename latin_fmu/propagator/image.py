@@ -221,6 +221,8 @@ class Image:
             for into, fields in zip((*self._rows, *self._groups), (*placed.rows, *placed.groups), strict=False):
                 into.update(fields)
             self._written = False
+            if self._run.get("n_unknown", 0) and len(self.moving):
+                self.moving[self._run["factored"]] = 0.0  # factors of Newton steps are those of a direction
 
     def _place(
         self, start: int, run: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]

@@ -19,8 +19,9 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels import records
 from ..kernels.active_points import SCRATCH
 from ..kernels.energy import FIELDS
-from ..kernels.energy_parts import N_TERM
+from ..kernels.energy_parts import N_TERM, N_WORK
 from ..kernels.krylov import SMALL, VECTORS
+from ..kernels.newton import N_COURSE
 from ..kernels.products import padded
 from ..kernels.team import LINE, MARKS, PARTS
 
@@ -32,7 +33,8 @@ _KNOWN: Final[dict[str, Any]] = {
     "__builtins__": {},
     **{"isqrt": isqrt, "max": max, "padded": padded, "STATIC": records.STATIC},
     **{"LANES": LANES, "SPARE": SPARE, "TILED": TILED, "LINE": LINE, "MARKS": MARKS, "PARTS": PARTS},
-    **{"FIELDS": FIELDS, "N_TERM": N_TERM, "SCRATCH": SCRATCH, "SMALL": SMALL, "VECTORS": VECTORS},
+    **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_TERM": N_TERM, "N_WORK": N_WORK},
+    **{"SCRATCH": SCRATCH, "SMALL": SMALL, "VECTORS": VECTORS},
 }
 
 

@@ -24,10 +24,12 @@ KNOWN = smooth_pulse(0.05)
 
 
 def with_law(known: Known, law: object) -> Scene:
-    """The scene of a known solution with another law of its load, and fields for its sensors."""
+    """The scene of a known solution with another law of its load, and fields for its sensors; round-off, in which two
+    drivers differ, grows from instant to instant up to the tolerance."""
     data = tomllib.loads(known.scene.text())
     data["load"]["push"]["law"] = law
     data["output"] = {"fields": True}
+    data["solver"] = {"tolerance": 1e-8}
     return latin_fmu.scene_from_dict(data)
 
 
