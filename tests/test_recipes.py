@@ -94,6 +94,7 @@ class CohesiveContact(PointLaw):
     cohesion: float = 0.0
     name: ClassVar[str] = "cohesive_contact"
     opens: ClassVar[bool] = True
+    coulomb: ClassVar[bool] = False
     tangential: ClassVar[str] = "cohesion"
     value = staticmethod(value)
     tangent = staticmethod(tangent)

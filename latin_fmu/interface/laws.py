@@ -126,8 +126,8 @@ FRICTION: Final = "friction_coefficient"
 
 
 def coulomb_coefficient(behaviour: Behaviour) -> float | None:
-    """Coulomb's mu of a behaviour, of the caller's own too; 0 without friction, None where the law has no mu."""
-    coefficient: float | None = getattr(behaviour, FRICTION, None)
+    """Coulomb's mu of a behaviour, of the caller's own too; 0 without friction, None where no mu P bounds the shear."""
+    coefficient: float | None = getattr(behaviour, FRICTION, None) if getattr(behaviour, "coulomb", True) else None
     return coefficient
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, kernel
-from .sums import MEASURES, add_parts
+from .sums import MEASURES, add_parts, exchange_parts
 
 Array = NDArray[np.float64]
 
@@ -185,15 +185,14 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
 
 
 @kernel
-def next_iterate(pools: Any, window: int, count: int) -> bool:
-    """Next q of the window after ``count`` steps from the ``parts`` of all interfaces; see the head of this file.
-    Whether the step has still to be shortened, with the ``parts`` of other processes."""
+def next_iterate(pools: Any, window: int, count: int) -> None:
+    """Next q of the window after ``count`` steps from the ``parts`` of all interfaces; see the head of this file."""
     run, work = pools.run[0], pools.moving
     n, depth = window * run.n_flat, run.depth
     q, r = work[run.q : run.q + n], work[run.r : run.r + n]
     if depth == 0 or count <= 0:
         relax(q, r, run.relaxation, work[run.last_q : run.last_q + n], work[run.last_r : run.last_r + n])
-        return False
+        return
     add_parts(pools, MEASURES, 2 * min(count, depth))
     take_step(
         q,
@@ -207,12 +206,10 @@ def next_iterate(pools: Any, window: int, count: int) -> bool:
         count,
         work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth],
     )
-    if run.longest_step == np.inf:
-        return False
-    step_parts(pools, window)
-    if run.shared == 0:
+    if run.longest_step < np.inf:
+        step_parts(pools, window)
+        exchange_parts(pools)
         shorten(pools, window)
-    return bool(run.shared == 1)
 
 
 @kernel

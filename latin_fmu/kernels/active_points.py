@@ -186,20 +186,13 @@ def soften(pools: Any) -> None:
 
 
 @kernel
-def sum_of_tangents(pools: Any, count: int) -> float:
-    """Sum of the columns, rows and softness of ``count`` unknowns: it differs where the active points do."""
-    run, work, total = pools.run[0], pools.moving, 0.0
-    for i in range(3 * count):
-        total += work[run.columns + i] + work[run.rows + i] + work[run.softness + i]
-    return float(total + count)
-
-
-@kernel
-def sum_of_matrix(pools: Any, size: int) -> float:
-    """Sum of the numbers of the matrix, not factorised."""
-    at, total = pools.run[0].matrix, 0.0
-    for i in range(size):
-        total += pools.moving[at + i]
+def sum_of_tangents(pools: Any) -> float:
+    """Sum of the columns, rows and softness of the points owned here: it differs where the active points do."""
+    run, work, numbers, total = pools.run[0], pools.moving, pools.moving_int, 0.0
+    for p in range(run.n_place):
+        if pools.fixed_int[run.point_owned + p] == 1:
+            for i in range(3 * numbers[run.unknown_of + p], 3 * numbers[run.unknown_of + p + 1]):
+                total += work[run.columns + i] + work[run.rows + i] + work[run.softness + i]
     return float(total)
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .active_points import activate
 from .communication import communicate, present
 from .half_solves import add_reference
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
@@ -60,7 +59,6 @@ from .newton import (
     keep_end,
     leave,
     propose,
-    set_size,
     trial_fields,
     trial_parts,
     trial_size,
@@ -68,23 +66,8 @@ from .newton import (
 )
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN
-from .shared import (
-    begin_instant,
-    changes,
-    decide,
-    error_of_all,
-    first_of,
-    forces_of_all,
-    guessed,
-    local_parts,
-    own_norms,
-    pack,
-    send_stage,
-    take_end,
-    unpack,
-    verdict,
-)
 from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
+from .sums import exchange
 from .tasks import after_class, end_class, serve
 
 (
@@ -129,34 +112,7 @@ from .tasks import after_class, end_class, serve
     PRESENT,
     FIELDS,
     SERVE,
-    BEGIN_INSTANT,
-    FIRST,
-    GUESSED,
-    CHANGES,
-    SEND_STAGE,
-    BALANCE,
-    LOCAL_PARTS,
-    VERDICT,
-    DECIDE,
-    ERROR,
-    NORMS,
-    RELATIVE_FORCES,
-    SHORTEN,
-    SEND,
-    TAKE,
-    TAKE_END,
-    GAPS,
-    MOTION,
-    JUMPS,
-    ADMIT,
-    ACTIVATE,
-    MATRIX,
-    CHANGE,
-    FULL_STEP,
-    SIZE,
-    TRY,
-    PARTS,
-) = range(68)
+) = range(41)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -251,8 +207,9 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         first_guess(pools, a)
     elif action == FREE_MOTION:
         free_motion(pools, a, pools.moving[run.w : run.w + run.n_flat])
+        exchange(pools, run.w, run.n_flat, 1)
     elif action == STAGE:
-        next_stage(pools, a, b, c)
+        next_stage(pools, a, b, c, pools.moving_int[run.iterations], d)
     elif action == LINEAR_STAGE:
         linear_stage(pools, a, b, c)
     elif action == OUTGOING:
@@ -261,9 +218,9 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif PREPARE <= action <= FINISH:
         _call_of_group(pools, action, a, b, c)
     elif action == MEASURE:
-        measure(pools, a)
+        measure(pools, a, 0)
     elif action == NEXT:
-        return int(advance_iterate(pools, a, b, c))
+        advance_iterate(pools, a, b, c)
     elif action == OPEN:
         open_window(pools, a, b)
     elif action == BEGIN:
@@ -284,82 +241,10 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         gather_fields(pools, a)
     elif action == SERVE:
         serve(pools, a)
-    elif action >= BEGIN_INSTANT:
-        return _call_of_process(pools, action, a, b, c, d)
     elif action >= PROPOSE:
         return _call_of_newton(pools, action, a)
     else:
         return _call_of_class(pools, action, a, b, c, d)
-    return 0
-
-
-@kernel
-def _call_of_process(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
-    """Parts between which the processes of a run exchange what they computed: see ``shared``."""
-    run = pools.run[0]
-    if action == VERDICT:
-        return verdict(pools, a, b, c, d)
-    if action == DECIDE:
-        return decide(pools, a, b)
-    if action >= ADMIT:
-        return _call_of_shared_step(pools, action, a)
-    if action == LOCAL_PARTS:
-        local_parts(pools, a, b, c)
-    elif action == BEGIN_INSTANT:
-        return begin_instant(pools, a, b == 1, c == 1)
-    elif action == FIRST:
-        return first_of(pools, a)
-    elif action == GUESSED:
-        guessed(pools, a, b, c == 1)
-    elif action == CHANGES:
-        changes(pools, a)
-    elif action == SEND_STAGE:
-        send_stage(pools, a, b, c)
-    elif action == BALANCE:
-        balance(pools)
-        pack(pools, run.w, run.n_flat, 1)
-    elif action == ERROR:
-        return int(error_of_all(pools, a))
-    elif action == NORMS:
-        own_norms(pools, a)
-    elif action == RELATIVE_FORCES:
-        forces_of_all(pools, a)
-    elif action == SHORTEN:
-        shorten(pools, a)
-    elif action == SEND:
-        pack(pools, a, b, c)
-    elif action == TAKE:
-        unpack(pools, a, b, c)
-    elif action == TAKE_END:
-        take_end(pools, a, b)
-    elif action == GAPS:
-        read_gaps(pools, a)
-    elif action == MOTION:
-        read_motion(pools, a, b)
-    elif action == JUMPS:
-        read_jumps(pools, a)
-    return 0
-
-
-@kernel
-def _call_of_shared_step(pools: Any, action: int, a: int) -> int:
-    """Parts of a Newton step of several processes: see ``newton``."""
-    if action == ADMIT:
-        admit_residual(pools)
-    elif action == ACTIVATE:
-        return activate(pools)
-    elif action == MATRIX:
-        return active_matrix(pools)
-    elif action == CHANGE:
-        return int(change_tractions(pools, a))
-    elif action == FULL_STEP:
-        full_step(pools)
-    elif action == SIZE:
-        set_size(pools)
-    elif action == TRY:
-        try_length(pools, length_of(a))
-    elif action == PARTS:
-        residual_parts(pools, 1)
     return 0
 
 
@@ -382,9 +267,8 @@ def _call_of_newton(pools: Any, action: int, a: int) -> int:
         keep_end(pools)
     elif action == TRIAL:
         trial_fields(pools, length_of(a))
-    elif action == TRIAL_SIZE:  # those of several processes are exchanged before
-        if pools.run[0].shared == 0:
-            trial_parts(pools)
+    elif action == TRIAL_SIZE:
+        trial_parts(pools)
         work[course + RESIDUAL] = trial_size(pools)
     elif action == COUNT_STEP:
         count_step(pools, work[course + RESIDUAL])

@@ -172,6 +172,44 @@ def add_class_norms(pools: Any, window: int) -> None:
 
 
 @kernel
+def own_norms(pools: Any, window: int) -> None:
+    """Of this process, for those of all: norms of its classes, whether a traction acts at the end of the window, energy
+    put in, work of the drift, power of the forces (``cross``)."""
+    run, work = pools.run[0], pools.moving
+    to = run.own_norms
+    for c in range(len(pools.classes)):
+        for e in range(4 * window):
+            work[to] = work[pools.classes[c].class_norms + e]
+            to += 1
+    f_hat, acts = work[run.local_f + (window - 1) * run.n_flat : run.local_f + window * run.n_flat], 0.0
+    for j in range(run.n_flat):
+        if f_hat[j] != 0.0:
+            acts = 1.0
+            break
+    work[to], work[to + 1], work[to + 2] = acts, own_put_in(pools), pools.moving[run.works + OF_DRIFT]
+    work[to + 3] = cross_of_classes(pools, window)
+
+
+@kernel
+def add_all_norms(pools: Any, window: int) -> None:
+    """``add_class_norms`` and ``take_works`` from the ``own_norms`` of all processes."""
+    run, work = pools.run[0], pools.moving
+    for e in range(4 * window):
+        total = 0.0
+        for r in range(run.n_norm - run.n_process):
+            total += work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window + e]
+        work[run.norms + e] = total
+    acts, put_in, drift, known, cross = 0.0, 0.0, 0.0, True, 0.0
+    for r in range(run.n_norm - run.n_process, run.n_norm):
+        at = run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window
+        acts, put_in, drift = max(acts, work[at]), put_in + work[at + 1], drift + work[at + 2]
+        known, cross = known and work[at + 1] >= 0.0, cross + work[at + 3]
+    work[run.norms + 4 * window] = cross
+    work[run.acting] = acts
+    take_works(pools, put_in if known else -1.0, drift)
+
+
+@kernel
 def cross_of_classes(pools: Any, window: int) -> float:
     """Sum of ``cross`` over the classes here and the instants of the window."""
     total = 0.0

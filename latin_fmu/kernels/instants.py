@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from .callouts import SUM, call_out
 from .energy import open_account
 from .energy_parts import ELASTIC, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
 from .iteration import iterate, precise
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
-from .newton import MADE
+from .newton import MADE, POWER, RESIDUAL
 from .products import add_dense
 from .sparse_response import MOST_CORRECTIONS, squared_defect
+from .sums import exchange
 from .tasks import END, END_OF_WINDOW, PREDICT, SOLUTION, each_class
 
 Array = NDArray[np.float64]
@@ -44,6 +46,8 @@ def march_instants(pools: Any, first: int, n: int) -> int:
                 pools.moving_int[pools.run[0].iterations + call] = used
             if used <= 0:
                 return call
+        if pools.run[0].shared == 1:
+            pools.moving[pools.run[0].touched] = pools.moving[pools.run[0].acting]
         each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
     return n
@@ -54,7 +58,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     """Iterate over the instant whose free responses are known; whether it converged."""
     run, work = pools.run[0], pools.moving
     open_window(pools, 1, instant - 1)
-    if run.n_flat == 0:
+    if run.n_part == 0:
         pools.moving[run.errors + call * run.max_iterations] = 0.0
         pools.moving[run.force_residuals + call * run.max_iterations] = 0.0
         pools.moving_int[run.iterations + call] = 1
@@ -80,15 +84,13 @@ def correct(pools: Any, instant: int, call: int) -> int:
     """Solve under the tractions of the instant and compare the defect with the tolerance: WITHIN, and the
     instant is accepted; CORRECTED, these tractions and their exact velocities are the reference and the next iterate;
     or FAILED."""
+    run, course = pools.run[0], pools.run[0].course
     each_class(pools, SOLUTION, instant, 0)
-    squared = squared_defect(pools)
-    return decided(pools, call, squared, cross_of_classes(pools, 1))
-
-
-@kernel
-def decided(pools: Any, call: int, squared: float, power: float) -> int:
-    """``correct`` from the squared defect of all classes and its power."""
-    run = pools.run[0]
+    squared, power = squared_defect(pools), cross_of_classes(pools, 1)
+    if run.shared == 1:
+        pools.moving[course + RESIDUAL], pools.moving[course + POWER] = squared, power
+        call_out(pools, SUM, course + RESIDUAL, 2, 0)
+        squared, power = pools.moving[course + RESIDUAL], pools.moving[course + POWER]
     size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
     last = pools.moving_int[run.corrections + call] == MOST_CORRECTIONS
     allowed = run.tolerance if last or work_of_error(pools, 1, power) <= 1.0 else precise(run.tolerance) * run.tolerance
@@ -100,6 +102,7 @@ def decided(pools: Any, call: int, squared: float, power: float) -> int:
         return FAILED
     pools.moving_int[run.corrections + call] += 1
     guess_from_reference(pools, pools.moving[run.q : run.q + run.n_flat], True)
+    exchange(pools, run.q, run.n_flat, 1)
     for c in range(len(pools.classes)):
         if pools.classes[c].sparse == 1:
             pools.moving[pools.classes[c].ended] = 0.0
@@ -141,8 +144,11 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * w[j]
     if touched or run.static == 1:
         guess_from_reference(pools, q, False)
+        if run.from_last == 1 and run.static == 0:
+            exchange(pools, run.q, n, 1)
         return
     free_motion(pools, instant, w)
+    exchange(pools, run.w, n, 1)
     for j in range(n):
         q[j] = k[j] * w[j]
 
@@ -186,6 +192,7 @@ def end_instant(pools: Any, instant: int, i: int) -> None:
     """Gaps and drifts at the end of an instant, and its accepted fields among histories and as the start of the next
     one; they are those of instant i of the window."""
     run, moving, of_ground = pools.run[0], pools.moving, 0.0
+    exchange(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
     for e in range(run.n_ground):
         at, velocity = pools.fixed_int[run.ground + e], moving[run.ground_velocity + instant * run.n_ground + e]
         moving[run.moved + at] = velocity
@@ -228,8 +235,7 @@ def end_window_instant(pools: Any, instant: int, i: int) -> None:
             excess = work[run.f + i * run.n_flat + at] - work[run.local_f + i * run.n_flat + at]
             work_done += pools.fixed[run.area + at] * excess * work[run.moved + at]
     work[run.works + OF_DRIFT] += work_done * run.dt
-    if pools.run[0].shared == 0:
-        end_instant(pools, instant, i)
+    end_instant(pools, instant, i)
 
 
 @kernel
@@ -248,8 +254,8 @@ def read_start(pools: Any) -> None:
     for j in range(n):
         output[run.history_f + j], output[run.history_w + j] = state[run.f_hat + j], state[run.w_hat + j]
     output[run.history_works] = state[run.works + OF_DRIFT]
-    if run.shared == 0:
-        read_gaps(pools, 0)
+    exchange(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
+    read_gaps(pools, 0)
 
 
 @kernel

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .indicator import add_class_norms, error_indicator, relative_forces
+from .acceleration import difference_parts
+from .callouts import CHANGES, COARSE, NORMS_OF_ALL, call_out
+from .indicator import add_all_norms, add_class_norms, own_norms, relative_forces, residual_parts, set_error
 from .matrices import add_matrix
 from .newton import (
     ACTIVE,
@@ -30,7 +32,10 @@ from .newton import (
     leave,
     propose,
     search,
+    steps_made,
 )
+from .substructure import change_of
+from .sums import exchange, exchange_parts
 from .tasks import NORMS, RESPONSE, WINDOW, each_class, each_point
 
 Array = NDArray[np.float64]
@@ -61,6 +66,8 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched in every iteration.
     """
     run, work = pools.run[0], pools.moving
+    if run.shared == 1 and run.reuse >= 0.0 and iteration > 0:
+        changes(pools, window)
     if window == 1:
         each_class(pools, RESPONSE, 1 if iteration > 0 and run.reuse >= 0.0 else 0, 0)
     else:
@@ -74,8 +81,20 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
             w[pools.fixed_int[run.ground + e]] = pools.moving[at + e]
     if run.n_coarse > 0:
         coarse_parts(pools)
-        if run.shared == 0:
-            balance(pools)
+        if run.shared == 1:
+            call_out(pools, COARSE, 0, 0, 0)
+        balance(pools)
+    exchange(pools, run.w, run.n_flat, window)
+
+
+@kernel
+def changes(pools: Any, window: int) -> None:
+    """Changes of q of the divided classes, of which every process holds some members."""
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        for i in range(window if row.divided == 1 else 0):
+            pools.moving[row.changes + i] = change_of(pools, c, i)
+    call_out(pools, CHANGES, window, 0, 0)
 
 
 @kernel
@@ -119,9 +138,14 @@ def balance(pools: Any) -> None:
 
 
 @kernel
-def measure(pools: Any, window: int) -> None:
-    """sqrt(eta) into ``measure[0]`` and, where that is below tolerance, the force residual into ``measure[1]``."""
-    if error_indicator(pools, window) <= pools.run[0].tolerance:
+def measure(pools: Any, window: int, made: int) -> None:
+    """sqrt(eta) into ``measure[0]`` and, where that is below tolerance, the force residual into ``measure[1]``. The
+    processes of a run exchange the sums of the next step of the acceleration with them, after ``made`` steps."""
+    residual_parts(pools, window)
+    if pools.run[0].shared == 1:
+        difference_parts(pools, window, made)
+        exchange_parts(pools)
+    if set_error(pools, window) <= pools.run[0].tolerance:
         force_residual(pools, window)
 
 
@@ -136,15 +160,20 @@ def force_residual(pools: Any, window: int) -> float:
 def force_norms(pools: Any, window: int) -> None:
     """Squared norms of the forces and of their half residuals at the instants of the window, into ``norms``."""
     each_class(pools, NORMS, window, 0)
-    add_class_norms(pools, window)
+    if pools.run[0].shared == 0:
+        add_class_norms(pools, window)
+        return
+    own_norms(pools, window)
+    call_out(pools, NORMS_OF_ALL, window, 0, 0)
+    add_all_norms(pools, window)
 
 
 @kernel
-def stage(pools: Any, window: int, first: int, iteration: int) -> None:
+def stage(pools: Any, window: int, first: int, iteration: int, made: int) -> None:
     """One iteration from the q of ``work``: fields of both stages, residual, measures."""
     linear_stage(pools, window, first, iteration)
     each_point(pools, window)
-    measure(pools, window)
+    measure(pools, window, made)
 
 
 @kernel
@@ -155,22 +184,23 @@ def newton_step(pools: Any, first: int) -> bool:
     linear_stage(pools, 1, first, 1)
     keep_end(pools)
     search(pools)
-    measure(pools, 1)
+    measure(pools, 1, 0)
     return True
 
 
 @kernel
-def next_stage(pools: Any, window: int, first: int, iteration: int) -> None:
-    """One iteration from the q of ``work``, or one Newton step where it is time for one."""
+def next_stage(pools: Any, window: int, first: int, iteration: int, begin: int, phase: int) -> None:
+    """One iteration from the q of ``work``, or one Newton step where it is time for one, with ``begin`` iterations made
+    before under another reference; ``phase``: the iteration from which on the acceleration has its differences."""
     run = pools.run[0]
     course = pools.moving[run.course : run.course + N_COURSE]
-    if iteration == 0:
+    if iteration == begin:
         course[:] = 0.0
     if window == 1 and course[ACTIVE] == 1.0:
         if newton_step(pools, first):
             return
         leave(pools, iteration)
-    stage(pools, window, first, iteration)
+    stage(pools, window, first, iteration - begin, steps_made(pools, window, iteration, phase))
 
 
 @kernel
@@ -250,13 +280,15 @@ def iterate(pools: Any, window: int, first: int, call: int, begin: int) -> int:
     iterations used where the window converged, else minus that number."""
     run = pools.run[0]
     for iteration in range(begin, run.max_iterations):
-        next_stage(pools, window, first, iteration - begin)
+        next_stage(pools, window, first, iteration, begin, begin)
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
         pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
         bits = judge(pools, window, begin, iteration, run.depth > 0)
         if bits & CONVERGED:
             return iteration + 1
         if bits & (STALLED | BROKEN):
+            return -(iteration + 1)
+        if pools.moving[run.failed] != 0.0:
             return -(iteration + 1)
         advance_iterate(pools, window, iteration, begin)
     return -int(run.max_iterations)

@@ -34,6 +34,7 @@ from ..compiled import kernel
 from ..laws.dispatch import NO_SLIP, apply
 from .energy_parts import OF_DRIFT
 from .matrices import read_channels
+from .sums import exchange
 
 Array = NDArray[np.float64]
 
@@ -312,10 +313,9 @@ def open_window(pools: Any, window: int, instant: int) -> None:
             for p in range(group.n_point):
                 start[p] -= work[group.drift + p * h]
         _start_window(pools, g, 0, group.n_point)
-    if window == 1 or run.shared == 1:
-        return
-    for kind in range(3):
+    for kind in range(3 if window > 1 else 0):
         read_motion(pools, instant, kind)
+        exchange(pools, run.displacement, run.n_flat, 1)
         read_jumps(pools, kind)
 
 

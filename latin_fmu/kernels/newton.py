@@ -36,19 +36,11 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .acceleration import difference_parts, next_iterate
-from .active_points import (
-    activate,
-    add_relative,
-    assemble,
-    is_factored,
-    soften,
-    solve_active,
-    sum_of_matrix,
-    sum_of_tangents,
-)
+from .active_points import activate, add_relative, assemble, is_factored, soften, solve_active, sum_of_tangents
+from .callouts import MATRIX, SUM, UNKNOWNS, call_out
 from .krylov import add_columns, admit, solve_by_products, widen
 from .local_stage import finish, outgoing, prepare, solve_points
-from .sums import add_parts
+from .sums import add_parts, exchange, exchange_parts
 
 Array = NDArray[np.float64]
 
@@ -100,20 +92,24 @@ def admit_residual(pools: Any) -> None:
     for j in range(n):
         x[j] = work[run.local_f + j] - work[run.f + j]
     admit(pools, x, v)
+    exchange(pools, run.step_w, n, 1)
 
 
 @kernel
 def active_matrix(pools: Any) -> int:
-    """Unknowns of the step, their right-hand side and matrix, of which the processes of a run have parts that sum to
-    them; size of the matrix (with ``krylov``, which has none, the number of unknowns), 0 where there are none."""
+    """Unknowns of the step, their right-hand side and matrix, to which the processes of a run add theirs; size of the
+    matrix (with ``krylov``, which has none, the number of unknowns), 0 where there are none."""
     run = pools.run[0]
     count = activate(pools)
+    if run.shared == 1:  # the points of other processes have their unknowns between those of this one
+        call_out(pools, UNKNOWNS, 0, 0, 0)
+        count = activate(pools)
+    pools.moving[run.course + TANGENTS] = sum_of_tangents(pools)
     if count == 0:
         return 0
     add_relative(pools, pools.moving[run.step_w : run.step_w + run.n_flat])
     if run.krylov == 1:
         return count
-    pools.moving[run.course + TANGENTS] = sum_of_tangents(pools, count)
     if is_factored(pools, count):
         return count
     size = assemble(pools)
@@ -122,6 +118,8 @@ def active_matrix(pools: Any) -> int:
         if pools.fixed_int[run.point_owned + p] == 0:
             for i in range(pools.moving_int[run.unknown_of + p], pools.moving_int[run.unknown_of + p + 1]):
                 pools.moving[run.unknowns + i] = 0.0
+    if run.shared == 1 and size > 0:
+        call_out(pools, MATRIX, size, 0, 0)
     return size
 
 
@@ -137,14 +135,12 @@ def change_tractions(pools: Any, size: int) -> bool:
             return False
         for j in range(n):
             x[j] = work[run.local_f + j] - work[run.f + j]
-    elif size > 0:
-        if run.shared == 1:  # the tangents of all processes
-            work[run.course + TANGENTS] = sum_of_matrix(pools, size)
-        if not solve_active(pools):
-            return False
+    elif size > 0 and not solve_active(pools):
+        return False
     count = pools.moving_int[run.unknown_of + run.n_place]
     add_columns(pools, work[run.unknowns : run.unknowns + count], x)
     admit(pools, x, v)
+    exchange(pools, run.step_w, n, 1)
     return True
 
 
@@ -175,6 +171,7 @@ def full_step(pools: Any) -> None:
 def set_size(pools: Any) -> None:
     """Residual at the start of a step, from the ``parts`` of all interfaces."""
     run, work = pools.run[0], pools.moving
+    exchange_parts(pools)
     add_parts(pools, 0, 1)
     work[run.course + SIZE] = np.sqrt(work[run.totals])
 
@@ -225,6 +222,7 @@ def trial_parts(pools: Any) -> None:
 @kernel
 def trial_size(pools: Any) -> float:
     """Residual of the local stage of a trial in the norm of the iteration, from the ``parts`` of all interfaces."""
+    exchange_parts(pools)
     add_parts(pools, 0, 1)
     return float(np.sqrt(pools.moving[pools.run[0].totals]))
 
@@ -332,10 +330,12 @@ def keep_course(pools: Any) -> None:
     course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
     if run.newton == 0 or course[LAST] == 0.0:
         return
-    compared = course[MADE] > 0.0
-    # of a few iterations no step is in sight; several processes would have to exchange the sums
-    if not compared and run.shared == 0 and course[LAST] >= COLD:
-        course[TANGENTS], compared = sum_of_tangents(pools, activate(pools)), True
+    compared = course[MADE] > 0.0 or course[LAST] >= COLD  # after few iterations no step is in sight
+    if course[MADE] == 0.0 and compared:
+        activate(pools)
+        course[TANGENTS] = sum_of_tangents(pools)
+    if run.shared == 1 and compared:
+        call_out(pools, SUM, run.course + TANGENTS, 1, 0)
     same = compared and course[TANGENTS] == finish[1] and run.krylov == 0
     finish[0], finish[1] = 1.0 if course[MADE] > 0.0 else 0.0, course[TANGENTS]
     finish[2] = finish[2] + 1.0 if same else 0.0
@@ -362,12 +362,11 @@ def steps_made(pools: Any, window: int, iteration: int, phase: int) -> int:
 
 
 @kernel
-def advance_iterate(pools: Any, window: int, iteration: int, phase: int) -> bool:
-    """Next q after an iterate that has not converged: by the acceleration, or left to a Newton step. Whether the step
-    has still to be shortened (``next_iterate``)."""
+def advance_iterate(pools: Any, window: int, iteration: int, phase: int) -> None:
+    """Next q after an iterate that has not converged: by the acceleration, or left to a Newton step."""
     if window == 1 and continues(pools, iteration):
-        return False
+        return
     made = steps_made(pools, window, iteration, phase)
-    if pools.run[0].shared == 0:  # else the caller has exchanged them
+    if pools.run[0].shared == 0:  # else they have been exchanged with the measures (``iteration.measure``)
         difference_parts(pools, window, made)
-    return next_iterate(pools, window, made)
+    next_iterate(pools, window, made)

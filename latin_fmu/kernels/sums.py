@@ -1,16 +1,22 @@
-"""Sums over the interfaces of an assembly, and what the processes of a run exchange (``shared``).
+"""Sums over the interfaces of an assembly, and what the processes of a run exchange.
 
 A sum over the assembly is one over each interface first, into a row of ``own_parts``, then over the interfaces in the
 order of the scene. In one process ``own_parts`` and ``parts`` are one array. Of several, each has the rows of the
 interfaces that it owns, and receives those of all. The sums are the same to the last bit for any number of processes:
 the acceleration enlarges round-off by the inverse of pivots down to 1e-12 (``acceleration.RANK``).
+
+A process (``latin.processes``) computes the linear stage of its substructures and the local stage of the interfaces
+that touch them, an interface between two processes on both. What the other side of such an interface needs goes through
+``outbox`` and ``inbox``: the values at the channels of one process that the other takes, neighbour after neighbour. The
+caller sends them (``callouts``).
 """
 
 from __future__ import annotations
 
 from typing import Any, Final
 
-from ..compiled import ordered_kernel
+from ..compiled import kernel, ordered_kernel
+from .callouts import MESSAGES, PARTS_OF_ALL, call_out
 
 MEASURES: Final = 6
 """Numbers of a row of ``parts`` that measures take; those of the acceleration stand behind them."""
@@ -29,7 +35,9 @@ RUN_FIELDS: Final[tuple[tuple[str, str], ...]] = (
     ("coarse", "work (n_coarse + n_coarse_here,)"),
     ("coarse_parts", "work (2 * n_coarse,): sums of the sides, those of all processes"),
     ("coarse_own", "work (n_coarse_own,) if shared else coarse_parts: those here"),
-    ("shared", "1 where other processes hold substructures: the caller exchanges what they compute (``shared``)"),
+    ("callout", "address of the function of the caller (``callouts``), 0 for none"),
+    ("failed", "work (1,): 1 where it has failed"),
+    ("shared", "1 where other processes hold substructures: the caller exchanges what they compute (``callouts``)"),
     ("n_owned", "interfaces of this process that it owns, the first ones"),
     ("n_process", "processes"),
     ("n_neighbour", "processes that hold the other side of an interface"),
@@ -64,3 +72,33 @@ def add_parts(pools: Any, first: int, n: int) -> None:
         for e in range(run.n_part):
             total += work[run.parts + pools.fixed_int[run.part_order + e] * run.part_width + column]
         work[run.totals + column] = total
+
+
+@kernel
+def exchange_parts(pools: Any) -> None:
+    """``parts`` of all processes from the ``own_parts`` of each."""
+    if pools.run[0].shared == 1:
+        call_out(pools, PARTS_OF_ALL, 0, 0, 0)
+
+
+@kernel
+def exchange(pools: Any, at: int, stride: int, n: int) -> None:
+    """Replace n fields, ``stride`` numbers apart from ``at`` on, at the channels of other processes by theirs."""
+    run, moving = pools.run[0], pools.moving
+    if run.shared == 0:
+        return
+    to = run.outbox
+    for s in range(run.n_neighbour):
+        first, last = pools.fixed_int[run.send_starts + s], pools.fixed_int[run.send_starts + s + 1]
+        for i in range(n):
+            for e in range(first, last):
+                moving[to] = moving[at + i * stride + pools.fixed_int[run.send_places + e]]
+                to += 1
+    call_out(pools, MESSAGES, n, 0, 0)
+    start = run.inbox
+    for s in range(run.n_neighbour):
+        first, last = pools.fixed_int[run.take_starts + s], pools.fixed_int[run.take_starts + s + 1]
+        for i in range(n):
+            for e in range(first, last):
+                moving[at + i * stride + pools.fixed_int[run.take_places + e]] = moving[start]
+                start += 1

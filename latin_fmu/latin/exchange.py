@@ -1,4 +1,4 @@
-"""What the processes of a run exchange between the calls of the kernels (``processes``, ``kernels.shared``)."""
+"""What the processes of a run exchange where the kernels call out for it (``processes``, ``kernels.callouts``)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..kernels import entries
+from ..kernels import callouts
 from ..propagator.image import Image
 from .assembly import Array
 from .part import Part
@@ -14,7 +14,7 @@ from .search_direction import Direction
 
 
 class Exchange:
-    """What the processes of a run exchange between the calls of the kernels.
+    """What the processes of a run exchange where the kernels call out for it.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class Exchange:
 
     Attributes
     ----------
-    parts : gathers the sums over each interface. divided : whether some class of the assembly is divided.
+    parts : gathers the sums over each interface.
     """
 
     def __init__(self, part: Part, image: Image, direction: Direction) -> None:
@@ -33,8 +33,7 @@ class Exchange:
         self.parts = gathering(own, every, [n * width for n in owned])
         self._norms: dict[int, Callable[[], None]] = {}
         self._neighbours: dict[int, Callable[[], None]] = {}
-        self.divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
-        self.fields = 2 + int(run["layers"])
+        self._divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
         self._point_owned = direction.relative.get("point_owned")
         self.has_coarse = bool(run.get("n_coarse", 0))
         if self.has_coarse and direction.coarse is not None:
@@ -43,6 +42,17 @@ class Exchange:
             self.coarse = gathering(
                 image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
             )
+        self._exchanges: dict[int, Callable[[int, int], None]] = {
+            callouts.MESSAGES: lambda n, _: self.neighbours(n),
+            callouts.PARTS_OF_ALL: lambda *_: self.parts(),
+            callouts.NORMS_OF_ALL: lambda n, _: self.norms(n),
+            callouts.COARSE: lambda *_: self.coarse(),
+            callouts.CHANGES: lambda n, _: self.changes(n),
+            callouts.UNKNOWNS: lambda *_: self.unknowns(),
+            callouts.MATRIX: lambda size, _: self.matrix(size),
+            callouts.SUM: lambda at, n: self.processes.add(image.moving[at : at + n]),
+        }
+        image.call_out_to(lambda what, a, b, _: self._exchanges[what](a, b))
 
     def neighbours(self, n: int) -> None:
         """Exchange messages of n fields with the neighbours."""
@@ -58,18 +68,6 @@ class Exchange:
     def _field(self, name: str, first: int, last: int) -> Array:
         return self._image.field(name, last)[first:]
 
-    def share(self, name: str, n: int = 1) -> None:
-        """Exchange n fields with the neighbours, the first of them by its name."""
-        image = self._image
-        given = image.run_fields[name], image.run_fields["moved"] - image.run_fields["displacement"]
-        image.call(entries.SEND, *given, n)
-        self.neighbours(n)
-        image.call(entries.TAKE, *given, n)
-
-    def displacements(self) -> None:
-        """Exchange what gaps, layers and drifts follow from."""
-        self.share("displacement", self.fields)
-
     def norms(self, n: int) -> None:
         """Gather the norms of the force residual over a window of n instants."""
         if n not in self._norms:
@@ -81,12 +79,6 @@ class Exchange:
             self._norms[n] = self.processes.gathering(own, every, sizes)
         self._norms[n]()
 
-    def force_residual(self, n: int) -> None:
-        """Force residual over a window of n instants."""
-        self._image.call(entries.NORMS, n)
-        self.norms(n)
-        self._image.call(entries.RELATIVE_FORCES, n)
-
     def touch(self) -> None:
         """Find out whether any traction of the last accepted instant acts."""
         acts = np.array([float(self._image.field("f_hat", self._image.n_flat).any())])
@@ -95,6 +87,8 @@ class Exchange:
 
     def changes(self, n: int) -> None:
         """Changes of q at all members of the divided classes over a window of n instants."""
+        if not self._divided:
+            return
         part, image = self.part, self._image
         own = [image.class_field(c, "changes", n) for c, divided in enumerate(part.divided) if divided]
         counts = np.bincount(part.whole.part_of)
@@ -110,7 +104,7 @@ class Exchange:
                     total += values
             field[:] = total
 
-    def counts(self) -> None:
+    def unknowns(self) -> None:
         """Unknowns of a Newton step at the points that other processes hold."""
         image = self._image
         n = int(image.run_fields["n_place"])

@@ -6,7 +6,7 @@ substructures (``kernels.records``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -132,11 +132,9 @@ def _group_fields(group: Group, static: bool) -> dict[str, Any]:
     }
 
 
-def negligible_scales(
-    image: Image, direction: Direction, tolerance: float, force_residual: Callable[[int], object]
-) -> Array:
+def negligible_scales(image: Image, direction: Direction, tolerance: float) -> Array:
     """Scales (3,) of negligible fields, relative to the largest load: denominator of eta, normal and tangential
-    forces; ``image`` : of windows of one instant, bound to ``direction``; ``force_residual`` : of so many instants.
+    forces; ``image`` : of windows of one instant, bound to ``direction``.
 
     A motion that starts from an equilibrium under forces has the loads of that equilibrium among the largest, which
     do not give the size of the motion: there the residual counts down to ``_AT_REST`` of them.
@@ -146,7 +144,7 @@ def negligible_scales(
     measures[:], measures[7] = 0.0, 1.0
     tiny, whole = np.finfo(float).tiny, direction.whole
     if whole.assembly.interfaces:
-        force_residual(1)
+        image.call(entries.FORCES, 1)
     weights = whole.weights[1, whole.assembly.layout.normal]
     fields = float(whole.level.max(initial=0.0)) ** 2 * float(weights.sum())
     part = min(1.0, _AT_REST / (FLOOR * tolerance)) if still_tractions(whole.assembly).any() else 1.0
@@ -285,22 +283,32 @@ class Stages:
         """Gaps and accepted fields at the end of an instant, the i-th of the window."""
         self.image.call(entries.END_INSTANT, instant, i)
 
+    def ended(self) -> None:
+        """Called at the end of an instant."""
+
     def field(self, name: str) -> Array:
         """A field of the window, (n, n_flat), a view."""
         return self.image.field(name, self.n, self.image.n_flat)
 
-    def evaluate(self, iteration: int, phase: int = 0) -> None:  # noqa: ARG002, for ``SharedStages``
-        """One linear and one local stage from the q of the image, and the measures of the iterate; ``phase`` : the
-        iteration from which on the acceleration has its differences."""
+    def evaluate(self, iteration: int, begin: int = 0, phase: int = 0) -> None:
+        """One linear and one local stage from the q of the image, and the measures of the iterate, with ``begin``
+        iterations made before under another reference; ``phase`` : the iteration from which on the acceleration has its
+        differences."""
         image, n = self.image, self.n
         if self._compiled:
-            image.call(entries.STAGE, n, self.first, iteration)
+            image.counts("iterations", 1)[0] = begin
+            image.call(entries.STAGE, n, self.first, iteration, phase)
             return
-        if n == 1 and iteration and image.field("course", N_COURSE)[ACTIVE] == 1.0 and self._newton_step(iteration):
+        if (
+            n == 1
+            and iteration > begin
+            and image.field("course", N_COURSE)[ACTIVE] == 1.0
+            and self._newton_step(iteration)
+        ):
             return
-        if iteration == 0:
+        if iteration == begin:
             image.field("course", N_COURSE)[:] = 0.0
-        self._stage(iteration)
+        self._stage(iteration - begin)
 
     def _stage(self, iteration: int) -> None:
         """One iteration where a law is called, or a factor is held, by Python."""

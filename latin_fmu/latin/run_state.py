@@ -186,21 +186,12 @@ class RunState:
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
         self.image.field("scales", 3)[:] = (
-            negligible_scales(self.image, one, self.settings.tolerance, self.force_residual)
-            if scales is None
-            else scales
+            negligible_scales(self.image, one, self.settings.tolerance) if scales is None else scales
         )
         self._team = Team(self.image, self.settings.threads)
         self.refusals = 0
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
         self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
-
-    def force_residual(self, n: int) -> None:
-        """Force residual over a window of n instants."""
-        if self._exchange is None:
-            self.image.call(entries.FORCES, n)
-        else:
-            self._exchange.force_residual(n)
 
     def stages(self, n: int, first: int) -> Stages:
         """Stages of a window of n instants from the instant ``first`` on."""
@@ -349,8 +340,6 @@ class RunState:
         self.image.set({"first_row": 0})
         self.image.call(entries.READ_START)
         if self._exchange is not None:
-            self._exchange.displacements()
-            self.image.call(entries.GAPS, 0)
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
 

@@ -98,7 +98,7 @@ class WindowSolver:
         best: Iterate | None = None
         limit, phase, iteration = record.iterations + settings.max_iterations - begin, begin, begin
         while True:
-            self._evaluate(stages, record, iteration - begin, phase)
+            self._evaluate(stages, record, iteration, begin, phase)
             accelerated = settings.anderson_depth > 0 and used[-1:] != [RELAXED]
             verdict = stages.judge(phase, iteration, accelerated)
             if verdict & (BEST | CONVERGED) or best is None:
@@ -134,9 +134,9 @@ class WindowSolver:
         return best
 
     @staticmethod
-    def _evaluate(stages: Stages, record: WindowRecord, iteration: int, phase: int) -> None:
+    def _evaluate(stages: Stages, record: WindowRecord, iteration: int, begin: int, phase: int) -> None:
         """One iteration from the q of the image; its measures go to ``record``."""
-        stages.evaluate(iteration, phase)
+        stages.evaluate(iteration, begin, phase)
         measures = stages.measures()
         record.error_indicator.append(float(measures[0]))
         record.force_mismatch.append(float(measures[1]))

@@ -28,7 +28,6 @@ from .recorder import Recorder
 from .run_image import Stages, rules
 from .run_state import ONE, SAMPLED, RunState
 from .settings import Settings
-from .shared_stages import SharedStages
 from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
 from .status import BALANCED
 
@@ -219,12 +218,9 @@ class Run(RunState):
         return until if self._monitor is None else min(until, self._monitor.instants(self))
 
     def _march_instants(self, first: int, n: int) -> int:
-        """The same in one call of the kernels, or with the substructures on several processes."""
-        image, stages = self.image, self.stages(1, first)
-        if isinstance(stages, SharedStages):
-            return stages.march(first, n)
+        """The same in one call of the kernels."""
         with self._team.at_work():
-            return image.call(entries.MARCH, first, n)
+            return self.image.call(entries.MARCH, first, n)
 
     def _count(self, before: float) -> None:
         """Add the work, and the CPU time since ``before``, that of the process then."""
@@ -343,10 +339,9 @@ class Run(RunState):
                 stages.end_instant(first)
             elif image.factored:
                 image.call(entries.END_WINDOW, first + i, i)
-                if isinstance(stages, SharedStages):
-                    stages.end_instant(first + i, i)
             else:
                 image.end_window_instant(first + i, i)
+            stages.ended()
             self._set_instant(first + i)
             after(i)
 

@@ -33,6 +33,7 @@ class PointLaw:
     compliant: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
     keeps: ClassVar[tuple[bool, bool]] = (True, True)
+    coulomb: ClassVar[bool] = True  # mu P bounds the shear, where there is a ``friction_coefficient`` mu
     tangential: ClassVar[str] = ""  # parameter without which the points have no tangential unknowns
 
     @property

@@ -7,7 +7,9 @@ that a new segment changes its end only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import CFUNCTYPE, c_int64, c_void_p
+from ctypes import cast as pointer_to
 from dataclasses import dataclass
 from math import prod
 from typing import Any, cast
@@ -28,6 +30,7 @@ from .class_record import Block
 from .model import Array, Index
 
 Fields = dict[str, Any]
+_CALLOUT = CFUNCTYPE(c_int64, *[c_int64] * 4)
 _DIRECTIONS = 2  # further search directions that there is room for from the start
 _OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache
 _ROWS = (16, 512)  # and rows at least and at most
@@ -110,6 +113,7 @@ class Image:
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
         self._half: dict[int, Array] = {}
+        self._raised: BaseException | None = None
         self._views: dict[tuple[str, tuple[int, ...]], Array] = {}  # of fields of the run that were read
         self._written = False
         self._lay_out_moving()
@@ -266,7 +270,28 @@ class Image:
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         """Do an action of ``kernels.entries``; what it returns."""
         self.write()
-        return int(self._entry(action, a, b, c, d))
+        result = int(self._entry(action, a, b, c, d))
+        if self._raised is not None:
+            raised, self._raised = self._raised, None
+            self.field("failed", 1)[0] = 0.0
+            raise raised
+        return result
+
+    def call_out_to(self, function: Callable[[int, int, int, int], None]) -> None:
+        """Let the kernels call a function, with what is to be done and three arguments (``kernels.callouts``). What it
+        raises ends their loop, and ``call`` raises it."""
+
+        def called(what: int, a: int, b: int, c: int) -> int:
+            if self._raised is None:
+                try:
+                    function(what, a, b, c)
+                except BaseException as error:
+                    self._raised = error
+                    self.field("failed", 1)[0] = 1.0
+            return 0
+
+        self._callout = _CALLOUT(called)  # as long as its address is in use
+        self.set({"callout": int(pointer_to(self._callout, c_void_p).value or 0)})
 
     def use_threads(self, count: int, alone: Sequence[Index]) -> None:
         """March with so many threads, the caller's among them; ``alone`` : classes of each that have one thread, the

@@ -80,7 +80,7 @@ class Indicator:
 
     def floor(self) -> Array:
         """Scales of negligible fields."""
-        scales: Array = negligible_scales(self._run.image, self._run.direction(1), 1e-3, self._run.force_residual)
+        scales: Array = negligible_scales(self._run.image, self._run.direction(1), 1e-3)
         return scales
 
 

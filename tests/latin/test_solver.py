@@ -83,7 +83,7 @@ class Scripted(Stages):
         self.force_residuals = [0.0] * len(errors) if force_residuals is None else force_residuals
         self.asked: list[float] = []
 
-    def evaluate(self, iteration: int, phase: int = 0) -> None:  # noqa: ARG002
+    def evaluate(self, iteration: int, begin: int = 0, phase: int = 0) -> None:  # noqa: ARG002
         """The next of the script."""
         i = len(self.asked)
         assert iteration in (0, i)

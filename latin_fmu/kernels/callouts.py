@@ -1,0 +1,45 @@
+"""Calls out of the kernels: what only the caller of a run has, as the messages between its processes.
+
+``run.callout`` is the address of a function of the caller, 0 where there is none. It is given with a run, is never part
+of a state, and takes what is to be done, one of the numbers below, and three arguments. It returns no error: the caller
+keeps it, and sets ``failed``, on which the loops over iterations and instants end.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..compiled import kernel, lazy_intrinsic
+
+MESSAGES, PARTS_OF_ALL, NORMS_OF_ALL, COARSE, CHANGES, UNKNOWNS, MATRIX, SUM = range(8)
+"""What is done: messages of a number of fields to the neighbours; ``parts`` from the ``own_parts`` of all processes;
+``all_norms`` likewise; ``coarse_parts``; ``changes`` of divided classes; unknowns of a Newton step ``elsewhere``; sum
+of its matrix, of a size, and of its right-hand side; sums over the processes of numbers at a place of ``moving``."""
+
+
+def _called(_context: Any, _address: Any, _what: Any, _a: Any, _b: Any, _c: Any) -> Any:
+    from numba import types
+
+    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        from llvmlite import ir
+
+        word = ir.IntType(64)
+        shape = ir.FunctionType(word, [word] * 4)
+        return builder.call(builder.inttoptr(values[0], shape.as_pointer()), values[1:])
+
+    return types.int64(*[types.int64] * 5), generate
+
+
+def _called_in_python(address: int, what: int, a: int, b: int, c: int) -> int:
+    from ctypes import CFUNCTYPE, c_int64
+
+    return int(CFUNCTYPE(c_int64, *[c_int64] * 4)(int(address))(int(what), int(a), int(b), int(c)))
+
+
+_call: Any = lazy_intrinsic(_called, _called_in_python)
+
+
+@kernel
+def call_out(pools: Any, what: int, a: int, b: int, c: int) -> None:
+    """Let the caller do ``what`` with these arguments."""
+    _call(pools.run[0].callout, what, a, b, c)
