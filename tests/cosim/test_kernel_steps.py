@@ -89,7 +89,7 @@ class Walk:
             session.initialize(self.t)
         by_python(self.sessions[2])
         self.rows: list[list[np.ndarray]] = [[], []]
-        self.start = self.t
+        self.start, self.straight = self.t, inputs is PRESS  # a load along N alone
 
     def give(self, sessions: list[Session]) -> None:
         for name, (low, high) in self.inputs.items():
@@ -135,6 +135,8 @@ class Walk:
         straight, other, python = self.sessions
         known, got = (np.array(rows) for rows in self.rows)
         apart = peaks_apart(straight.table, known, got, self.t - self.start)
+        if self.straight:  # the instant of a slip follows from |T| / N, and this resultant T is round-off
+            apart = {name: value for name, value in apart.items() if not name.endswith(".lastSlip")}
         worst = max(apart, key=lambda name: apart[name])
         assert apart[worst] <= limit, (worst, apart[worst])
         known_fields, own_fields = python.window()[1], straight.window()[1]
