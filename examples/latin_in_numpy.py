@@ -86,6 +86,12 @@ class Scene:
         dt = self.step
         return u + dt * v + dt**2 * (0.5 - self.beta) * a, v + dt * (1 - self.gamma) * a
 
+    def follow(self, u: Array, v: Array, a: Array, new: Array) -> tuple[Array, Array, Array]:
+        """The same recursion where the velocity of the new instant is known: (u, v, a) of the new instant."""
+        u_free, v_free = self.predict(u, v, a)
+        a_new = (new - v_free) / (self.gamma * self.step)
+        return u_free + self.beta * self.step**2 * a_new, new, a_new
+
 
 # -- The substructures -------------------------------------------------------------------------------------------------
 def cube(material: Material, h: float) -> tuple[Array, Array]:
@@ -204,10 +210,7 @@ def local_stage(w: Array, f: Array, k: Array, gaps: tuple[Array, Array, Array], 
         traction = law((s[1] - s[0]).reshape(-1, 3), kappa, np.maximum(g, 0.0) / scene.step, scene.friction).ravel()
         f_hat[i] = traction, -traction
         w_hat[i] = s + f_hat[i] / k
-        opening = (w_hat[i, 1] - w_hat[i, 0])[2::3]
-        free, without = scene.predict(g, v, a)  # the gap follows the displacements of the scheme
-        a = (opening - without) / (scene.gamma * scene.step)
-        g, v = free + scene.beta * scene.step**2 * a, opening
+        g, v, a = scene.follow(g, v, a, (w_hat[i, 1] - w_hat[i, 0])[2::3])  # as the displacements of the bodies
     return w_hat, f_hat
 
 
