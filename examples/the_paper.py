@@ -94,8 +94,6 @@ def crush(settings: Sequence[str]) -> Crushing:
         numbers[f"slip_um_mu_{mu:g}"] = 1e6 * float(found.slip[-1])
     reference, _ = crushing.solve(0.1, (*settings, "solver.tolerance=1e-6"))
     steps, errors = crushing.iterates(0.1, settings, reference.time)
-    _, long = crushing.solve(0.1, (*settings, "solver.window='whole'"))
-    numbers |= {"iterations_long_window": float(long.windows[0].iterations), "passes_long_window": long.passes}
     numbers |= {"sqrt_eta_10": errors[9], "sqrt_eta_30": errors[29]}
     numbers["force_error_30"] = crushing.error(steps[29].normal, reference.normal)
     numbers["friction_error_30"] = crushing.error(steps[29].friction, reference.friction)
@@ -132,8 +130,14 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     numbers |= {f"beam_{name}_sqrt_eta_6": run.errors[5] for name, run in found.items()}
     numbers |= {f"crushing_{name}_{key}": value for name, run in crushed.items() for key, value in run.numbers.items()}
 
+    coefficients = convergence.FRICTION[:1] if arguments.quick else convergence.FRICTION
+    for name, scheme in SCHEMES.items():
+        for mu in coefficients:
+            _, long = crushing.solve(mu, (scheme, "solver.window='whole'", *coarser))
+            numbers[f"crushing_{name}_long_window_iterations_mu_{mu:g}"] = float(long.windows[0].iterations)
+            numbers[f"crushing_{name}_long_window_passes_mu_{mu:g}"] = long.passes
     for acceleration in convergence.PANELS:
-        for mu in convergence.FRICTION[:1] if arguments.quick else convergence.FRICTION:
+        for mu in coefficients:
             kept = mu or convergence.NEARLY_NONE  # tangential unknowns
             errors = convergence.indicator(kept, acceleration, (SCHEMES["Newmark"], *coarser))
             numbers[f"crushing_Newmark_{acceleration}_iterations_mu_{mu:g}"] = convergence.iterations_to(errors, 1e-3)
