@@ -143,8 +143,8 @@ class Substructure:
         zyx = np.indices((n, n, n)).reshape(3, -1)
         free = np.flatnonzero(np.stack([zyx[2] > 0, zyx[1] > 0, (zyx[0] > 0) | (side == 1)], axis=1))
         self.stiffness, self.mass = stiffness[np.ix_(free, free)], mass[np.ix_(free, free)]
-        dofs = [(3 * number[layer].reshape(-1, 1) + np.arange(3)).ravel() for layer in (0, -1)]
-        bottom, top = (np.eye(3 * n**3)[np.ix_(of_face, free)] for of_face in dofs)
+        faces = [(3 * number[layer].reshape(-1, 1) + np.arange(3)).ravel() for layer in (0, -1)]
+        bottom, top = (np.eye(3 * n**3)[np.ix_(face, free)] for face in faces)
         self.trace = (top, bottom)[side]  # velocities of the dofs -> W
         width = np.where((np.arange(n) % scene.cells) == 0, h / 2, h)
         self.area = np.repeat(np.outer(width, width), 3)  # of the points: T^T (area F) are nodal forces
@@ -250,6 +250,10 @@ def solve(scene: Scene, window: int, tolerance: float = 1e-11, most: int = 1000)
             w_hat[now], f_hat[now] = local_stage(w, f, k, gaps, scene)
             errors[-1].append(error_indicator(w, f, w_hat[now], f_hat[now], area, k))
             q = f_hat[now] + k * w_hat[now]
+        if errors[-1][-1] > tolerance:
+            raise RuntimeError(
+                f"sqrt(eta) = {errors[-1][-1]:.2g} > {tolerance:g} in the window from instant {first + 1}"
+            )
         states = [one[2] for one in marched]
     shape = (scene.instants, 2, -1, 3)
     return Solution(w_hat.reshape(shape), f_hat.reshape(shape), errors)
@@ -262,6 +266,8 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--alpha", type=float, default=-0.1, help="0: Newmark")
     parser.add_argument("--figure", help="file of a figure")
     arguments = parser.parse_args(argv)
+    if not (0 <= arguments.friction < np.inf and -1 / 3 <= arguments.alpha <= 0):
+        parser.error("--friction is at least 0 and finite, --alpha from -1/3 to 0")
     scene = Scene(friction=arguments.friction, alpha=arguments.alpha)
     area = Substructure(scene, 0).area[2::3]
     time, found = 1e6 * scene.step * np.arange(1, scene.instants + 1), {}

@@ -94,3 +94,15 @@ def test_the_example_prints_its_table(paper, capsys, tmp_path):
         [float(x) for x in second], rel=2e-2
     )  # their errors of time differ
     assert (tmp_path / "latin.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("wrong", [("--friction", "-0.1"), ("--friction", "nan"), ("--alpha", "0.5")])
+def test_wrong_numbers_are_refused(paper, wrong, capsys):
+    with pytest.raises(SystemExit):
+        paper.main(list(wrong))
+    assert "--friction is at least 0 and finite, --alpha from -1/3 to 0" in capsys.readouterr().err
+
+
+def test_a_window_that_does_not_converge_is_an_error(paper):
+    with pytest.raises(RuntimeError, match=r"sqrt\(eta\) = .* > 1e-11 in the window from instant 1$"):
+        paper.solve(paper.Scene(), 60, most=5)
