@@ -8,7 +8,8 @@ radiates none. A search direction with a spring as well,
     F - F_hat = -k (W - W_hat) - K (U - U_hat),    K = G / L along the face (G shear modulus, L edge of a specimen)
 
 follows that shear; with it, friction makes little difference. The package has the dashpot alone; the spring is tried
-here, with the linear stage of latin_in_numpy. Writes convergence_friction.png and prints what else was tried.
+here, with the linear stage of latin_in_numpy. Writes convergence_friction.png, and prints what else was tried and other
+meshes, steps and materials (five minutes in all).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 from example_tools import COLOURS, MODELS, Array, options, save, table, tidy
-from latin_in_numpy import Scene, Substructure, law
+from latin_in_numpy import Material, Scene, Substructure, law
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import sparse
@@ -54,6 +55,15 @@ TRIED = {  # factor on k_n, on k_t, springs over G / L, depth, relaxation
     "spring G / 2 L": (1.0, 1.0, 0.5, 6, 1.0),
     "spring G / L": (1.0, 1.0, 1.0, 6, 1.0),
     "spring 2 G / L": (1.0, 1.0, 2.0, 6, 1.0),
+}
+STEEL, ALUMINIUM, SOFT = COARSE.materials[1], COARSE.materials[0], Material(2.1e9, 0.3, 1200.0)
+VARIED = {
+    "4 elements per edge": replace(COARSE, cells=4),
+    "steps of 0.3 us": QUICK,
+    "Newmark": replace(COARSE, alpha=0.0),
+    "steel on steel": replace(COARSE, materials=(STEEL, STEEL)),
+    "steel on a soft specimen": replace(COARSE, materials=(SOFT, STEEL)),
+    "aluminium on steel": replace(COARSE, materials=(STEEL, ALUMINIUM)),
 }
 
 
@@ -168,6 +178,12 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         for mu in (10.0,) if arguments.quick else (0.0, 0.1, 0.3, 10.0, None):
             count = iterations_to(window.iterate(mu, depth, relaxation), TOLERANCE)
             numbers[f"tried: {name}, {'bonded' if mu is None else f'mu {mu:g}'}"] = count
+    for name, scene in ({} if arguments.quick else VARIED).items():
+        for spring in (0.0, SPRING):
+            window = Window(scene, spring=spring)
+            for mu in (0.0, 0.1, 10.0):
+                count = iterations_to(window.iterate(mu, DEPTH["anderson"]), TOLERANCE)
+                numbers[f"varied: {name}, spring {spring:g} G/L, mu {mu:g}"] = count
 
     # save
     figure = figure_of_convergence([curves, with_springs], without)
