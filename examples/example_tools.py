@@ -41,10 +41,10 @@ def options(argv: Sequence[str] | None, description: str | None) -> Options:
     return Options(read.quick, read.output)
 
 
-def save(figure: Figure, folder: Path, name: str) -> Path:
+def save(figure: Figure, folder: Path, name: str, dpi: int = 150) -> Path:
     """Write a figure as PNG."""
     path = folder / f"{name}.png"
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=dpi)
     return path
 
 

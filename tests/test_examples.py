@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -38,6 +39,8 @@ def test_every_example_is_tested_here() -> None:
     } - {"example_tools"}
     assert names == {
         "waves_in_bars",
+        "the_paper",
+        "latin_in_numpy",  # run by tests/verification/test_latin_in_numpy.py
         "own_law",  # run by tests/latin/test_own_law.py
         "long_steps",  # run by tests/verification/test_long_steps.py
         "crushing_friction",
@@ -116,16 +119,51 @@ def test_crushing_reference(example: ModuleType, tmp_path: Path) -> None:
 def test_convergence_friction(example: ModuleType, tmp_path: Path) -> None:
     numbers = example.main(["--quick", "-o", str(tmp_path)])
     assert _figures(tmp_path) == {"convergence_friction.png"}
-    plain, fast = (
-        {mu: numbers[f"{name}_iterations_to_0.001_mu_{mu:g}"] for mu in example.FRICTION}
-        for name in ("none", "anderson")
-    )
-    assert max(plain.values()) <= 80
-    assert max(fast.values()) <= 50
-    assert fast[10.0] < plain[10.0]
-    # The first iterations carry the waves across the blocks: the same for every coefficient.
-    early = [numbers[f"anderson_iterations_to_0.01_mu_{mu:g}"] for mu in example.FRICTION]
-    assert max(early) - min(early) <= 5
+    counts = {
+        name: [numbers[f"{name}_iterations_to_0.001_mu_{mu:g}"] for mu in example.FRICTION[::2]]
+        for name in ("none", "anderson", "springs_none", "springs_anderson")
+    }
+    # Tangential unknowns cost iterations, friction hardly more; with springs no more than half of those without.
+    without = numbers["none_iterations_without_tangential_unknowns"]
+    assert min(counts["none"]) > 1.5 * without
+    assert max(counts["none"]) < 1.5 * min(counts["none"])
+    assert max(counts["springs_anderson"]) <= 1.5 * numbers["anderson_iterations_without_tangential_unknowns"]
+    assert max(counts["springs_anderson"]) <= 1.2 * min(counts["springs_anderson"])
+    assert counts["springs_anderson"][-1] < 0.8 * counts["anderson"][-1]
+
+
+@pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)
+def test_springs_of_zero_give_the_iterates_of_the_package(example: ModuleType) -> None:
+    """The search direction with springs is that of the package where the springs are zero: the same sqrt(eta)."""
+    found = example.Window(example.QUICK).iterate(0.1, 0)[:20]
+    package = example.indicator(0.1, "none", example.COARSER)[:20]
+    np.testing.assert_allclose(found, package, rtol=1e-4)
+
+
+@pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)
+def test_springs_lead_to_the_same_solution(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fields at the end are those of the published search direction."""
+    monkeypatch.setattr(example, "TOLERANCE", 1e-7)
+    scene = replace(example.QUICK, instants=60, friction=0.3)
+    window = example.Window(scene, spring=1.0)
+    assert window.iterate(0.3, 6)[-1] <= 1e-7
+    published = importlib.import_module("latin_in_numpy").solve(scene, scene.instants, 1e-8)
+    for found, right in zip(window.fields, published[:2], strict=True):
+        np.testing.assert_allclose(found.reshape(right.shape), right, rtol=0, atol=1e-5 * np.abs(right).max())
+
+
+@pytest.mark.parametrize("example", ["the_paper"], indirect=True)
+def test_the_paper(example: ModuleType, tmp_path: Path) -> None:
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"the_paper_beam.png", "the_paper_crushing.png"}
+    assert numbers["beam_HHT_iterations"] <= 8
+    assert numbers["beam_Newmark_iterations"] > 2 * numbers["beam_HHT_iterations"]
+    assert numbers["beam_Newmark_damped_iterations"] <= 8
+    for name in ("HHT", "Newmark"):
+        whole, single = (numbers[f"beam_{name}{way}_impulse_over_exact"] for way in ("", "_single_instants"))
+        assert whole == pytest.approx(single, rel=1e-3) == pytest.approx(1.0, abs=0.01)
+        assert numbers[f"crushing_{name}_force_error_30"] < (1e-3 if name == "HHT" else 0.1)
+        assert numbers[f"crushing_{name}_long_window_iterations_mu_0"] == 1.0
 
 
 @pytest.mark.parametrize("example", ["static_friction"], indirect=True)
