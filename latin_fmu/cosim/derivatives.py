@@ -33,7 +33,7 @@ from ..errors import InputError, Problem, SolverError
 from ..kernels import entries
 from ..latin.assembly import Array
 from ..latin.outcome import WindowRecord
-from ..latin.run_image import Stages
+from ..latin.run_image import Stages, rate_of
 from ..latin.windows import Run
 from ..laws.dispatch import law_tangents
 from .variable import input_of, is_wave
@@ -261,7 +261,9 @@ def _about(stages: Stages, g: int) -> PointLaws:
     jump, traction = (image.group_field(g, name, points, h).copy() for name in ("jump", "traction"))
     normalised_gap, start = image.group_field(g, "reach", *width).copy(), image.group_field(g, "opened", 4, *width)[3]
     z = stages.direction.group_fields()[g]["z_sum"]
-    tangent = law_tangents(int(image.groups[g]["law"]), jump, z, normalised_gap, stages.rate(g), group.parameters)
+    tangent = law_tangents(
+        int(image.groups[g]["law"]), jump, z, normalised_gap, rate_of(image, group), group.parameters
+    )
     moves = np.ones(width) if elastic else (start >= image.run[0]["deepest"]).astype(float)
     if elastic and group.behaviour.opens:  # the tractions of friction follow the velocities alone
         moves[:, 1:] = 0.0
@@ -300,7 +302,7 @@ class _Instant:
         image, n = self._run.image, self._run.image.n_flat
         image.call(entries.OPEN, 1, self._first - 1)
         for c in range(len(image.propagators)):
-            image.predict(c, self._first)
+            image.call(entries.PREDICT, c, self._first)
         if not n:
             return
         image.call(entries.FIRST_GUESS, self._first)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import tangent
+from .callouts import TANGENTS, call_out
 from .envelope import PANEL, TILE, factorise, place_rows, substitute
 from .products import entry_of, symmetric_size
 
@@ -72,6 +73,9 @@ def activate(pools: Any) -> int:
     f, z = work[run.f : run.f + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
     block_start = numbers[run.unknown_start : run.unknown_start + run.n_block + 1]
     block_points = pools.fixed_int[run.block_points : run.block_points + run.n_block + 1]
+    for g in range(len(pools.groups)):
+        if pools.groups[g].law < 0:
+            call_out(pools, TANGENTS, g, 0, 0)
     count, b = 0, 0
     for p in range(run.n_place):
         while p == block_points[b]:

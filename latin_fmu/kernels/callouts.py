@@ -1,4 +1,5 @@
-"""Calls out of the kernels: what only the caller of a run has, as the messages between its processes.
+"""Calls out of the kernels for what only the caller of a run has: messages between its processes, laws in NumPy,
+factors that the kernels do not hold.
 
 ``run.callout`` is the address of a function of the caller, 0 where there is none. It is given with a run, is never part
 of a state, and takes what is to be done, one of the numbers below, and three arguments. It returns no error: the caller
@@ -12,9 +13,12 @@ from typing import Any
 from ..compiled import kernel, lazy_intrinsic
 
 MESSAGES, PARTS_OF_ALL, NORMS_OF_ALL, COARSE, CHANGES, UNKNOWNS, MATRIX, SUM = range(8)
-"""What is done: messages of a number of fields to the neighbours; ``parts`` from the ``own_parts`` of all processes;
-``all_norms`` likewise; ``coarse_parts``; ``changes`` of divided classes; unknowns of a Newton step ``elsewhere``; sum
-of its matrix, of a size, and of its right-hand side; sums over the processes of numbers at a place of ``moving``."""
+LAW, TANGENTS, FORWARD, BACKWARD = range(8, 12)
+"""What is done. By several processes (``latin.exchange``): messages of a number of fields to the neighbours; ``parts``
+from the ``own_parts`` of all; ``all_norms`` likewise; ``coarse_parts``; ``changes`` of divided classes; unknowns of a
+Newton step ``elsewhere``; sum of its matrix, of a size, and of its right-hand side; sums of numbers at a place of
+``moving``. By any (``latin.run_image``, ``propagator.image``): tractions of a group by its law, for the points from one
+to another; derivatives of that law; half solutions of a class from its load, and from that of its interfaces."""
 
 
 def _called(_context: Any, _address: Any, _what: Any, _a: Any, _b: Any, _c: Any) -> Any:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
 from .communication import communicate, present
-from .half_solves import add_reference
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     correct,
@@ -49,26 +48,20 @@ from .local_stage import (
     solve_points,
 )
 from .newton import (
-    RESIDUAL,
     active_matrix,
     admit_residual,
     advance_iterate,
     change_tractions,
-    count_step,
     full_step,
-    keep_end,
-    leave,
     propose,
-    trial_fields,
     trial_parts,
-    trial_size,
     try_length,
 )
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN
-from .substructure import advance, commit, free_load, free_velocity, interface_load, linear_response, predict
+from .substructure import linear_response, predict
 from .sums import exchange
-from .tasks import after_class, end_class, serve
+from .tasks import end_class, serve
 
 (
     MARCH,
@@ -94,25 +87,13 @@ from .tasks import after_class, end_class, serve
     ACCEPT,
     READ_START,
     OPEN_ACCOUNTS,
-    FREE_LOAD,
-    FREE_VELOCITY,
-    INTERFACE_LOAD,
-    ADVANCE,
-    COMMIT,
     RESPOND,
     FORCES,
-    AFTER,
-    PROPOSE,
-    KEEP_END,
-    TRIAL,
-    TRIAL_SIZE,
-    COUNT_STEP,
-    LEAVE,
     COMMUNICATE,
     PRESENT,
     FIELDS,
     SERVE,
-) = range(41)
+) = range(29)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -142,7 +123,7 @@ POOLS: Final = fields(
 )
 
 
-# both drivers run these, the compiled one from inside ``march_instants``
+# these run from inside ``march_instants`` and by actions of their own
 share(
     predict,
     first_guess,
@@ -210,15 +191,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         exchange(pools, run.w, run.n_flat, 1)
     elif action == STAGE:
         next_stage(pools, a, b, c, pools.moving_int[run.iterations], d)
-    elif action == LINEAR_STAGE:
-        linear_stage(pools, a, b, c)
-    elif action == OUTGOING:
-        for g in range(len(pools.groups)):
-            outgoing(pools, g, a, 0, pools.groups[g].n_point)
-    elif PREPARE <= action <= FINISH:
-        _call_of_group(pools, action, a, b, c)
-    elif action == MEASURE:
-        measure(pools, a, 0)
+    elif LINEAR_STAGE <= action <= MEASURE:
+        _part_of_stage(pools, action, a, b, c)
     elif action == NEXT:
         advance_iterate(pools, a, b, c)
     elif action == OPEN:
@@ -241,78 +215,29 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         gather_fields(pools, a)
     elif action == SERVE:
         serve(pools, a)
-    elif action >= PROPOSE:
-        return _call_of_newton(pools, action, a)
-    else:
-        return _call_of_class(pools, action, a, b, c, d)
-    return 0
-
-
-@kernel
-def length_of(halvings: int) -> float:
-    """Share of a step after so many halvings."""
-    length = 1.0
-    for _ in range(halvings):
-        length *= 0.5
-    return length
-
-
-@kernel
-def _call_of_newton(pools: Any, action: int, a: int) -> int:
-    """Parts of a Newton step, for laws that the Python driver calls: see ``newton``."""
-    work, course = pools.moving, pools.run[0].course
-    if action == PROPOSE:
-        return int(propose(pools))
-    if action == KEEP_END:
-        keep_end(pools)
-    elif action == TRIAL:
-        trial_fields(pools, length_of(a))
-    elif action == TRIAL_SIZE:
-        trial_parts(pools)
-        work[course + RESIDUAL] = trial_size(pools)
-    elif action == COUNT_STEP:
-        count_step(pools, work[course + RESIDUAL])
-    elif action == LEAVE:
-        leave(pools, a)
-    return 0
-
-
-@kernel
-def _call_of_group(pools: Any, action: int, a: int, b: int, c: int) -> None:
-    """Local stage of the group ``a``."""
-    n = pools.groups[a].n_point
-    if action == PREPARE:
-        prepare(pools, a, b, 0, n)
-    elif action == POINTS:
-        solve_points(pools, a, 0, n)
-    elif action == FINISH:
-        finish(pools, a, b, c, 0, n)
-
-
-@kernel
-def _call_of_class(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
-    """Actions on the class ``a``."""
-    run = pools.run[0]
-    n, local = run.n_flat, pools.moving[run.local_f : run.local_f + run.n_flat]
-    if action == PREDICT:
+    elif action == PREDICT:
         predict(pools, a, b)
     elif action == END_CLASS:
         end_class(pools, a, b)
-    elif action == FREE_LOAD:
-        free_load(pools, a, b)
-        add_reference(pools, a)
-    elif action == FREE_VELOCITY:
-        free_velocity(pools, a, b)
-    elif action == INTERFACE_LOAD:
-        return int(interface_load(pools, a, local))
-    elif action == ADVANCE:
-        advance(pools, a, b)
-    elif action == COMMIT:
-        return commit(pools, a, b, local)
-    elif action == AFTER:
-        at = (run.f if d == 1 else run.local_f) + c * n
-        after_class(pools, a, b, pools.moving[at : at + n], True)
     elif action == RESPOND:
-        q, w = run.q + b * n, run.w + b * n
-        linear_response(pools, a, pools.moving[q : q + n], pools.moving[w : w + n])
+        q, w = run.q + b * run.n_flat, run.w + b * run.n_flat
+        linear_response(pools, a, pools.moving[q : q + run.n_flat], pools.moving[w : w + run.n_flat])
     return 0
+
+
+@kernel
+def _part_of_stage(pools: Any, action: int, a: int, b: int, c: int) -> None:
+    """Parts of STAGE: of the window, of an instant, of the group ``a`` at an instant."""
+    if action == LINEAR_STAGE:
+        linear_stage(pools, a, b, c)
+    elif action == OUTGOING:
+        for g in range(len(pools.groups)):
+            outgoing(pools, g, a, 0, pools.groups[g].n_point)
+    elif action == PREPARE:
+        prepare(pools, a, b, 0, pools.groups[a].n_point)
+    elif action == POINTS:
+        solve_points(pools, a, 0, pools.groups[a].n_point)
+    elif action == FINISH:
+        finish(pools, a, b, c, 0, pools.groups[a].n_point)
+    elif action == MEASURE:
+        measure(pools, a, 0)

@@ -81,7 +81,7 @@ def widen(pools: Any) -> None:
     z, wide = pools.fixed[run.z : run.z + run.n_flat], pools.fixed[run.newton_z : run.newton_z + run.n_flat]
     for g in range(len(pools.groups)):
         group = pools.groups[g]
-        if group.law < 0:  # called by the Python driver
+        if group.law < 0:  # its points keep their z
             continue
         h, size, n_parameter = group.n_component, group.n_point * group.n_component, group.n_parameter
         width = h if group.elastic == 1 else 1

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import NO_SLIP, apply
+from .callouts import LAW, call_out
 from .energy_parts import OF_DRIFT
 from .matrices import read_channels
 from .sums import exchange
@@ -104,7 +105,10 @@ def _start_window(pools: Any, g: int, low: int, high: int) -> None:
 
 @kernel
 def solve_points(pools: Any, g: int, low: int, high: int) -> None:
-    """Tractions of the points from ``low`` to ``high`` of a group whose law is compiled."""
+    """Tractions of the points from ``low`` to ``high`` of a group by its law."""
+    if pools.groups[g].law < 0:
+        call_out(pools, LAW, g, low, high)
+        return
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     h, n_parameter = group.n_component, group.n_parameter
     width = h if group.elastic == 1 else 1

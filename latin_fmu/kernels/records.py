@@ -231,7 +231,7 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
         "instant",
     ),
     ("opened", "work (4, p, h if elastic else 1): the same at the start of the window"),
-    ("tangent", "work (p, 3, 3) if law < 0: derivative of F_hat by the jump, from the Python driver, Pa s m-1"),
+    ("tangent", "work (p, 3, 3) if law < 0: derivative of F_hat by the jump (``callouts``), Pa s m-1"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
 

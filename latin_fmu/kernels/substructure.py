@@ -21,8 +21,8 @@ A STATIC class is supported by the springs k/dt of the search direction,
 
     (K + T^T area k/dt T) (u_new - u) = f_new - K u + T^T area q,   W = T (u_new - u) / dt,
 
-whose operator is regular for a floating body too. ``predict`` and ``commit`` consist of the parts before and after the
-solution with A, for factors that the kernels do not hold (``factored`` 0).
+whose operator is regular for a floating body too. For factors that the kernels do not hold (``factored`` 0) the
+caller solves (``callouts``).
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from .callouts import BACKWARD, FORWARD, call_out
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
 from .products import symmetric_size, tile_width
@@ -51,7 +52,10 @@ def predict(pools: Any, c: int, instant: int) -> None:
     free_load(pools, c, instant)
     add_reference(pools, c)
     if pools.moving[pools.classes[c].passed] == 0.0:
-        forward(pools, c)
+        if pools.classes[c].factored == 1:
+            forward(pools, c)
+        else:
+            call_out(pools, FORWARD, c, 0, 0)
         free_velocity(pools, c, instant)
 
 
@@ -277,10 +281,14 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
     """End the instant with tractions (STATIC: incoming quantities q) flat (N,) over the assembly; number of
     substructures marched."""
     work, row = pools.moving, pools.classes[c]
+    rested = work[row.passed] != 0.0  # before the class is woken
     if row.sparse == 1 and work[row.ended] == 1.0:
         work[row.ended] = 0.0
     elif interface_load(pools, c, flat):
-        backward(pools, c)
+        if row.factored == 1:
+            backward(pools, c)
+        else:
+            call_out(pools, BACKWARD, c, int(rested), 0)
     else:
         return 0
     advance(pools, c, instant)

@@ -40,9 +40,7 @@ def task(pools: Any, action: int, t: int, a: int, b: int) -> None:
     elif action == RESPONSE:
         pools.moving[pools.classes[t].solved] = interface_response(pools, t, 0, a == 1)
     elif action == WINDOW:
-        # the Python driver marches the classes without a factor
-        marched = march_window(pools, t, a, b) if pools.classes[t].factored == 1 else 0
-        pools.moving[pools.classes[t].solved] = marched
+        pools.moving[pools.classes[t].solved] = march_window(pools, t, a, b)
     elif action == NORMS:
         class_norms(pools, t, a)
     elif action == SOLUTION:

@@ -42,17 +42,18 @@ class Exchange:
             self.coarse = gathering(
                 image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
             )
-        self._exchanges: dict[int, Callable[[int, int], None]] = {
-            callouts.MESSAGES: lambda n, _: self.neighbours(n),
-            callouts.PARTS_OF_ALL: lambda *_: self.parts(),
-            callouts.NORMS_OF_ALL: lambda n, _: self.norms(n),
-            callouts.COARSE: lambda *_: self.coarse(),
-            callouts.CHANGES: lambda n, _: self.changes(n),
-            callouts.UNKNOWNS: lambda *_: self.unknowns(),
-            callouts.MATRIX: lambda size, _: self.matrix(size),
-            callouts.SUM: lambda at, n: self.processes.add(image.moving[at : at + n]),
-        }
-        image.call_out_to(lambda what, a, b, _: self._exchanges[what](a, b))
+        image.call_out_to(
+            {
+                callouts.MESSAGES: lambda n, *_: self.neighbours(n),
+                callouts.PARTS_OF_ALL: lambda *_: self.parts(),
+                callouts.NORMS_OF_ALL: lambda n, *_: self.norms(n),
+                callouts.COARSE: lambda *_: self.coarse(),
+                callouts.CHANGES: lambda n, *_: self.changes(n),
+                callouts.UNKNOWNS: lambda *_: self.unknowns(),
+                callouts.MATRIX: lambda size, *_: self.matrix(size),
+                callouts.SUM: lambda at, n, _: self.processes.add(image.moving[at : at + n]),
+            }
+        )
 
     def neighbours(self, n: int) -> None:
         """Exchange messages of n fields with the neighbours."""

@@ -6,14 +6,15 @@ substructures (``kernels.records``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.newton import ACTIVE, DECREASE, HALVINGS, LEFT, MADE, N_COURSE, RESIDUAL, SIZE
+from ..kernels.callouts import LAW, TANGENTS
+from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
 from ..propagator.image import Image
@@ -246,13 +247,57 @@ class Iterate:
         return float(self.measures[0])
 
 
+def rate_of(image: Image, group: Group) -> float:
+    """The argument ``rate`` of the law of a group (``laws.dispatch``), s-1."""
+    run = image.run[0]
+    return float(run["layer_rate"] if group.behaviour.elastic else 1.0 / run["dt"])
+
+
+class LawsInPython:
+    """Laws of interfaces written in Python, where the kernels call out for them (``kernels.callouts``)."""
+
+    def __init__(self, image: Image, groups: Sequence[Group]) -> None:
+        self._image, self._groups = image, groups
+        if any(law_of(group.behaviour) < 0 for group in groups):
+            image.call_out_to({LAW: self._solve, TANGENTS: self._differentiate})
+
+    def _jump(self, g: int) -> Array:
+        """Free velocities (n_point, n_component) of a group in the last local stage, a view."""
+        group = self._groups[g]
+        return self._image.group_field(g, "jump", group.n_point, group.n_component)
+
+    def _tractions(self, g: int, jump: Array, points: slice) -> Array:
+        """Tractions of points of a group under free velocities."""
+        image, group = self._image, self._groups[g]
+        place, elastic = int(image.groups[g]["z_sum"]), group.behaviour.elastic
+        z = image.fixed[place : place + 2 * group.n_point].reshape(-1, 2)[points].copy()
+        reach = image.group_field(g, "reach", *((group.n_point, group.n_component) if elastic else (group.n_point,)))
+        return group.behaviour.local(jump, z, reach[points].copy(), rate_of(image, group), group.parameters[points])
+
+    def _solve(self, g: int, low: int, high: int) -> None:
+        """Tractions of the points from ``low`` to ``high`` of a group."""
+        group, points = self._groups[g], slice(low, high)
+        traction = self._image.group_field(g, "traction", group.n_point, group.n_component)
+        traction[points] = self._tractions(g, self._jump(g)[points].copy(), points)
+
+    def _differentiate(self, g: int, *_: int) -> None:
+        """Derivative of the law of a group by its free velocities, by one difference per component."""
+        group, jump, every = self._groups[g], self._jump(g).copy(), slice(None)
+        derivative = self._image.group_field(g, "tangent", group.n_point, 3, 3)
+        derivative[...] = 0.0
+        base, step = self._tractions(g, jump, every), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
+        for c in range(group.n_component if step > 0.0 else 0):
+            moved = jump.copy()
+            moved[:, c] += step
+            derivative[:, : group.n_component, c] = (self._tractions(g, moved, every) - base) / step
+
+
 class Stages:
     """The stages of one window of ``n`` instants that starts with instant ``first``, on the image of a run."""
 
     def __init__(self, image: Image, direction: Direction, n: int, first: int) -> None:
         self.image, self.direction, self.n, self.first = image, direction, n, first
         self._groups = direction.assembly.layout.groups
-        self._compiled = all_in_kernels(image)
 
     def of(self, direction: Direction) -> Stages:
         """Stages of one instant with another search direction."""
@@ -261,7 +306,7 @@ class Stages:
     def predict(self) -> None:
         """Free responses of one instant."""
         for c in range(len(self.image.propagators)):
-            self.image.predict(c, self.first)
+            self.image.call(entries.PREDICT, c, self.first)
 
     def begin(self) -> None:
         """Openings at the start of the window."""
@@ -291,111 +336,11 @@ class Stages:
         return self.image.field(name, self.n, self.image.n_flat)
 
     def evaluate(self, iteration: int, begin: int = 0, phase: int = 0) -> None:
-        """One linear and one local stage from the q of the image, and the measures of the iterate, with ``begin``
-        iterations made before under another reference; ``phase`` : the iteration from which on the acceleration has its
-        differences."""
-        image, n = self.image, self.n
-        if self._compiled:
-            image.counts("iterations", 1)[0] = begin
-            image.call(entries.STAGE, n, self.first, iteration, phase)
-            return
-        if (
-            n == 1
-            and iteration > begin
-            and image.field("course", N_COURSE)[ACTIVE] == 1.0
-            and self._newton_step(iteration)
-        ):
-            return
-        if iteration == begin:
-            image.field("course", N_COURSE)[:] = 0.0
-        self._stage(iteration - begin)
-
-    def _stage(self, iteration: int) -> None:
-        """One iteration where a law is called, or a factor is held, by Python."""
-        image, n = self.image, self.n
-        if n > 1 and not image.factored:
-            image.sweep(n, self.first)
-        image.call(entries.LINEAR_STAGE, n, self.first, iteration)
-        for i in range(n):
-            image.call(entries.OUTGOING, i)
-            self._local_stage(i)
-        image.call(entries.MEASURE, n)
-
-    def _local_stage(self, i: int) -> None:
-        """Local stage of an instant of the window after ``outgoing``."""
-        image = self.image
-        for g in range(len(self._groups)):
-            image.call(entries.PREPARE, g, i)
-            if image.groups[g]["law"] >= 0:
-                image.call(entries.POINTS, g)
-            else:
-                shape = self._groups[g].n_point, self._groups[g].n_component
-                image.group_field(g, "traction", *shape)[...] = self._law_at(g, self._jump(g))
-            image.call(entries.FINISH, g, i, self.n)
-
-    def _jump(self, g: int) -> Array:
-        """Free velocities (n_point, n_component) of a group in the last local stage, a copy."""
-        group = self._groups[g]
-        return self.image.group_field(g, "jump", group.n_point, group.n_component).copy()
-
-    def _law_at(self, g: int, jump: Array) -> Array:
-        """Tractions of a group under free velocities by the law of its behaviour in Python."""
-        image, group = self.image, self._groups[g]
-        shape, elastic = (group.n_point, group.n_component), group.behaviour.elastic
-        gap = image.group_field(g, "reach", *(shape if elastic else shape[:1])).copy()
-        z = self.direction.group_fields()[g]["z_sum"]
-        return group.behaviour.local(jump, z, gap, self.rate(g), group.parameters)
-
-    def rate(self, g: int) -> float:
-        """The argument ``rate`` of the law of a group (``laws.dispatch``), s-1."""
-        run, elastic = self.image.run[0], self._groups[g].behaviour.elastic
-        return float(run["layer_rate"] if elastic else 1.0 / run["dt"])
-
-    # -- a Newton step with laws that Python calls: ``kernels.iteration.newton_step`` -----------------------------
-    def _newton_step(self, iteration: int) -> bool:
-        """One iteration by a Newton step; False where there is none."""
-        image = self.image
-        for g in range(len(self._groups)):
-            if image.groups[g]["law"] < 0:
-                self._differentiate(g)
-        if not image.call(entries.PROPOSE):
-            image.call(entries.LEAVE, iteration)
-            return False
-        image.call(entries.LINEAR_STAGE, 1, self.first, 1)
-        image.call(entries.KEEP_END)
-        self._search()
-        image.call(entries.MEASURE, 1)
-        return True
-
-    def _search(self) -> None:
-        """``kernels.newton.search``."""
-        course, sizes = self.image.field("course", N_COURSE), list[float]()
-        for halving in range(HALVINGS + 1):
-            sizes.append(self._try(halving))
-            if sizes[-1] <= (1.0 - DECREASE * 0.5**halving) * course[SIZE]:
-                break
-        best = int(np.argmin(sizes))
-        if best != len(sizes) - 1:
-            self._try(best)
-        self.image.call(entries.COUNT_STEP)
-
-    def _try(self, halving: int) -> float:
-        """Both stages at a share of the step; its residual."""
-        self.image.call(entries.TRIAL, halving)
-        self._local_stage(0)
-        self.image.call(entries.TRIAL_SIZE)
-        return float(self.image.field("course", N_COURSE)[RESIDUAL])
-
-    def _differentiate(self, g: int) -> None:
-        """Derivative of the law of a group by its free velocities, by one difference per component."""
-        group, jump = self._groups[g], self._jump(g)
-        derivative = self.image.group_field(g, "tangent", group.n_point, 3, 3)
-        derivative[...] = 0.0
-        base, step = self._law_at(g, jump), _DIFFERENCE * float(np.abs(jump).max(initial=0.0))
-        for c in range(group.n_component if step > 0.0 else 0):
-            moved = jump.copy()
-            moved[:, c] += step
-            derivative[:, : group.n_component, c] = (self._law_at(g, moved) - base) / step
+        """One linear and one local stage from the q of the image, or a Newton step, and the measures of the iterate,
+        with ``begin`` iterations made before under another reference; ``phase`` : the iteration from which on the
+        acceleration has its differences."""
+        self.image.counts("iterations", 1)[0] = begin
+        self.image.call(entries.STAGE, self.n, self.first, iteration, phase)
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
         """Verdict on the iterate, bits of ``kernels.iteration.judge``."""

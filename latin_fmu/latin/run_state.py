@@ -26,7 +26,7 @@ from .part import Part
 from .probes import Probes
 from .processes import check_newton
 from .recorder import Recorder
-from .run_image import Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
+from .run_image import LawsInPython, Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
@@ -183,6 +183,7 @@ class RunState:
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
             traction, velocity = traction[part.channels], velocity[part.channels]
+        LawsInPython(self.image, self.held.layout.groups)
         self.f_hat[:], self.w_hat[:] = traction, velocity
         self._use(1)
         self.image.field("scales", 3)[:] = (

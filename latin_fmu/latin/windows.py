@@ -140,7 +140,7 @@ class Run(RunState):
     def _solve(self, total: int, length: int) -> None:
         """Solve the instants up to ``total`` in windows of ``length``."""
         count, number = -(-total // length), len(self.windows)
-        compiled = length == 1 and self._observer is None and self.compiles()
+        compiled = length == 1 and self._observer is None and self._bonds is None
         while number < count and not self.stopped and not self._looked():
             done = self._march(count - number) if compiled else 0
             number += done
@@ -247,7 +247,7 @@ class Run(RunState):
         if not given:
             guess = self._own_guess(n)
         # not where the kernels have refused this instant
-        by_tables = n == 1 and self.part is None and self._in_kernels and not self._refused
+        by_tables = n == 1 and self.part is None and not self._refused
         by_tables &= self.refusals <= _MOST_REFUSALS
         self._use(n, exact=not by_tables)
         stages = self.stages(n, first)
@@ -335,12 +335,10 @@ class Run(RunState):
         for i in range(n):
             if n == 1:
                 for c in range(len(image.propagators)):
-                    image.end(c, first)
+                    image.call(entries.END_CLASS, c, first)
                 stages.end_instant(first)
-            elif image.factored:
-                image.call(entries.END_WINDOW, first + i, i)
             else:
-                image.end_window_instant(first + i, i)
+                image.call(entries.END_WINDOW, first + i, i)
             stages.ended()
             self._set_instant(first + i)
             after(i)
@@ -372,8 +370,8 @@ class Run(RunState):
         for instant in range(first, first + n):
             image.set({"first_row": instant})
             for c in range(len(image.propagators)):
-                image.predict(c, instant)
-                image.end(c, instant)
+                image.call(entries.PREDICT, c, instant)
+                image.call(entries.END_CLASS, c, instant)
             image.call(entries.END_INSTANT, instant)
             self._set_instant(instant)
             self._sample()

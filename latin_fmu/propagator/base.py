@@ -336,7 +336,7 @@ class Propagator(ABC):
         """March to the next instant without interface forces; velocities of the channels."""
         image = self._alone()
         image.set({"first_row": self.instant + 1})
-        image.predict(self._class, self.instant + 1)
+        image.call(entries.PREDICT, self._class, self.instant + 1)
         return (
             self._part("w_free", self.n_channel * len(self.members)).reshape(self.n_channel, len(self.members)).copy()
         )
@@ -354,7 +354,7 @@ class Propagator(ABC):
         image.field("local_f", *traction.shape)[:] = traction
         if self.scheme.name == "quasi_static":  # tractions are what the springs leave of q
             image.field("f", *traction.shape)[:] = traction - self.k * self.respond(traction)
-        image.end(self._class, self.instant + 1)
+        image.call(entries.END_CLASS, self._class, self.instant + 1)
         self.instant += 1
 
     # -- reading the state --------------------------------------------------------------------------------------

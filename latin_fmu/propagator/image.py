@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
 from ..kernels import entries
+from ..kernels.callouts import BACKWARD, FORWARD
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..kernels.tasks import CHUNK
@@ -113,6 +114,8 @@ class Image:
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
         self._half: dict[int, Array] = {}
+        self._functions: dict[int, Callable[[int, int, int], None]] = {}
+        self._callout: Any = None
         self._raised: BaseException | None = None
         self._views: dict[tuple[str, tuple[int, ...]], Array] = {}  # of fields of the run that were read
         self._written = False
@@ -122,6 +125,8 @@ class Image:
         else:
             self.begin(n_time, histories)
         self.moving[self._run["carry"]] = 1.0
+        if not self.factored:
+            self.call_out_to({FORWARD: self._forward, BACKWARD: self._backward})
         for c, propagator in enumerate(self.propagators):
             propagator.attach(self, c)
 
@@ -277,21 +282,25 @@ class Image:
             raise raised
         return result
 
-    def call_out_to(self, function: Callable[[int, int, int, int], None]) -> None:
-        """Let the kernels call a function, with what is to be done and three arguments (``kernels.callouts``). What it
-        raises ends their loop, and ``call`` raises it."""
+    def call_out_to(self, functions: Mapping[int, Callable[[int, int, int], None]]) -> None:
+        """Let the kernels call functions with three arguments, by what is to be done (``kernels.callouts``). What they
+        raise ends the loops of the kernels, and ``call`` raises it."""
+        self._functions |= functions
+        if self._callout is not None:
+            return
 
         def called(what: int, a: int, b: int, c: int) -> int:
             if self._raised is None:
                 try:
-                    function(what, a, b, c)
+                    self._functions[what](a, b, c)
                 except BaseException as error:
                     self._raised = error
                     self.field("failed", 1)[0] = 1.0
             return 0
 
-        self._callout = _CALLOUT(called)  # as long as its address is in use
-        self.set({"callout": int(pointer_to(self._callout, c_void_p).value or 0)})
+        self._callout = _CALLOUT(called)  # kept as long as its address is in use
+        self._run["callout"] = int(pointer_to(self._callout, c_void_p).value or 0)
+        self._written = False
 
     def use_threads(self, count: int, alone: Sequence[Index]) -> None:
         """March with so many threads, the caller's among them; ``alone`` : classes of each that have one thread, the
@@ -303,76 +312,19 @@ class Image:
         self.counts("order", len(self._rows))[: len(order)] = order
         self._written = False
 
-    # factors that the kernels do not hold are solved with here, between the kernels' halves of an instant
-    def predict(self, c: int, instant: int) -> None:
-        """Free response of a class at an instant."""
-        if self._rows[c]["factored"]:
-            self.call(entries.PREDICT, c, instant)
-            return
-        self.call(entries.FREE_LOAD, c, instant)
-        if self._of(c, "passed", 1)[0] == 0.0:
-            row, factor = self._rows[c], self.propagators[c].operators.factor
-            self._half[c], inner = factor.forward(self._of(c, "load", row["n"], row["m"]))
-            self._of(c, "inner", row["n_inner"], row["m"])[:] = inner
-            self.call(entries.FREE_VELOCITY, c, instant)
+    # -- factors that the kernels do not hold ---------------------------------------------------------------------
+    def _forward(self, c: int, *_: int) -> None:
+        """Half solution of a class from its load."""
+        row, factor = self._rows[c], self.propagators[c].operators.factor
+        self._half[c], inner = factor.forward(self._of(c, "load", row["n"], row["m"]))
+        self._of(c, "inner", row["n_inner"], row["m"])[:] = inner
 
-    def end(self, c: int, instant: int) -> None:
-        """End an instant of a class with the tractions of the local stage (without inertia: with q)."""
-        if self._rows[c]["factored"]:
-            self.call(entries.END_CLASS, c, instant)
-        else:
-            self._commit(c, instant)
-            self.call(entries.AFTER, c, instant)
-
-    def _commit(self, c: int, instant: int) -> None:
+    def _backward(self, c: int, rested: int, _: int) -> None:
+        """The other half, with the unknowns at the interfaces; of a class that has ``rested`` there is no first one."""
         row = self._rows[c]
-        rested = bool(self._of(c, "passed", 1)[0])
-        if not self.call(entries.INTERFACE_LOAD, c):
-            return
         y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
         last = self._of(c, "inner_answer", row["n_inner"], row["m"])
         self._of(c, "load", row["n"], row["m"])[:] = self.propagators[c].operators.factor.backward(y, last)
-        self.call(entries.ADVANCE, c, instant)
-        self._of(c, "marched", 1)[0] += row["m"]
-
-    def sweep(self, window: int, first: int) -> None:
-        """March the classes without a factor here over a window, with the q of the image."""
-        for c in (c for c, row in enumerate(self._rows) if not row["factored"]):
-            row = self._rows[c]
-            self._of(c, "rest", row["n_state"])[:] = self._of(c, "kept_states", row["n_state"])
-            flat = self.channels[c].ravel()
-            for i in range(window):
-                self.predict(c, first + i)
-                self.call(entries.RESPOND, c, i)
-                self._tractions(i, flat)
-                self._commit(c, first + i)
-
-    def end_window_instant(self, instant: int, i: int) -> None:
-        """``kernels.instants.end_window_instant`` where some class has no factor in the kernels."""
-        n = self.n_flat
-        hat = [self.field(name, self.window, n) for name in ("local_f", "local_w")]
-        first = [field[0].copy() for field in hat]  # whose place the tractions that act take
-        for c, row in enumerate(self._rows):
-            flat = self.channels[c].ravel()
-            self.predict(c, instant)
-            self.call(entries.RESPOND, c, i)
-            self._tractions(i, flat)
-            self.field("f", self.window, n)[i, flat] = self.field("local_f", n)[flat]
-            if row["factored"]:
-                self._of(c, "marched", 1)[0] += self.call(entries.COMMIT, c, instant)
-            else:
-                self._commit(c, instant)
-            self.call(entries.AFTER, c, instant, i, 1)
-        for field, values in zip(hat, first, strict=True):
-            field[0] = values
-        self.call(entries.END_INSTANT, instant, i)
-
-    def _tractions(self, i: int, flat: Index) -> None:
-        """F = q - k W of the linear stage at some channels and instant i of the window, as the tractions that act."""
-        n = self.n_flat
-        q, w = self.field("q", self.window, n)[i, flat], self.field("w", self.window, n)[i, flat]
-        at = self._run["k"]
-        self.field("local_f", n)[flat] = q - self.fixed[at : at + n][flat] * w
 
     @property
     def run_fields(self) -> Fields:

@@ -77,7 +77,7 @@ def open_window(run: Any, n: int, reuse: float) -> None:
     run.image.set({"reuse": reuse})
     run.image.call(entries.BEGIN)
     for c in range(len(run.image.propagators) if n == 1 else 0):
-        run.image.predict(c, 1)
+        run.image.call(entries.PREDICT, c, 1)
     run.image.marched()
 
 

@@ -72,7 +72,7 @@ def linear(run_: Any, q: Array, first: int = 1) -> Array:
     fields(run_, "q", n)[:] = q
     if n == 1:
         for c in range(len(image.propagators)):
-            image.predict(c, first)
+            image.call(entries.PREDICT, c, first)
     image.call(entries.LINEAR_STAGE, n, first, 0)
     return fields(run_, "w", n).copy()
 
@@ -82,7 +82,7 @@ def commit(run_: Any, f_hat: Array, instant: int) -> None:
     fields(run_, "local_f", 1)[0] = f_hat
     run_.image.set({"first_row": instant})
     for c in range(len(run_.image.propagators)):
-        run_.image.end(c, instant)
+        run_.image.call(entries.END_CLASS, c, instant)
     run_.image.call(entries.END_INSTANT, instant)
     run_._set_instant(instant)
 
