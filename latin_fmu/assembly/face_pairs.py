@@ -277,8 +277,8 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Sce
                 problems.add(
                     f"contact.{name}.search",
                     f"{first} and {second} overlap at the start by more than this",
-                    f"{depth:.4g} m",
-                    f"at most {table.search:g} m",
+                    f"{depth:.4g} {scene.unit_system['m']}",
+                    f"at most {table.search:g} {scene.unit_system['m']}",
                     "move the meshes apart, or leave the pair out by except",
                 )
     return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
@@ -341,7 +341,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
             f"substructure {name} touches nothing: it has no interface; {closest} is the nearest, "
-            f"{distance[closest]:.4g} m between nodes"
+            f"{distance[closest]:.4g} {scene.unit_system['m']} between nodes"
         )
     return remarks
 

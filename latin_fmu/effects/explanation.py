@@ -155,7 +155,8 @@ def _interfaces(p: Prediction) -> str:
     others = "" if len(large) == len(p.run.classes) else "; others dense"
     where = f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
     if (tables := p.tables) is not None:
-        rule = f"truncated at {tables.truncation:.2g} of the largest entry, points within {1e3 * tables.reach:.3g} mm"
+        reach = readable(tables.reach, p.scene.unit_system.label("m"), 3)
+        rule = f"truncated at {tables.truncation:.2g} of the largest entry, points within {reach}"
         return f"sparse tables, {rule}, in {where}"
     return f"exact, by substitution through {read} of a factor of {whole} (a dense matrix: {dense}) in {where}"
 
