@@ -55,7 +55,7 @@ class Facts:
 
     def unit_name(self, unit: str) -> str:
         """What the FMI calls a unit of the table (UDUNITS, SI) in the units of the scene."""
-        return UNITS[unit].name if self.units is SI else unit_text(self.units.label(unit)).replace(" ", ".")
+        return UNITS[unit].name if self.units is SI else unit_text(self.units.label(unit)).replace(" ", ".") or "1"
 
     def references(self) -> dict[str, int]:
         """Value reference by name."""
@@ -106,12 +106,16 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
     definitions = SubElement(root, "UnitDefinitions")
     used = {*(variable.unit for variable in facts.table), *units}
+    defined: dict[str, Element] = {}
     for key, unit in UNITS.items():
         if key in used:
-            element = SubElement(definitions, "Unit", {"name": facts.unit_name(key)})
-            base = {base: str(power) for base, power in unit.exponents.items()}
-            size = facts.units.size(key)
-            SubElement(element, "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
+            if (name := facts.unit_name(key)) in defined:
+                continue
+            defined[name] = SubElement(definitions, "Unit", {"name": name})
+            if facts.units.measurable:
+                base = {base: str(power) for base, power in unit.exponents.items()}
+                size = facts.units.size(key)
+                SubElement(defined[name], "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
     categories = SubElement(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         SubElement(categories, "Category", {"name": name, "description": meaning})

@@ -264,8 +264,9 @@ def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
     assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
     report = json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    assert report["schema_version"] == "1.3"
-    keys = {"schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings", "warning_codes"}
+    assert report["schema_version"] == "1.4"
+    keys = {"schema_version", "scene", "effects", "choices", "prediction", "suggestions"}
+    keys |= {"warnings", "warning_codes", "unchecked"}
     assert set(report) == keys
     assert set(report["effects"][0]) == {
         "name",

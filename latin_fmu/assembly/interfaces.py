@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from ..errors import Problem, Problems, did_you_mean
 from ..fem.faces import Face, cells_between, face_of
 from ..fem.mesh import Array, Index, nearest
+from ..fem.surface import Surface
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
@@ -28,6 +29,7 @@ _APART = 0.55  # of the distance between facets and curved surfaces; meshes of o
 _CAD_ROUND_OFF = 0.05  # of the search
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
+_STRAIGHT = 1e-6
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
 
 
@@ -53,6 +55,8 @@ def build_interface(
     if gap is None:
         return None
     behaviour = _behaviour(interface)
+    if behaviour.opens and interface.gap != "closed":
+        remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
@@ -273,6 +277,28 @@ def _gap(
         )
         return None
     return np.full(len(distance), given)
+
+
+def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) -> list[str]:
+    """A remark on faces, none of them curved, that meet at one point or along an edge only."""
+    size = float(np.ptp(pair.points, axis=0).max())
+    nearest_ones = gap <= gap.min() + _TOUCHING * size
+    if nearest_ones.all() or not _on_a_line(pair.points[nearest_ones], size):
+        return []
+    if any(sag.any() for body, facets in sides for sag in Surface(body.mesh.nodes, facets).sags):
+        return []
+    many = int(nearest_ones.sum())
+    where = "at one point" if many == 1 else f"along an edge ({many} points)"
+    return [
+        f"interface {name}: its faces meet {where} only, of {len(gap)} points: the pressure there has no limit under "
+        "refinement of the mesh, forces and impulses have; round the edge, or turn a face if they should be parallel"
+    ]
+
+
+def _on_a_line(points: Array, size: float) -> bool:
+    """Whether points (n, 3) lie on one line."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(points) < 3 or float(spread[1]) <= _STRAIGHT * size
 
 
 def _overlap(name: str, interface: Interface, depth: str) -> Problem:

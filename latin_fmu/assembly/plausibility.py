@@ -46,9 +46,9 @@ _COINCIDENT = 1e-6  # of the size of the body
 def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
     """All remarks of this module on a scene."""
     scene, bodies, units = problem.scene, problem.bodies, problem.units
+    of_units = [] if meant_system(scene) else size_remarks(bodies)
     return [
-        *([] if meant_system(scene) else size_remarks(bodies)),
-        *_material_remarks(scene),
+        *([*of_units, *_material_remarks(scene)] if scene.unit_system.measurable else []),
         *_friction_remarks(units),
         *_load_remarks(scene, bodies),
         *_driving_remarks(problem),
@@ -64,7 +64,7 @@ def meant_system(scene: Scene) -> UnitSystem | None:
     used = _elastic_materials(scene).values()
     if not used or any(_is_solid(m, scene.unit_system) for m in used):
         return None
-    return next((s for s in UNIT_SYSTEMS.values() if all(_is_solid(m, s) for m in used)), None)
+    return next((s for s in UNIT_SYSTEMS.values() if s.measurable and all(_is_solid(m, s) for m in used)), None)
 
 
 def _elastic_materials(scene: Scene) -> dict[str, Material]:
@@ -168,7 +168,7 @@ def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
 
 def _gap_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iterator[Remark]:
     """Gaps as wide as bodies: a number in mm, or meshes that were not put together."""
-    for unit in units:
+    for unit in units if next(iter(bodies.values())).units.measurable else ():
         if unit.attached or not unit.behaviour.opens:
             continue
         length = next(iter(bodies.values())).units["m"]

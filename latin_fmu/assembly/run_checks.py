@@ -76,8 +76,8 @@ def small_motion_remarks(
 
 def strain_remarks(problem: SolverReadyProblem) -> list[str]:
     """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
-    remarks = []
-    for propagator in problem.assembly.propagators:
+    remarks: list[str] = []
+    for propagator in problem.assembly.propagators if problem.unit_system.measurable else ():
         for j, name in enumerate(propagator.names):
             strain = _largest_strain(problem.info[name], propagator.full_displacement(j))
             if strain > LARGEST_STRAIN:

@@ -42,6 +42,7 @@ from .kept_operators import Kept
 from .limit_load import allowed_motions, loss_of_equilibrium
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
+_UNSEEN = 1e-7  # vibrations that residual forces up to this share of the largest excite are told by no measurement
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
 _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
@@ -177,7 +178,7 @@ def state_at_end(
     message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
         ()
-        if tolerance <= TIGHT[1]
+        if tolerance <= _UNSEEN
         else (
             f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
             "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",

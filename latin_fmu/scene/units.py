@@ -16,7 +16,7 @@ POUND, INCH = 4.4482216152605, 0.0254
 _FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")
 _RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi"]
+SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
 
 
 def unit_text(unit: str, figure: bool = False) -> str:
@@ -49,7 +49,7 @@ class UnitSystem:
     Attributes
     ----------
     name : as in a scene. names : by the unit of SI, a UDUNITS string each; those of SI where left out.
-    sizes : of these units in SI.
+    sizes : of these units in SI; none in a system of pure numbers, which leaves only the second.
 
     >>> UNIT_SYSTEMS["mm-t-s-MPa"].label("N s m-1"), UNIT_SYSTEMS["mm-t-s-MPa"]["kg m-3"]
     ('N s mm-1', 't/mm3')
@@ -66,13 +66,20 @@ class UnitSystem:
         parts = []
         for name, power in _factors(unit):
             own = self.names.get(name, name)
-            assert power == "1" or " " not in own, unit
-            parts.append(own if power == "1" else own + power)
-        return " ".join(parts)
+            if own != "1":
+                assert power == "1" or " " not in own, unit
+                parts.append(own if power == "1" else own + power)
+        return " ".join(parts) or "1"
 
     def __getitem__(self, unit: str) -> str:
         """What a unit of SI (UDUNITS string) is called in messages."""
-        return unit_text(self.label(unit))
+        label = self.label(unit)
+        return "units" if label == "1" else unit_text(label)
+
+    @property
+    def measurable(self) -> bool:
+        """Whether numbers can be compared with those in SI."""
+        return self.name != "none"
 
     def __reduce__(self) -> tuple[Callable[[object], "UnitSystem"], tuple[str]]:
         return system_named, (self.name,)
@@ -101,10 +108,13 @@ UNIT_SYSTEMS: Final[Mapping[str, UnitSystem]] = MappingProxyType(
                 INCH,
                 POUND,
             ),
+            UnitSystem(
+                "none", MappingProxyType(dict.fromkeys(("m", "kg", "N", "Pa", "J", "W"), "1")), MappingProxyType({})
+            ),
         )
     }
 )
-"""The systems by name."""
+"""The systems by name; "none": pure numbers, as in papers."""
 PREFIXED: Final = frozenset({"m", "kg", "s", "N", "Pa", "J", "W", "Hz", "B"})
 """Units that are written with a prefix, such as kN: those of SI. Those of other systems stay as they are."""
 
