@@ -151,8 +151,8 @@ def solve(
     Raises
     ------
     SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
-    SolverError : numbers that cannot be computed with; a checkpoint that is damaged, or of another scene, version or
-        machine.
+    SolverError : numbers that cannot be computed with.
+    ResultsError : a checkpoint that is damaged, or of another scene, version or machine.
     """
     wall = clock.perf_counter()
     timings = Timings()

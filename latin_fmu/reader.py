@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
+from .file_digest import is_damaged
 from .mesh_files.deck_tables import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
@@ -319,6 +320,8 @@ def _fields_of(
         problems.append(Problem("initial_state.file", "no such file", shown(table.file), remedy=remedy))
         return fields
     try:
+        if is_damaged(path):
+            raise OSError("it is damaged: its digest does not fit")
         with Dataset(str(path)) as file:
             own = str(getattr(file, "unit_system", SI.name))  # an attribute of ``results.groups``, a later layer
             if own != units.name:
