@@ -116,6 +116,14 @@ def computable() -> Iterator[None]:
             f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
             "check the units of materials, sizes, times and loads"
         ) from error
+    except RuntimeError as error:  # how SuperLU reports a singular matrix
+        if "singular" not in str(error):
+            raise
+        raise SolverError(
+            "a matrix of the scene is singular: with time.scheme generalized_alpha nodes of faces that may open have no "
+            "mass, and a body of one layer of elements between such a face and a driven or held one has no other "
+            'free node; take two layers of elements or more, or time.scheme = "hht"'
+        ) from error
 
 
 @computable()
