@@ -120,8 +120,8 @@ def computable() -> Iterator[None]:
         if "singular" not in str(error):
             raise
         raise SolverError(
-            "a matrix of the scene is singular: with time.scheme generalized_alpha nodes of faces that may open have no "
-            "mass, and a body of one layer of elements between such a face and a driven or held one has no other "
+            "a matrix of the scene is singular: with generalized_alpha nodes of faces that may open have no mass, "
+            "and a body of one layer of elements between such a face and a driven or held one has no other "
             'free node; take two layers of elements or more, or time.scheme = "hht"'
         ) from error
 

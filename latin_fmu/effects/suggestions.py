@@ -203,9 +203,9 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
     laws += [port.law(c) for port in scene.port.values() for c in port.components]
     sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
-    if p.run.static or moving or sudden or not laws:
-        return
     transit = _longest_transit(p)
+    if p.run.static or moving or sudden or not laws or transit == 0.0:  # 0: rigid bodies alone
+        return
     ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
     if not SLOW <= ratio < np.inf:
         return
