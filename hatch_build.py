@@ -3,8 +3,8 @@ Linux and Windows (x86-64), on which compiled FMUs run, and the libraries of oth
 on one runs on the others. It carries the models of ``latin-fmu demo``, too.
 
 ``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
-without a library, whose kernels numba compiles at the first run. Editable installs have no library either; see
-``python -m latin_fmu.aot``.
+without a library, whose kernels numba compiles at the first run. An editable install compiles the library of this
+machine into ``build/``, where the package finds it until a kernel changes; then see ``python -m latin_fmu.aot``.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,21 @@ MODEL_FILES = (".toml", ".md", ".json", ".msh", ".py")  # what a wheel takes of 
 COMPILED = ("linux-x86_64", "windows-x86_64")  # targets of compiled FMUs
 
 
+def compile_kernels(root: Path, targets: Sequence[str]) -> None:
+    """Libraries of the kernels in ``build/``; those that are there and fit stay. Raises CalledProcessError."""
+    environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
+    subprocess.run([sys.executable, "-m", "latin_fmu.aot", *targets], cwd=root, env=environment, check=True)
+
+
 class Kernels(BuildHookInterface):  # type: ignore[type-arg]
     """Compile the kernels in a process of their own and put the library into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Called for the metadata and for the wheel; the second time the library is there."""
-        if version == "editable":
-            return
         root = Path(self.root)
+        if version == "editable":
+            self._compile_in_place(root)
+            return
         for file in sorted(path for path in root.glob("models/**/*") if path.suffix in MODEL_FILES):
             build_data["force_include"][str(file)] = f"latin_fmu/{file.relative_to(root).as_posix()}"
         sys.path.insert(0, str(root))
@@ -53,10 +61,22 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
         if target in (None, "none"):
             self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
             return
-        environment = {**os.environ, "LATIN_FMU_LIBRARY": "0", "OMP_NUM_THREADS": "1"}
         targets = sorted({target, *COMPILED})
-        subprocess.run([sys.executable, "-m", "latin_fmu.aot", *targets], cwd=root, env=environment, check=True)
+        compile_kernels(root, targets)
         for name in map(file_name, targets):
             build_data["force_include"][str(root / "build" / name)] = f"latin_fmu/{name}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{TAGS[target]}"
+
+    def _compile_in_place(self, root: Path) -> None:
+        """The library of this machine for an editable install, which is good without one, too."""
+        sys.path.insert(0, str(root))
+        from latin_fmu.aot import host
+
+        target = os.environ.get("LATIN_FMU_TARGET") or host()
+        if target in (None, "none"):
+            return
+        try:
+            compile_kernels(root, [str(target)])
+        except (OSError, subprocess.CalledProcessError) as error:
+            self.app.display_warning(f"no library of kernels ({error}): numba compiles them at the first run")

@@ -128,6 +128,7 @@ def _facts(scene: Scene, table: Sequence[Variable], token: str) -> Facts:
         stop_time=scene.time.end,
         step_size=suggested_step(scene),
         tolerance=accuracy_of(scene.solver.tolerance),
+        units=scene.unit_system,
     )
 
 
@@ -174,6 +175,7 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
         stop_time=scene.time.end,
         step_size=scene.time.end / STEPS,
         tolerance=TOLERANCE,
+        units=scene.unit_system,
     )
     return {
         **content.files(facts),

@@ -196,7 +196,7 @@ def reduction_errors(full: Inputs, reduced: Inputs) -> list[ReductionError]:
     return [
         ReductionError(
             name,
-            definition_of(name).unit,
+            full.scene.unit_system.label(definition_of(name).unit),
             exact.value(name, exact),
             coarse.value(name, exact) if name in coarse.values else float("nan"),
             coarse.error(name, exact) if name in coarse.values else float("inf"),

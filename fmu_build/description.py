@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from latin_fmu.cosim.variable import UNITS, Variable
 from latin_fmu.model_exchange.system import Local, Names
 from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.units import SI, UnitSystem, unit_text
 
 NAME = "latin_fmu"
 AUTHOR = "The latin-fmu developers"
@@ -36,6 +37,7 @@ class Facts:
     model : name of the model, that of the scene. identifier : name of the binaries. token : digest of the content.
     description : text. stop_time, step_size : of the default experiment, s. tolerance : relative accuracy that
     belongs to the tolerance of the scene. table : the variables; their order is the value reference.
+    units : of the scene; hosts convert them by the factors of the description.
     version : of the package. time_step : of a compiled FMU, which needs no Python, s; None for others.
     """
 
@@ -49,6 +51,11 @@ class Facts:
     tolerance: float
     table: Sequence[Variable]
     time_step: float | None = None
+    units: UnitSystem = SI
+
+    def unit_name(self, unit: str) -> str:
+        """What the FMI calls a unit of the table (UDUNITS, SI) in the units of the scene."""
+        return UNITS[unit].name if self.units is SI else unit_text(self.units.label(unit)).replace(" ", ".") or "1"
 
     def references(self) -> dict[str, int]:
         """Value reference by name."""
@@ -99,10 +106,16 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     SubElement(root, kind, {"modelIdentifier": facts.identifier, **shared, **abilities})
     definitions = SubElement(root, "UnitDefinitions")
     used = {*(variable.unit for variable in facts.table), *units}
+    defined: dict[str, Element] = {}
     for key, unit in UNITS.items():
         if key in used:
-            element = SubElement(definitions, "Unit", {"name": unit.name})
-            SubElement(element, "BaseUnit", {base: str(power) for base, power in unit.exponents.items()})
+            if (name := facts.unit_name(key)) in defined:
+                continue
+            defined[name] = SubElement(definitions, "Unit", {"name": name})
+            if facts.units.measurable:
+                base = {base: str(power) for base, power in unit.exponents.items()}
+                size = facts.units.size(key)
+                SubElement(defined[name], "BaseUnit", base | ({} if size == 1.0 else {"factor": repr(size)}))
     categories = SubElement(root, "LogCategories")
     for name, meaning in LOG_CATEGORIES.items():
         SubElement(categories, "Category", {"name": name, "description": meaning})
@@ -124,11 +137,11 @@ def _identity(variable: Variable, reference: int) -> dict[str, str]:
     return {**attributes, "initial": "calculated"} if variable.causality == "output" else attributes
 
 
-def _values(variable: Variable) -> dict[str, str]:
+def _values(variable: Variable, facts: Facts) -> dict[str, str]:
     """Attributes of the values of a variable: unit, range, nominal, start."""
     attributes = {}
     if variable.kind == "real" and variable.unit is not None:
-        attributes["unit"] = UNITS[variable.unit].name
+        attributes["unit"] = facts.unit_name(variable.unit)
     for key, value in (("min", variable.minimum), ("max", variable.maximum), ("nominal", variable.nominal)):
         if value is not None:
             attributes[key] = _text(float(value) if variable.kind == "real" else int(value))
@@ -160,7 +173,7 @@ def fmi2_description(facts: Facts) -> Element:
     for number, variable in enumerate(facts.table):
         if variable.causality != "independent":  # optional in FMI 2, and some hosts require a start value for it
             element = SubElement(variables, "ScalarVariable", _identity(variable, number))
-            SubElement(element, types[variable.kind], _values(variable))
+            SubElement(element, types[variable.kind], _values(variable, facts))
             places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
@@ -187,7 +200,7 @@ def fmi3_description(facts: Facts) -> Element:
     variables = SubElement(root, "ModelVariables")
     counts = {v.name: int(v.start or 0) for v in facts.table if v.kind == "count"}
     for variable in facts.table:
-        _add_variable(variables, places, variable)
+        _add_variable(variables, places, variable, facts)
         if variable.is_array and variable.start is not None:  # one start value an element: some hosts need them all
             n = prod(size if isinstance(size, int) else counts[size] for size in variable.dimensions)
             variables[-1].set("start", " ".join([_text(variable.start)] * n))
@@ -200,9 +213,9 @@ def fmi3_description(facts: Facts) -> Element:
     return root
 
 
-def _add_variable(parent: Element, references: dict[str, int], variable: Variable) -> None:
+def _add_variable(parent: Element, references: dict[str, int], variable: Variable, facts: Facts) -> None:
     types = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
-    attributes = _identity(variable, references[variable.name]) | _values(variable)
+    attributes = _identity(variable, references[variable.name]) | _values(variable, facts)
     start = attributes.pop("start", "") if variable.kind == "string" else None
     element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
@@ -224,12 +237,12 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
     variables = SubElement(root, "ModelVariables")
     references = facts.references()
     for reference, variable in enumerate(facts.table):
-        _add_variable(variables, references, variable)
+        _add_variable(variables, references, variable, facts)
         if reference in names.states:
             variables[-1].set("initial", "exact")
             variables[-1].set("start", "0.0")
     for reference, local in enumerate(names.locals, len(facts.table)):
-        SubElement(variables, "Float64", _local(reference, local))
+        SubElement(variables, "Float64", _local(reference, local, facts))
     structure = SubElement(root, "ModelStructure")  # without dependencies: everything may depend on everything
     outputs = [i for i, variable in enumerate(facts.table) if variable.causality == "output"]
     derivatives = range(names.derivatives, names.derivatives + len(names.states))
@@ -245,7 +258,7 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
     return root
 
 
-def _local(reference: int, local: Local) -> dict[str, str]:
+def _local(reference: int, local: Local, facts: Facts) -> dict[str, str]:
     attributes = {
         "name": local.name,
         "valueReference": str(reference),
@@ -253,7 +266,7 @@ def _local(reference: int, local: Local) -> dict[str, str]:
         "causality": "local",
         "variability": "continuous",
         "initial": "calculated" if local.start is None else "exact",
-        "unit": UNITS[local.unit].name,
+        "unit": facts.unit_name(local.unit),
     }
     numbers = {"nominal": local.nominal, "start": local.start, "derivative": local.derivative_of}
     return attributes | {key: _text(number) for key, number in numbers.items() if number is not None}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from latin_fmu.model_exchange.system import Names
+from latin_fmu.scene.units import SI
 
 from .description import Facts
 
@@ -60,7 +61,7 @@ normal force, or ratio of tangential to normal force; 0 before the first. In FMI
 of the first event in it, where the host allows it (<code>earlyReturnAllowed</code>).</li>
 <li>A load in the scene should have the expected size, so that its amplitude is about 1: tolerances are relative to the
 loads of the scene, and a load of 1 Pa times 10<sup>8</sup> needs more digits than double precision has.</li>
-<li>A port <code>port.NAME</code> has inputs and outputs in SI units along the global axes, of the mean motion of its
+<li>A port <code>port.NAME</code> has inputs and outputs along the global axes, of the mean motion of its
 face: <code>force[i]</code>, <code>moment[i]</code>, <code>displacement[i]</code>, <code>velocity[i]</code>,
 <code>rotation[i]</code>, <code>angularVelocity[i]</code>, i = 1, 2, 3; the rate of an input is
 <code>forceRate[i]</code>. A wave port takes <code>incident[i]</code> = F + Z v, Z its <code>impedance[i]</code>, and
@@ -162,14 +163,22 @@ def compiled_page(facts: Facts, scene_text: str, version: str, note: str = "") -
     return _co_simulation_page(facts, scene_text, version, _COMPILED + note)
 
 
+def _unit(facts: Facts, unit: str | None) -> str | None:
+    return None if unit is None else facts.units.label(unit)
+
+
+def _units(facts: Facts) -> str:
+    return "SI units" if facts.units is SI else f"Units {facts.units.name}"
+
+
 def _co_simulation_page(facts: Facts, scene_text: str, version: str, use: str) -> str:
     rows = [
-        (v.name, v.causality, v.kind, v.unit, v.start, " x ".join(map(str, v.dimensions)), v.description)
+        (v.name, v.causality, v.kind, _unit(facts, v.unit), v.start, " x ".join(map(str, v.dimensions)), v.description)
         for v in facts.table
     ]
     about = (
         f"FMI {version} for co-simulation, made by latin_fmu {facts.version}. Impact of elastic bodies with frictional "
-        "contact by the LATIN method. SI units."
+        f"contact by the LATIN method. {_units(facts)}."
     )
     note = (
         "<p>Components are counted from 1, along x, y, z. A load is its amplitude here: it multiplies the pressure or "
@@ -181,13 +190,15 @@ def _co_simulation_page(facts: Facts, scene_text: str, version: str, use: str) -
 
 def model_exchange_page(facts: Facts, names: Names, scene_text: str, n_mode: int, n_patch: int) -> str:
     """Page of an FMU for Model Exchange."""
-    rows: list[Sequence[object]] = [(v.name, v.causality, v.unit, v.start, v.description) for v in names.table]
+    rows: list[Sequence[object]] = [
+        (v.name, v.causality, _unit(facts, v.unit), v.start, v.description) for v in names.table
+    ]
     for local in names.locals:
         start = None if local.start is None else f"{local.start:g}"
-        rows.append((local.name, "local", local.unit, start, local.description))
+        rows.append((local.name, "local", _unit(facts, local.unit), start, local.description))
     about = (
-        f"FMI 3.0 for Model Exchange, made by latin_fmu {facts.version}. SI units; components are counted from 1, "
-        "along x, y, z."
+        f"FMI 3.0 for Model Exchange, made by latin_fmu {facts.version}. {_units(facts)}; components are counted from "
+        "1, along x, y, z."
     )
     use = f"{_REDUCED_MODEL.format(n_mode=n_mode, n_patch=n_patch)}<h2>Variables</h2>\n"
     return _page(facts, about, use, ("name", "causality", "unit", "start", "meaning"), rows, scene_text)

@@ -144,7 +144,7 @@ def _add_units(parent: Element, tag: str, units: Iterable[Element]) -> None:
     place = SubElement(parent, tag)
     for unit in found:
         element = SubElement(place, "ssc:Unit", {"name": str(unit.get("name"))})
-        SubElement(element, "ssc:BaseUnit", dict(unit[0].attrib))
+        SubElement(element, "ssc:BaseUnit", dict(unit[0].attrib) if len(unit) else {})
 
 
 def _parameter_set(name: str, model: _Model, values: Mapping[str, float | int | str]) -> bytes:

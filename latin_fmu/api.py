@@ -39,6 +39,7 @@ from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .results.writing import check_folder
 from .scene.schema import Scene
+from .scene.units import UnitSystem
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
 _STREAMED: Final = (
@@ -115,6 +116,14 @@ def computable() -> Iterator[None]:
             f"numbers of the scene are too large, too small or too far apart to compute with ({error.args[-1]}); "
             "check the units of materials, sizes, times and loads"
         ) from error
+    except RuntimeError as error:  # how SuperLU reports a singular matrix
+        if "singular" not in str(error):
+            raise
+        raise SolverError(
+            "a matrix of the scene is singular: with generalized_alpha nodes of faces that may open have no mass, "
+            "and a body of one layer of elements between such a face and a driven or held one has no other "
+            'free node; take two layers of elements or more, or time.scheme = "hht"'
+        ) from error
 
 
 @computable()
@@ -150,8 +159,8 @@ def solve(
     Raises
     ------
     SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
-    SolverError : numbers that cannot be computed with; a checkpoint that is damaged, or of another scene, version or
-        machine.
+    SolverError : numbers that cannot be computed with.
+    ResultsError : a checkpoint that is damaged, or of another scene, version or machine.
     """
     wall = clock.perf_counter()
     timings = Timings()
@@ -181,6 +190,7 @@ def solve(
         recovered=problem.recovered,
         sensor_tables=scene.sensor,
         surfaces=scene.output.surfaces,
+        units=scene.unit_system,
     )
 
 
@@ -347,24 +357,25 @@ def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
     lines += [
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators
     ]
-    lines += [_interface_line(u, u.name not in scene.interface) for u in assembly.interfaces]
+    lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
-    lines += [cut.line(problem.start.bolts.shortening[name]) for name, cut in discretised.cuts.items() if problem.start]
+    if (start := problem.start) is not None:
+        lines += [c.line(start.bolts.shortening[n], scene.unit_system) for n, c in discretised.cuts.items()]
     lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
     lines.append(f"  {memory_line(prediction, stream=True)}")
     return lines, problem.warnings
 
 
-def _interface_line(unit: InterfaceUnit, by_search: bool) -> str:
+def _interface_line(unit: InterfaceUnit, by_search: bool, units: UnitSystem) -> str:
     """Sizes of an interface: points, area, gap, where the points come from; ``by_search``: from a [contact.NAME]."""
     geometry = unit.geometry
     if unit.attached:
         return f"  {unit.attached}: {unit.behaviour.name} between {unit.sides[0]} and {unit.sides[1]}"
     area = geometry.areas.sum()
-    line = f"  interface {unit.name}: {unit.behaviour.name}, {geometry.n_point} points, area {area:.6g} m2"
+    line = f"  interface {unit.name}: {unit.behaviour.name}, {geometry.n_point} points, area {area:.6g} {units['m2']}"
     if unit.behaviour.opens:
         gaps = dict.fromkeys(f"{gap:.4g}" for gap in (geometry.gap.min(), geometry.gap.max()))
-        line += f", gap {' to '.join(gaps)} m"
+        line += f", gap {' to '.join(gaps)} {units['m']}"
         if 0 < (closed := int((geometry.gap <= 0.0).sum())) < geometry.n_point:
             line += f", closed at {closed} of them"
     if geometry.traces[1] is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
+from .file_digest import is_damaged
 from .mesh_files.deck_tables import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
@@ -19,6 +20,7 @@ from .scene.overrides import apply_overrides
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
 from .scene.schema import Scene
 from .scene.substructures import ALL, MeshParts, part_name
+from .scene.units import SI, UnitSystem, system_named
 
 if TYPE_CHECKING:
     from .mesh_files.content import MeshContent
@@ -55,7 +57,8 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     if _deeper_than(MOST_LEVELS, data):
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used")
     try:
-        return Scene.model_validate(data, context={"base_dir": Path(base_dir or ""), "with_parts": with_files})
+        context = {"base_dir": Path(base_dir or ""), "with_parts": with_files, "units": system_named(data.get("units"))}
+        return Scene.model_validate(data, context=context)
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
 
@@ -297,7 +300,7 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
         what = "the scene starts from a static equilibrium (time.start, bolts)"
         remedy = 'leave [initial_state] out, or set time.start = "given" in a scene without bolts'
         problems.append(Problem("initial_state", what, remedy=remedy))
-    fields = {} if problems else _fields_of(table, chosen, base_dir, problems)
+    fields = {} if problems else _fields_of(table, chosen, base_dir, system_named(raw.get("units")), problems)
     if problems:
         return raw, problems
     rest = {key: value for key, value in raw.items() if key != "initial_state"}
@@ -305,7 +308,9 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     return {**rest, "substructure": {**raw["substructure"], **own}}, []
 
 
-def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, problems: list[Problem]) -> dict[str, Any]:
+def _fields_of(
+    table: InitialState, bodies: Sequence[str], base_dir: Path, units: UnitSystem, problems: list[Problem]
+) -> dict[str, Any]:
     """Keys of the initial fields by substructure, from the results file."""
     from netCDF4 import Dataset
 
@@ -315,7 +320,17 @@ def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, probl
         problems.append(Problem("initial_state.file", "no such file", shown(table.file), remedy=remedy))
         return fields
     try:
+        if is_damaged(path):
+            raise OSError("it is damaged: its digest does not fit")
         with Dataset(str(path)) as file:
+            own = str(getattr(file, "unit_system", SI.name))  # an attribute of ``results.groups``, a later layer
+            if own != units.name:
+                what, remedy = (
+                    "the file is in other units than the scene",
+                    "run one of the two in the units of the other",
+                )
+                problems.append(Problem("initial_state.file", what, own, units.name, remedy))
+                return fields
             stored = file.groups["substructures"].groups if "substructures" in file.groups else {}
             for name in bodies:
                 keys = {"time", "node_x", "node_y", "node_z", "displacement", "velocity"}
@@ -327,7 +342,7 @@ def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, probl
                 elif (made := _at_instant(table, name, stored[name].variables, problems)) is not None:
                     fields[name] = made
             if not problems and "interfaces" in file.groups:
-                _refuse_loaded_contacts(table, bodies, file.groups["interfaces"].groups, problems)
+                _refuse_loaded_contacts(table, bodies, file.groups["interfaces"].groups, units, problems)
     except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
         what = f"not a readable results file ({error})"  # the library of a damaged file raises many kinds
         problems.append(Problem("initial_state.file", what, shown(table.file), "the .nc file of a run"))
@@ -335,7 +350,11 @@ def _fields_of(table: InitialState, bodies: Sequence[str], base_dir: Path, probl
 
 
 def _refuse_loaded_contacts(
-    table: InitialState, bodies: Sequence[str], interfaces: Mapping[str, Any], problems: list[Problem]
+    table: InitialState,
+    bodies: Sequence[str],
+    interfaces: Mapping[str, Any],
+    units: UnitSystem,
+    problems: list[Problem],
 ) -> None:
     """Problems of contacts of these bodies that carry tractions at the instant, which displacements do not give."""
     for name, group in interfaces.items():
@@ -345,9 +364,8 @@ def _refuse_loaded_contacts(
         i = int(np.argmin(np.abs(np.asarray(group.variables["time"][:], dtype=float) - table.time)))
         largest = float(np.abs(np.asarray(group.variables["traction"][i], dtype=float)).max(initial=0.0))
         if largest > 0.0:
-            what = (
-                f"the contact {name} carries tractions up to {largest:.4g} Pa at this instant, and they would be lost"
-            )
+            size = f"{largest:.4g} {units['Pa']}"
+            what = f"the contact {name} carries tractions up to {size} at this instant, and they would be lost"
             remedy = "choose an instant at which it is open, or continue that run itself from a checkpoint"
             problems.append(Problem("initial_state.time", what, f"{table.time:.9g} s", "contacts without load", remedy))
 

@@ -14,6 +14,7 @@ REMARKS: Final = MappingProxyType(
         "deck": "content of a mesh file that is not used",
         "drift": "bonded sides that have come apart",
         "friction": "a friction coefficient that no dry pair has",
+        "edge": "contact at one point or along an edge only",
         "free": "a body without support whose place is chosen",
         "gap": "a gap of the size of the bodies",
         "initial_state": "initial fields that supports or the mesh change",

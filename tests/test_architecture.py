@@ -20,7 +20,7 @@ LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 130  # lines
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "remarks", "compiled", "machine"),
+    ("errors", "remarks", "compiled", "machine", "file_digest"),
     ("scene",),
     ("mesh_files",),
     ("reader",),

@@ -264,8 +264,9 @@ def test_json_keeps_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
     path = MODELS / "two_specimen_crushing" / "scene.toml"
     assert main(["explain", str(path), "--json", "--set", "interface.crush.friction_coefficient=0"]) == 0
     report = json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    assert report["schema_version"] == "1.3"
-    keys = {"schema_version", "scene", "effects", "choices", "prediction", "suggestions", "warnings", "warning_codes"}
+    assert report["schema_version"] == "1.4"
+    keys = {"schema_version", "scene", "effects", "choices", "prediction", "suggestions"}
+    keys |= {"warnings", "warning_codes", "unchecked"}
     assert set(report) == keys
     assert set(report["effects"][0]) == {
         "name",
@@ -300,3 +301,14 @@ def test_a_wrong_scene_is_told_as_everywhere(tmp_path: Path, capsys: pytest.Capt
     wrong.write_text('name = "x"\n')
     assert main(["explain", str(wrong)]) == 2
     assert "material" in capsys.readouterr().err
+
+
+def test_rigid_bodies_alone_have_no_wave() -> None:
+    """A slow load on them is told nothing by the time that a wave takes."""
+    box = {"box": {"size": [0.01] * 3, "elements": [1, 1, 1]}, "material": "steel", "rigid": True}
+    load = {"push": {"face": "b.zmax", "pressure": 1e5, "law": {"type": "half_sine", "duration": 1e-3}}}
+    time = {"end": 1e-3, "instants": 10}
+    told = explained(
+        {"name": "r", "material": {"steel": STEEL.table()}, "substructure": {"b": box}, "load": load, "time": time}
+    )
+    assert not any("slower" in s.what for s in told.suggestions)

@@ -377,3 +377,42 @@ def test_a_disk_without_room_for_the_results_is_told_before_the_run(tmp_path, ca
         main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.nc"), "--set", "time.instants=20000"]) == 2
     )
     assert "0 MB are free, the file may need 1 MB" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_long_run_with_its_error_estimate_stays_below_500_mb(tmp_path: Path) -> None:
+    """Three hundred thousand instants of three small blocks; the coarser run with shorter steps has half a million,
+    whose histories would take 2 GB in memory."""
+    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    settings = ["time.instants=300000", "time.end=0.03", "solver.tolerance=1e-6"]
+    words = [word for setting in settings for word in ("--set", setting)]
+    code = f"""
+from latin_fmu.cli import main
+from latin_fmu.machine import peak_memory
+assert main(["run", "scene.toml", "-o", "a.nc", "--quiet", *{words}]) == 0
+print(peak_memory())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment(), check=True, capture_output=True, text=True
+    )
+    assert float(done.stdout.split()[-1]) < 500e6
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no process status here")
+def test_memory_is_given_back_after_a_run(tmp_path: Path) -> None:
+    """In a process that goes on: after four runs whose histories take 44 MB each it is as large as after the second."""
+    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    code = """
+import gc
+from pathlib import Path
+from latin_fmu import load_scene, solve
+scene = load_scene("scene.toml", ["time.instants=10000", "time.end=1e-3"])
+for _ in range(4):
+    solve(scene)
+    gc.collect()
+    print(4096 * int(Path("/proc/self/statm").read_text().split()[1]))
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment(), check=True, capture_output=True, text=True)
+    _, second, *_, last = (int(word) for word in done.stdout.split())
+    assert last < second + 20e6

@@ -92,7 +92,7 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
     assert status is not None
     touching, slipping = (float((flags @ history.areas).sum()) for flags in (status != SEPARATION, status == SLIP))
     if touching == 0.0:
-        gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} m"
+        gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} {solution.units['m']}"
         yield f"interface {name} is open all the time{gap}"
         return
     mu, share = history.mu, slipping / touching

@@ -15,6 +15,7 @@ import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -337,6 +338,7 @@ def estimate_error(
     log: Callable[[str], None] | None = None,
     processes: Processes | None = None,
     report: Callable[[float], None] | None = None,
+    stream: Path | None = None,
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
@@ -346,7 +348,8 @@ def estimate_error(
     Parameters
     ----------
     log : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
-    report : called with the share of the work that is done.
+    report : called with the share of the work that is done. stream : as for ``api.solve``, of the coarser runs: a run
+        whose histories do not fit in memory has coarser ones that do not either.
     """
     start = clock.process_time()
     plan = coarser_runs_of(scene)
@@ -361,7 +364,7 @@ def estimate_error(
         if log is not None:
             log(f"error estimate: {text}")
         try:
-            run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes)
+            run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes, stream=stream)
             shares.update(1, 1, run.iterations[1], 0.0)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")

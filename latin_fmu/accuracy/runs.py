@@ -6,6 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -45,17 +46,24 @@ class Run:
 
 
 def run_at(
-    scene: Scene, resolution: Resolution, progress: api.ProgressSink | None = None, processes: Processes | None = None
+    scene: Scene,
+    resolution: Resolution,
+    progress: api.ProgressSink | None = None,
+    processes: Processes | None = None,
+    stream: Path | None = None,
 ) -> Run:
-    """Solve the scene at a resolution; ``progress`` and ``processes`` as for ``api.solve``.
+    """Solve the scene at a resolution; ``progress``, ``processes`` and ``stream`` as for ``api.solve``.
 
     Raises
     ------
     SceneError : the scene cannot be built at this resolution.
     """
     start = clock.process_time()
-    solution = api.solve(at_resolution(scene, resolution), progress=progress, processes=processes)
-    return as_run(scene, solution, resolution, clock.process_time() - start)
+    solution = api.solve(at_resolution(scene, resolution), progress=progress, processes=processes, stream=stream)
+    run = as_run(scene, solution, resolution, clock.process_time() - start)
+    if solution.outcome.stream is not None:
+        solution.outcome.stream.close()
+    return run
 
 
 def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float) -> Run:

@@ -49,9 +49,9 @@ def datatree(study: Study) -> xr.DataTree:
 
 
 def _runs(study: Study) -> xr.Dataset:
-    rows, quantities = study.rows, study.quantities
+    rows, quantities, label = study.rows, study.quantities, study.scene.unit_system.label
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
-    table["quantity_unit"] = ("quantity", _texts([definition_of(q).unit for q in quantities]))
+    table["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))
     for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "reason of a failure")):
         table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
     numbers: list[tuple[str, list[float], str, str]] = [

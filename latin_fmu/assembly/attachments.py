@@ -127,7 +127,7 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
         length = float(np.abs(line).max())  # squares of a direction may over- or underflow
         if spring.direction is None and length <= _TOGETHER * np.sqrt(first.area):
             what = "the ends are at the same place, so that the spring has no direction"
-            problems.add(where, what, f"{length:.4g} m apart", remedy="give direction")
+            problems.add(where, what, f"{length:.4g} {scene.unit_system['m']} apart", remedy="give direction")
             continue
         area = min(end.area for end in ends if end is not None)
         frames = local_frames((line / length)[None])

@@ -37,6 +37,7 @@ from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from ..scene.schema import Scene
 from ..scene.substructures import Material, MeshFile, Substructure
+from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
     from ..mesh_files.content import MeshContent
@@ -138,6 +139,8 @@ class Body:
     description: Substructure
     added: AddedMass | None = None
     rigid_faces: tuple[str, ...] = ()
+    units: UnitSystem = SI
+    """Of the scene, for messages."""
 
     @cached_property
     def mass(self) -> sp.csr_array:
@@ -331,7 +334,7 @@ def located(body: Body, point: Array, where: str, problems: Problems) -> Locatio
     at = ", ".join(f"{x:.6g}" for x in near)
     problems.add(
         where,
-        f"the point is outside {body.name}, {distance:.4g} m from its surface",
+        f"the point is outside {body.name}, {distance:.4g} {body.units['m']} from its surface",
         shown(point.tolist()),
         "a point in or on the body",
         f"the nearest point of the surface is [{at}]",
@@ -398,7 +401,7 @@ def build_bodies(
         material = scene.material[description.material]
         old = None if known is None else known.get(name)
         if old is not None and old.of(description, material):
-            bodies[name] = Body(name, old.mesh, old.shape, description)
+            bodies[name] = Body(name, old.mesh, old.shape, description, units=scene.unit_system)
         elif description.box is not None:
             box = description.box
             key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
@@ -406,7 +409,7 @@ def build_bodies(
             if key not in shapes:
                 unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
                 shapes[key] = Shape(unit, material, description.bending_modes)
-            bodies[name] = Body(name, placed, shapes[key], description)
+            bodies[name] = Body(name, placed, shapes[key], description, units=scene.unit_system)
         elif description.mesh is not None:
             mesh = files.mesh(name, description.mesh, scene.base_dir, problems)
             if mesh is None:
@@ -419,7 +422,7 @@ def build_bodies(
                     remedy="leave the key out",
                 )
             shape = Shape(mesh, material, description.bending_modes)
-            bodies[name] = Body(name, mesh, shape, description)
+            bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)
     if remarks is not None:
         remarks += _deck_remarks(files, scene)
     return bodies

@@ -29,6 +29,7 @@ from ..fem.mesh import Array, CellBlock, Index, Mesh
 from ..fem.stress import MeanStress, Recovery
 from ..propagator import LoadTerm
 from ..scene.substructures import Bolt, Material
+from ..scene.units import UnitSystem
 from .body import Body, Shape
 
 
@@ -73,14 +74,17 @@ class BoltCut:
             )
         return (self.table.force or 0.0) / self.area
 
-    def line(self, shortening: float) -> str:
-        """Section and place of the cut, target and shortening, m, for the command ``check``."""
+    def line(self, shortening: float, units: UnitSystem) -> str:
+        """Section and place of the cut, target and shortening, for the command ``check``."""
         at = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in self.point)
         force = self.table.force
-        target = "" if force is None else f"{force:.6g} N, mean stress {force / self.area:.4g} Pa, "
+        target = ""
+        if force is not None:
+            target = f"{force:.6g} {units['N']}, mean stress {force / self.area:.4g} {units['Pa']}, "
+        section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
         return (
-            f"  bolt {self.name}: section {self.area:.6g} m2 of {self.table.substructure} at [{at}], {target}"
-            f"shortened by {shortening:.4g} m, order {self.table.order}"
+            f"  bolt {self.name}: section {section} at [{at}], {target}"
+            f"shortened by {shortening:.4g} {units['m']}, order {self.table.order}"
         )
 
     @property
@@ -109,16 +113,17 @@ def load_name(bolt: str) -> str:
     return f"bolt.{bolt}"
 
 
-def check_yield(name: str, force: float | None, cut: BoltCut, material: Material, problems: Problems) -> None:
-    """Refuse a tension, N, whose mean stress is above the yield stress of the material."""
-    limit = material.yield_stress
+def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, problems: Problems) -> None:
+    """Refuse a tension whose mean stress is above the yield stress of the material."""
+    limit, units = body.shape.material.yield_stress, body.units
     if force is None or limit is None or force <= limit * cut.area:
         return
     problems.add(
         f"bolt.{name}",
-        f"the mean stress of the shank, {force:.6g} N / {cut.area:.6g} m2, is above the yield stress of the material",
-        f"{force / cut.area:.4g} Pa",
-        f"at most {limit:.4g} Pa, a force of {limit * cut.area:.4g} N",
+        f"the mean stress of the shank, {force:.6g} {units['N']} / {cut.area:.6g} {units['m2']}, is above the yield "
+        "stress of the material",
+        f"{force / cut.area:.4g} {units['Pa']}",
+        f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.area:.4g} {units['N']}",
         "tighten the bolt less, or choose a larger section or another material",
     )
 

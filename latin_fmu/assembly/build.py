@@ -91,7 +91,7 @@ def discretise(
     if fields:
         check_fields(bodies, problems, remarks)
     if scene.contact:
-        scene = with_found(scene, bodies, problems)
+        scene = with_found(scene, bodies, problems, remarks)
         remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:

@@ -172,31 +172,31 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
     """One line for each body: size of its bounding box, mass, nodes and cells."""
     lines = []
     for name, body in bodies.items():
-        size = " x ".join(f"{length:.4g}" for length in body.mesh.extent())
+        size, units = " x ".join(f"{length:.4g}" for length in body.mesh.extent()), body.units
         kinds: Counter[str] = Counter()
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())
-        masses = f" ({added:.4g} kg in point masses)" if added else ""
-        lines.append(f"  body {name}: {size} m, {_mass(body):.4g} kg{masses}, {body.mesh.n_node} nodes, {cells}")
+        masses = f" ({added:.4g} {units['kg']} in point masses)" if added else ""
+        sizes = f"{size} {units['m']}, {_mass(body):.4g} {units['kg']}{masses}"
+        lines.append(f"  body {name}: {sizes}, {body.mesh.n_node} nodes, {cells}")
     return lines
 
 
-def size_remarks(bodies: Mapping[str, Body], unit: float = 1.0) -> list[Remark]:
-    """A remark where the largest body is larger than ``LARGEST`` or smaller than ``SMALLEST``.
-
-    unit : lengths of the scene in a metre, 1e3 for mm.
-    """
+def size_remarks(bodies: Mapping[str, Body]) -> list[Remark]:
+    """A remark where the largest body is larger than ``LARGEST`` or smaller than ``SMALLEST``."""
     name, body = max(bodies.items(), key=lambda item: item[1].mesh.size)
-    size = body.mesh.size
-    if SMALLEST * unit <= size <= LARGEST * unit:
+    size, units = body.mesh.size, body.units
+    if SMALLEST <= size * units.size("m") <= LARGEST:
         return []
-    message = f"the largest body, {name}, is {size:.4g} m long and has a mass of {_mass(body):.4g} kg"
+    message = f"the largest body, {name}, is {size:.4g} {units['m']} long and has a mass of {_mass(body):.4g} "
+    message += units["kg"]
     if body.description.mesh is None:
-        return [Remark("size", f"{message}: is its size in metres?")]
+        return [Remark("size", f"{message}: is its size in {units['m']}?")]
     scale = body.description.mesh.scale
-    question = f"is scale = {scale:g} the length of a unit of its mesh file in metres (1e-3 for mm)?"
+    question = f"is scale = {scale:g} the length of a unit of its mesh file in {units['m']} (1e-3 for mm in a scene "
+    question += "in m)?"
     return [Remark("size", f"{message}: {question}")]
 
 

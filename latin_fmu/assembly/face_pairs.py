@@ -22,6 +22,7 @@ from ..fem.location import locate, nearest_surface_point
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
 from ..fem.surface import Surface
+from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
@@ -37,6 +38,7 @@ Side = tuple[Body, FacetSet]
 Mask = NDArray[np.bool_]
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
 _MOST_MIDDLES = 30  # at which bodies without a common face are searched for an overlap
+_NAMED = 3  # pairs that are named before "and so many more"
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 
 
@@ -251,10 +253,12 @@ def completed(scene: Scene) -> Scene:
     return whole
 
 
-def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Scene:
-    """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``."""
+def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remarks: list[Remark] | None = None) -> Scene:
+    """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``, pairs
+    that touch at an edge or a point only to ``remarks``."""
     if not scene.contact:
         return scene
+    edges: list[str] = []
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
     surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
     interfaces: dict[str, Interface] = {}
@@ -277,10 +281,17 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems) -> Sce
                 problems.add(
                     f"contact.{name}.search",
                     f"{first} and {second} overlap at the start by more than this",
-                    f"{depth:.4g} m",
-                    f"at most {table.search:g} m",
+                    f"{depth:.4g} {scene.unit_system['m']}",
+                    f"at most {table.search:g} {scene.unit_system['m']}",
                     "move the meshes apart, or leave the pair out by except",
                 )
+            elif remarks is not None and _meet((bodies[first], one), (bodies[second], other), table.search):
+                edges.append(f"{first} and {second}")
+    if remarks is not None and edges:
+        more = f", {len(edges) - _NAMED} more pairs" if len(edges) > _NAMED else ""
+        text = "within search at an edge or a point only: no interface is made, so that they can move into each other"
+        remedy = "give them faces that are opposite each other, or except them"
+        remarks.append(Remark("edge", f"{', '.join(edges[:_NAMED])}{more} meet {text}; {remedy}"))
     return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
 
 
@@ -320,6 +331,18 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
     return deepest if deepest > search else 0.0
 
 
+def _meet(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> bool:
+    """Whether nodes of one surface (``_MOST_MIDDLES`` of each) are within ``search`` of the other."""
+    for (_, surface), (body, other) in ((first, second), (second, first)):
+        low, high = _box(other)
+        nodes = surface.nodes[surface.facets.nodes]
+        nodes = nodes[((low - search <= nodes) & (nodes <= high + search)).all(axis=1)]
+        for node in nodes[:: max(1, -(-len(nodes) // _MOST_MIDDLES))]:
+            if nearest_surface_point(body.mesh, node)[0] <= search:
+                return True
+    return False
+
+
 def _free_name(stem: str, taken: set[str]) -> str:
     number, name = 1, stem[:96]
     while name in taken:
@@ -341,7 +364,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
             f"substructure {name} touches nothing: it has no interface; {closest} is the nearest, "
-            f"{distance[closest]:.4g} m between nodes"
+            f"{distance[closest]:.4g} {scene.unit_system['m']} between nodes"
         )
     return remarks
 

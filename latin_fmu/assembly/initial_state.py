@@ -58,9 +58,10 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[R
                 problems.add(
                     f"substructure.{name}.{key}.file",
                     f"{apart} of {len(distance)} nodes have no point of the file: the one nearest to the node {at} is "
-                    f"{near}, {distance[worst]:.4g} m from it",
+                    f"{near}, {distance[worst]:.4g} {body.units['m']} from it",
                     file.file,
-                    f"a distance of {_BESIDE * spacing:.4g} m, {100 * _BESIDE:g} % of the smallest one between nodes",
+                    f"a distance of {_BESIDE * spacing:.4g} {body.units['m']}, {100 * _BESIDE:g} % of the smallest "
+                    "one between nodes",
                     "give a row for every node of this mesh; check length_unit and the columns",
                 )
 
@@ -97,7 +98,7 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
             left = np.where(counts, (free - held.expansion @ closest_reduced(held.expansion, free))[:, 0], 0.0)
             changed = np.abs(left) > _CHANGED * np.abs(free).max()
             if changed.any():
-                unit = "m" if kind == "displacement" else "m/s"
+                unit = body.units["m" if kind == "displacement" else "m s-1"]
                 remarks.append(
                     f"substructure {name}: conditions override the initial {kind} field at "
                     f"{len(np.unique(np.flatnonzero(changed) // 3))} nodes; the largest change is "
@@ -157,7 +158,7 @@ def initial_problems(
             problems.add(
                 where,
                 "the sides overlap at the start",
-                f"by {-gap.min():.6g} m in all",
+                f"by {-gap.min():.6g} {scene.unit_system['m']} in all",
                 remedy="change the initial displacements (with [initial_state], choose an instant at which the "
                 "contact is open), or move the meshes apart",
             )
@@ -165,7 +166,7 @@ def initial_problems(
             problems.add(
                 f"{where}.preload",
                 "a preloaded interface cannot be open",
-                f"{gap.max():.6g} m",
+                f"{gap.max():.6g} {scene.unit_system['m']}",
                 remedy="leave out the initial displacement that opens it, or the preload",
             )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +11,14 @@ import scipy.sparse as sp
 from ..errors import Problem, Problems, did_you_mean
 from ..fem.faces import Face, cells_between, face_of
 from ..fem.mesh import Array, Index, nearest
+from ..fem.surface import Surface
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
+from ..scene.units import UnitSystem
 from .body import Body, own_points, selection
 from .conditions import Conditions
 from .face_pairs import MATCHING, FacePair, Side, by_mortar, on_plane
@@ -27,6 +29,7 @@ _APART = 0.55  # of the distance between facets and curved surfaces; meshes of o
 _CAD_ROUND_OFF = 0.05  # of the search
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
+_STRAIGHT = 1e-6
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
 
 
@@ -40,17 +43,20 @@ def build_interface(
 ) -> InterfaceUnit | None:
     """The interface with its geometry; None, with its problems reported, where its faces do not fit."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
+    units = sides[0][0].units
     if interface.against_ground:
         pair = _on_ground(name, interface, sides[0], problems)
     else:
         pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, problems)
-        remarks += [] if pair is None else remarks_of("area", _area_remarks(name, interface, pair))
+        remarks += [] if pair is None else remarks_of("area", _area_remarks(name, interface, pair, units))
     if pair is None:
         return None
-    gap = _gap(name, interface, pair, problems, remarks)
+    gap = _gap(name, interface, pair, units, problems, remarks)
     if gap is None:
         return None
     behaviour = _behaviour(interface)
+    if behaviour.opens and interface.gap != "closed":
+        remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         gap = gap - pressure / interface.normal_stiffness
@@ -64,7 +70,7 @@ def build_interface(
         problems.add(
             f"interface.{name}.preload",
             "a preloaded interface cannot be open",
-            f"gap up to {gap.max():g} m",
+            f"gap up to {gap.max():g} {units['m']}",
             remedy="close the gap of the meshes, or leave the preload out",
         )
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
@@ -184,13 +190,13 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     return partner if opposed.all() else None
 
 
-def _area_remarks(name: str, interface: Interface, pair: FacePair) -> list[str]:
+def _area_remarks(name: str, interface: Interface, pair: FacePair, units: UnitSystem) -> list[str]:
     """A remark on faces that have little area in common."""
     if interface.search is not None or max(pair.shares) >= _SLIVER:
         return []
     return [
         f"interface {name}: the faces have {100 * max(pair.shares):.2g} % of their areas in common "
-        f"({pair.areas.sum():.4g} m2): are they opposite each other?"
+        f"({pair.areas.sum():.4g} {units['m2']}): are they opposite each other?"
     ]
 
 
@@ -203,16 +209,19 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
     if alike.mean() > 0.5:
         return Problem(where, "the two faces are not turned towards each other", sides)
-    within = "" if interface.search is None else f" within {interface.search:g} m"
+    length = first[0].units["m"]
+    within = "" if interface.search is None else f" within {interface.search:g} {length}"
     return Problem(
         where,
         f"the two faces have no part in common{within}",
-        f"{sides}: common area 0 m2, nearest nodes {distance.min():.4g} m apart",
+        f"{sides}: common area 0, nearest nodes {distance.min():.4g} {length} apart",
         remedy="place the meshes opposite each other (is the scale right?), or choose other faces",
     )
 
 
-def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, remarks: list[Remark]) -> Array | None:
+def _gap(
+    name: str, interface: Interface, pair: FacePair, units: UnitSystem, problems: Problems, remarks: list[Remark]
+) -> Array | None:
     """Initial gap (n_point,): the distance of the faces, 0, or the number given where they touch.
 
     Flat facets stand for smooth surfaces: overlap below twice their distance from those (``FacePair.sags``) counts as
@@ -221,6 +230,7 @@ def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, re
     """
     if interface.against_ground and interface.ground is None:
         return np.full(len(pair.points), interface.number_gap or 0.0)
+    length = units["m"]
     size = float(np.ptp(pair.points, axis=0).max())
     size = max(size, float(np.sqrt(pair.areas.sum())))
     distance, negligible = pair.distance, _TOUCHING * size
@@ -232,24 +242,24 @@ def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, re
             and interface.gap != "closed"
             and distance.min() > max(negligible, _APART * float(pair.sags.max()))
         ):
-            text = (
-                f"its faces are {distance.min():.3g} to {distance.max():.3g} m apart, less than their flat facets are "
+            text = f"its faces are {distance.min():.3g} to {distance.max():.3g} {length} apart, less than their flat "
+            text += (
+                f"facets are from the curved surfaces (up to {pair.sags.max():.3g} {length}): the gap is taken as 0; "
             )
-            text += f"from the curved surfaces (up to {pair.sags.max():.3g} m): the gap is taken as 0; mesh the faces "
-            remarks.append(Remark("gap", f"interface {name}: {text}finer if it is a clearance"))
+            remarks.append(Remark("gap", f"interface {name}: {text}mesh the faces finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
-        return _bonded(name, distance, size, problems)
+        return _bonded(name, distance, size, length, problems)
     if interface.gap == "closed":
-        return _closed(name, pair, problems)
+        return _closed(name, pair, length, problems)
     depth = -float(distance.min())
     if negligible < depth <= _CAD_ROUND_OFF * (interface.search or 0.0):
-        text = f"its faces overlap by {depth:.3g} m, which is closed as round-off of the geometry (below search / 20)"
+        text = f"its faces overlap by {depth:.3g} {length}, closed as round-off of the geometry (below search / 20)"
         remarks.append(Remark("overlap", f"interface {name}: {text}"))
         distance = np.maximum(distance, 0.0)
     if distance.min() < -negligible:
-        problems.append(_overlap(name, interface, -float(distance.min())))
+        problems.append(_overlap(name, interface, f"by {-float(distance.min()):.6g} {length}"))
         return None
     if "gap" not in TAKES[interface.behaviour]:  # a layer fills the distance of its faces
         return np.zeros(len(distance))
@@ -261,41 +271,63 @@ def _gap(name: str, interface: Interface, pair: FacePair, problems: Problems, re
         problems.add(
             f"interface.{name}.gap",
             "differs from the distance of the two meshes",
-            f"{given:g} m",
-            f"{distance.min():g} to {distance.max():g} m",
+            f"{given:g} {length}",
+            f"{distance.min():g} to {distance.max():g} {length}",
             "leave gap out to use the distance, or let the meshes touch to use the number",
         )
         return None
     return np.full(len(distance), given)
 
 
-def _overlap(name: str, interface: Interface, depth: float) -> Problem:
+def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) -> list[str]:
+    """A remark on faces, none of them curved, that meet at one point or along an edge only."""
+    size = float(np.ptp(pair.points, axis=0).max())
+    nearest_ones = gap <= gap.min() + _TOUCHING * size
+    if nearest_ones.all() or not _on_a_line(pair.points[nearest_ones], size):
+        return []
+    if any(sag.any() for body, facets in sides for sag in Surface(body.mesh.nodes, facets).sags):
+        return []
+    many = int(nearest_ones.sum())
+    where = "at one point" if many == 1 else f"along an edge ({many} points)"
+    return [
+        f"interface {name}: its faces meet {where} only, of {len(gap)} points: the pressure there has no limit under "
+        "refinement of the mesh, forces and impulses have; round the edge, or turn a face if they should be parallel"
+    ]
+
+
+def _on_a_line(points: Array, size: float) -> bool:
+    """Whether points (n, 3) lie on one line."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(points) < 3 or float(spread[1]) <= _STRAIGHT * size
+
+
+def _overlap(name: str, interface: Interface, depth: str) -> Problem:
     if interface.against_ground:
         return Problem(
             f"interface.{name}.ground",
             "the face and the ground overlap at the start",
-            f"by {depth:.6g} m",
+            depth,
             remedy="move the plane, or turn the normal (it points out of the ground)",
         )
     remedy = "move the meshes apart"
     if "gap" in TAKES[interface.behaviour]:
         remedy += ', or set gap = "closed"'
-    return Problem(f"interface.{name}.sides", "the two faces overlap at the start", f"by {depth:.6g} m", remedy=remedy)
+    return Problem(f"interface.{name}.sides", "the two faces overlap at the start", depth, remedy=remedy)
 
 
-def _bonded(name: str, distance: Array, size: float, problems: Problems) -> Array | None:
+def _bonded(name: str, distance: Array, size: float, length: str, problems: Problems) -> Array | None:
     if np.abs(distance).max() <= MATCHING * size:
         return np.zeros(len(distance))
     problems.add(
         f"interface.{name}.sides",
         "bonded faces must touch",
-        f"{np.abs(distance).max():.6g} m apart",
+        f"{np.abs(distance).max():.6g} {length} apart",
         remedy='move the meshes together, or use behaviour = "contact"',
     )
     return None
 
 
-def _closed(name: str, pair: FacePair, problems: Problems) -> Array | None:
+def _closed(name: str, pair: FacePair, length: str, problems: Problems) -> Array | None:
     """Gap 0 where the distance is below the spacing of the nodes; else None and a problem."""
     far, spacing = float(np.abs(pair.distance).max()), float(np.sqrt(np.median(pair.areas)))
     if far <= _CLOSABLE * spacing:
@@ -303,8 +335,8 @@ def _closed(name: str, pair: FacePair, problems: Problems) -> Array | None:
     problems.add(
         f"interface.{name}.gap",
         "the faces are too far apart, or overlap too much, to count as closed",
-        f"{pair.distance.min():.4g} to {pair.distance.max():.4g} m",
-        f"up to the node spacing, {spacing:.4g} m",
+        f"{pair.distance.min():.4g} to {pair.distance.max():.4g} {length}",
+        f"up to the node spacing, {spacing:.4g} {length}",
         'move the meshes together, or use gap = "measured"',
     )
     return None

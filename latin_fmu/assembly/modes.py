@@ -45,12 +45,13 @@ from ..propagator import SubstructureModel
 from ..propagator.reduction import Vibration
 from ..results.dataset import AXES, datatree
 from ..results.files import write_groups
-from ..results.groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh
+from ..results.groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh, in_units
 from ..results.summary import aligned, readable
 from ..results.vtk import export_vtu
 from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.settings import HHT, GivenStart
+from ..scene.units import SI, UnitSystem
 from .body import consecutive
 from .build import discretise
 from .merged_assembly import kept_together
@@ -263,6 +264,7 @@ def _named(
         meshes=discretised.info,
         remarks=tuple(remarks),
         damping=damping,
+        units=discretised.scene.unit_system,
     )
 
 
@@ -277,6 +279,7 @@ class VibrationModes:
     modal_mass : (n_mode,), kg, with shapes whose largest nodal displacement is 1.
     shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
     damping : ratios in a run with the time scheme and the step of the scene; None where the scene has no inertia.
+    units : system of units of the scene.
     """
 
     scene: str
@@ -289,6 +292,7 @@ class VibrationModes:
     meshes: Mapping[str, SubstructureInfo]
     remarks: tuple[str, ...]
     damping: ModalDamping | None = None
+    units: UnitSystem = SI
 
     @property
     def n_rigid(self) -> int:
@@ -312,7 +316,9 @@ class VibrationModes:
             text = f"{self.frequency[i]:.5g} Hz"
             moves = max(largest, key=lambda name: largest[name])
             damped = [f"{ratio[i]:.2g}" if abs(ratio[i]) > _NO_DAMPING else "0" for ratio in ratios.values()]
-            rows.append((f"{i + 1}", text, readable(self.modal_mass[i], "kg", 3), *damped, moves, shares))
+            rows.append(
+                (f"{i + 1}", text, readable(self.modal_mass[i], self.units.label("kg"), 3), *damped, moves, shares)
+            )
         return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows), *self._damping_lines()]
 
     def _damping_lines(self) -> list[str]:
@@ -339,7 +345,7 @@ class VibrationModes:
         groups = {"/": self._root(), "/modes": annotated(Group.of(columns, {"mode": number}, attrs), MODES)}
         for name, shape in self.shapes.items():
             groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])
-        return groups
+        return in_units(groups, self.units)
 
     def _root(self) -> Group:
         return Group(

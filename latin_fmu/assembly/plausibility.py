@@ -1,8 +1,8 @@
 """Remarks on numbers that a scene may have but hardly means: units of materials, loads, gaps and steps; torn parts.
 
 Ranges are those of solids, from rubber and foam to diamond: E from 1 MPa to 1.3 TPa, density from 10 to 25,000 kg m-3,
-speed of waves sqrt(E / rho) from 50 to 20,000 m/s, dry friction up to 2. Materials in mm, t, s and MPa are recognised
-by the same ranges, and lengths are then judged in mm.
+speed of waves sqrt(E / rho) from 50 to 20,000 m/s, dry friction up to 2. They are compared in SI, with the sizes of the
+units that the scene names (``scene.units``).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.substructures import Material
+from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
 from .body import Body
 from .checks import size_remarks
 from .face_pairs import between
@@ -34,7 +35,8 @@ FRICTION: Final = 2.0
 """Largest coefficient of dry friction."""
 STRESS: Final = (1e-8, 1e-2)
 """Range of pressures over Young's modulus; above, strains are not small."""
-_MM = (1e6, 1e12, 1e-3)  # factors to SI of moduli, densities and speeds in mm, t, s, MPa
+_MODULI = (("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0))  # units that a number may be meant in
+_DENSITIES = (("g/cm3", 1e3), ("kg/m3", 1.0), ("t/mm3", 1e12))
 _GAP = 0.2  # of the size of the smaller body
 _COURANT = (1e-3, 100.0)  # steps over the passage of a wave through a mean element
 _MOST_BODIES = 20  # of which the nearest pair is named
@@ -44,9 +46,9 @@ _COINCIDENT = 1e-6  # of the size of the body
 def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
     """All remarks of this module on a scene."""
     scene, bodies, units = problem.scene, problem.bodies, problem.units
+    of_units = [] if meant_system(scene) else size_remarks(bodies)
     return [
-        *size_remarks(bodies, 1e3 if in_millimetres(scene) else 1.0),
-        *_material_remarks(scene),
+        *([*of_units, *_material_remarks(scene)] if scene.unit_system.measurable else []),
         *_friction_remarks(units),
         *_load_remarks(scene, bodies),
         *_driving_remarks(problem),
@@ -57,10 +59,12 @@ def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
     ]
 
 
-def in_millimetres(scene: Scene) -> bool:
-    """Whether all materials are those of solids in mm, t, s, MPa, and none is in SI."""
+def meant_system(scene: Scene) -> UnitSystem | None:
+    """Another system of units in which all materials are those of solids, where none is in that of the scene."""
     used = _elastic_materials(scene).values()
-    return bool(used) and all(_is_solid(m, _MM) and not _is_solid(m) for m in used)
+    if not used or any(_is_solid(m, scene.unit_system) for m in used):
+        return None
+    return next((s for s in UNIT_SYSTEMS.values() if s.measurable and all(_is_solid(m, s) for m in used)), None)
 
 
 def _elastic_materials(scene: Scene) -> dict[str, Material]:
@@ -69,37 +73,45 @@ def _elastic_materials(scene: Scene) -> dict[str, Material]:
     return {name: scene.material[name] for name in names}
 
 
-def _is_solid(m: Material, units: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> bool:
-    values = (m.young_modulus, m.density, np.sqrt(m.young_modulus / m.density))
+def _is_solid(m: Material, units: UnitSystem) -> bool:
+    values = {"Pa": m.young_modulus, "kg m-3": m.density, "m s-1": float(np.sqrt(m.young_modulus / m.density))}
     ranges = (MODULUS, DENSITY, SPEED)
-    return all(low <= f * v <= high for f, v, (low, high) in zip(units, values, ranges, strict=True))
+    return all(
+        low <= units.size(unit) * value <= high
+        for (unit, value), (low, high) in zip(values.items(), ranges, strict=True)
+    )
 
 
 def _material_remarks(scene: Scene) -> Iterator[Remark]:
-    if in_millimetres(scene):
-        text = "the materials have the values of solids in mm, t, s and MPa: every number of the scene must then be in "
-        yield Remark("size", f"{text}these units, and results are in them, whatever unit stands beside them")
+    if (meant := meant_system(scene)) is not None:
+        text = f"the materials have the values of solids in {meant.name}, the scene is in {scene.units}: where all its"
+        yield Remark("size", f'{text} numbers are in these units, write units = "{meant.name}"')
         return
+    units = scene.unit_system
     for name, m in _elastic_materials(scene).items():
-        e, rho = m.young_modulus, m.density
+        e, rho, speed = m.young_modulus, m.density, float(np.sqrt(m.young_modulus / m.density))
         where = f"material {name}:"
-        if not MODULUS[0] <= e <= MODULUS[1]:
-            guess = _guess(e, MODULUS, (("GPa", 1e9), ("MPa", 1e6)), "Pa")
-            yield Remark("material", f"{where} no solid has a Young's modulus of {e:g} Pa{guess}")
-        if not DENSITY[0] <= rho <= DENSITY[1]:
-            guess = _guess(rho, DENSITY, (("g/cm3", 1e3), ("t/mm3", 1e12)), "kg/m3")
-            yield Remark("material", f"{where} no solid has a density of {rho:g} kg/m3{guess}")
-        elif not SPEED[0] <= (speed := float(np.sqrt(e / rho))) <= SPEED[1] and MODULUS[0] <= e <= MODULUS[1]:
-            text = f"a speed of waves sqrt(E / rho) of {speed:.3g} m/s is that of no solid: check both units"
+        if question := _doubt(e, MODULUS, "Pa", units):
+            yield Remark("material", f"{where} no solid has a Young's modulus of {question}")
+        if doubt := _doubt(rho, DENSITY, "kg m-3", units):
+            yield Remark("material", f"{where} no solid has a density of {doubt}")
+        elif not question and not SPEED[0] <= units.size("m s-1") * speed <= SPEED[1]:
+            text = (
+                f"a speed of waves sqrt(E / rho) of {speed:.3g} {units['m s-1']} is that of no solid: check both units"
+            )
             yield Remark("material", f"{where} {text}")
 
 
-def _guess(value: float, allowed: tuple[float, float], units: tuple[tuple[str, float], ...], si: str) -> str:
-    """A question about the unit that a value would be plausible in; the usual range where there is none."""
-    for unit, factor in units:
+def _doubt(value: float, allowed: tuple[float, float], unit: str, units: UnitSystem) -> str:
+    """A value out of a range in SI, with a question about the unit that it would be plausible in, or with the usual
+    range; nothing for one within."""
+    size, own = units.size(unit), units[unit]
+    if allowed[0] <= value * size <= allowed[1]:
+        return ""
+    for name, factor in _MODULI if unit == "Pa" else _DENSITIES:
         if allowed[0] <= value * factor <= allowed[1]:
-            return f": is it in {unit}? Then write {value * factor:g} ({si})"
-    return f" (solids: {allowed[0]:g} to {allowed[1]:g} {si}): check its unit"
+            return f"{value:g} {own}: is it in {name}? Then write {value * factor / size:g} ({own})"
+    return f"{value:g} {own} (solids: {allowed[0] / size:g} to {allowed[1] / size:g} {own}): check its unit"
 
 
 def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:
@@ -112,6 +124,7 @@ def _friction_remarks(units: list[InterfaceUnit]) -> Iterator[Remark]:
 
 
 def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
+    units = scene.unit_system
     for name, load in scene.load.items():
         substructure, face = split_face(load.face)
         body = bodies[substructure]
@@ -126,13 +139,13 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
         largest = float(np.abs(load.law.sample(times)).max())
         share = load.size(float(body.face(face).areas.sum())) * largest / modulus
         if share > STRESS[1]:
-            text = f"it acts with {share * modulus:.3g} Pa, {100 * share:.2g} % of Young's modulus: strains are not"
-            yield Remark(
-                "load", f"load {name}: {text} small; check the units of the load, of its law and of the material"
-            )
+            text = f"it acts with {share * modulus:.3g} {units['Pa']}, {100 * share:.2g} % of Young's modulus: strains"
+            remedy = "check the units of the load, of its law and of the material"
+            yield Remark("load", f"load {name}: {text} are not small; {remedy}")
         elif load.pressure and share < STRESS[0]:
-            text = f"a pressure of {share * modulus:.3g} Pa strains {substructure} by {share:.1g} only"
-            yield Remark("load", f"load {name}: {text}: is it in MPa? Then write it in Pa")
+            text = f"a pressure of {share * modulus:.3g} {units['Pa']} strains {substructure} by {share:.1g} only"
+            question = "is it in MPa? Then write it in Pa" if units is SI else "check its unit"
+            yield Remark("load", f"load {name}: {text}: {question}")
         if load.pressure and load.pressure * float(np.mean(load.law.sample(times))) < 0.0:
             text = "its pressure is negative: it pulls at the face (suction)"
             yield Remark("load", f"load {name}: {text}; turn the sign if it is to press")
@@ -155,13 +168,15 @@ def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
 
 def _gap_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> Iterator[Remark]:
     """Gaps as wide as bodies: a number in mm, or meshes that were not put together."""
-    for unit in units:
+    for unit in units if next(iter(bodies.values())).units.measurable else ():
         if unit.attached or not unit.behaviour.opens:
             continue
+        length = next(iter(bodies.values())).units["m"]
         size = min(bodies[split_face(side)[0]].mesh.size for side in unit.sides if side != GROUND)
         gap = float(unit.geometry.gap.min())
         if gap > _GAP * size:
-            text = f"a gap of {gap:.4g} m between bodies of {size:.4g} m: is it in mm, or does a mesh stand elsewhere?"
+            text = f"a gap of {gap:.4g} {length} between bodies of {size:.4g} {length}: "
+            text += f"{'is it in mm, or ' if length == 'm' else ''}does a mesh stand elsewhere?"
             yield Remark("gap", f"interface {unit.name}: {text}")
 
 
@@ -172,7 +187,8 @@ def _unjoined_remarks(bodies: Mapping[str, Body], units: list[InterfaceUnit]) ->
         (between(bodies[a], bodies[b]), a, b) for a, b in combinations(list(bodies)[:_MOST_BODIES], 2)
     )
     text = f"no interface joins the bodies: they move through each other without contact; {first} and {second} are "
-    text += f"{distance:.4g} m apart (between nodes): add an [interface.NAME], or a [contact.NAME] with a larger search"
+    text += f"{distance:.4g} {bodies[first].units['m']} apart (between nodes): add an [interface.NAME], "
+    text += "or a [contact.NAME] with a larger search"
     yield Remark("unjoined", text)
 
 

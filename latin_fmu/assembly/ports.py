@@ -63,7 +63,7 @@ def port_places(scene: Scene, bodies: Mapping[str, Body]) -> dict[str, SensorPla
 
 def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
     """Face, inputs, centre and area of every port, and rho c A of its body, for the command ``check``."""
-    lines = []
+    lines, units = [], scene.unit_system
     for name, port in scene.port.items():
         body, face = bodies[port.body], bodies[port.body].face(split_face(port.face)[1])
         area, at = float(face.areas.sum()), _mean_motion(body, port).centre
@@ -72,7 +72,7 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
         centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
         lines.append(
             f"  port {name}: {port.causality.replace('_', ' ')}, {' '.join(port.components)} of {port.face}, centre "
-            f"[{centre}], {area:.6g} m2; impedance of a bar of this section {bar:.4g} N s m-1"
+            f"[{centre}], {area:.6g} {units['m2']}; impedance of a bar of this section {bar:.4g} {units['N s m-1']}"
         )
     return lines
 

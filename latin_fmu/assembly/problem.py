@@ -25,6 +25,7 @@ from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Anderson, Uniform
+from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, side_impedance, side_stiffness
 from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
@@ -126,6 +127,7 @@ class SolverReadyProblem:
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
     scheme: str = ""
     """Time scheme, and why it was chosen."""
+    unit_system: UnitSystem = SI
 
     @property
     def choices(self) -> dict[str, str]:
@@ -289,6 +291,7 @@ class DiscretisedProblem:
             start,
             self.recovered_of(bolts.shortening),
             self.scheme_in_words,
+            scene.unit_system,
         )
 
     def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:

@@ -25,6 +25,7 @@ from ..latin.outcome import InterfaceHistory, Resultants
 from ..latin.recorder import SubstructureInfo
 from ..remarks import Remark, remarks_of
 from ..results.quantities_of_interest import slip_in_contact
+from ..scene.units import SI, UnitSystem
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees
@@ -44,10 +45,10 @@ def run_remarks(
     """Remarks on drift, slip, rotations, strains, faces that never touch, and resultants; ``time`` (n_time,) of the
     instants of the run, s."""
     return [
-        *remarks_of("drift", drift_remarks(problem.assembly, histories)),
+        *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", [*small_motion_remarks(problem, histories, time), *strain_remarks(problem)]),
-        *remarks_of("never_touched", untouched_remarks(histories)),
-        *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance)),
+        *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
+        *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
     ]
 
 
@@ -55,13 +56,14 @@ def small_motion_remarks(
     problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array
 ) -> list[str]:
     """Sentences on interfaces that slip by more than an element, and on bodies that turn by more than two degrees."""
-    remarks = []
+    remarks, length = [], problem.unit_system["m"]
     for history in histories.values():
         slip, edge = _slip_in_contact(history, time), _edge(history)
         if slip > edge:
             remarks.append(
-                f"interface {history.name}: its sides slip by {slip:.3g} m while in contact, over elements of "
-                f"{edge:.3g} m; pairs of points are fixed, so that the pressure does not move with the sliding face"
+                f"interface {history.name}: its sides slip by {slip:.3g} {length} while in contact, over elements of "
+                f"{edge:.3g} {length}; pairs of points are fixed, so that the pressure does not move with the sliding "
+                "face"
             )
     for name, degrees in _rotations(problem).items():
         if degrees > LARGEST_ROTATION:
@@ -74,8 +76,8 @@ def small_motion_remarks(
 
 def strain_remarks(problem: SolverReadyProblem) -> list[str]:
     """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
-    remarks = []
-    for propagator in problem.assembly.propagators:
+    remarks: list[str] = []
+    for propagator in problem.assembly.propagators if problem.unit_system.measurable else ():
         for j, name in enumerate(propagator.names):
             strain = _largest_strain(problem.info[name], propagator.full_displacement(j))
             if strain > LARGEST_STRAIN:
@@ -102,11 +104,11 @@ def _largest_strain(info: SubstructureInfo, u: Array) -> float:
     return largest
 
 
-def untouched_remarks(histories: Mapping[str, InterfaceHistory]) -> list[str]:
+def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
     """Sentences on interfaces that may open and were never closed at an instant that is kept."""
     return [
         f"interface {name}: its sides never touch in this run"
-        + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} m)")
+        + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} {units['m']})")
         + ": check the gap, the direction of the motion and time.end, or leave it out, which costs less"
         for name, history in histories.items()
         if history.contact_status is not None
@@ -156,7 +158,7 @@ def _spin(nodes: Array, u: Array) -> Array:
     return spin
 
 
-def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory]) -> list[str]:
+def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
     """A sentence per bonded interface whose sides are apart by more than 1 % of the largest displacement.
 
     The iteration ties the velocities of the sides to its tolerance; displacements sum up the differences. The trapezoid
@@ -178,7 +180,7 @@ def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory])
         jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
         drift = u[second] - u[first]
         apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
-        share = f"{apart:.3g} m, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
+        share = f"{apart:.3g} {units['m']}, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
         if min(apart, rest) > _DRIFT * moved:
             remarks.append(
                 f"bonded interface {unit.name}: its sides have drifted apart by {share}: lower solver.tolerance"
@@ -249,12 +251,12 @@ def balance_words(made: Mapping[str, Resultants]) -> str:
     return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
 
 
-def balance_remarks(made: Mapping[str, Resultants], tolerance: float) -> list[str]:
+def balance_remarks(made: Mapping[str, Resultants], tolerance: float, units: UnitSystem = SI) -> list[str]:
     """A sentence on bodies whose forces are out of balance by more than ten tolerances of the largest force."""
     largest = max((r.largest for r in made.values()), default=0.0)
     return [
         f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
-        f"({off:.3g} N): lower solver.tolerance"
+        f"({off:.3g} {units['N']}): lower solver.tolerance"
         for name, r in made.items()
         if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest
     ]

@@ -50,7 +50,7 @@ def cuts_of(
         cut = _Section(name, bolt, body, axis).cut(blocked, joined, problems)
         if cut is not None:
             cuts[name] = cut
-            check_yield(name, bolt.force, cut, scene.material[body.description.material], problems)
+            check_yield(name, bolt.force, cut, body, problems)
     return cuts
 
 
@@ -135,8 +135,8 @@ class _Section:
             problems.add(
                 where,
                 f"the plane of the cut meets no element of {self._body.name}",
-                f"plane at {level * self._length + self._bottom:.6g} m along the axis",
-                f"between {low:.6g} and {high:.6g} m, half an element inside",
+                f"plane at {level * self._length + self._bottom:.6g} {self._body.units['m']} along the axis",
+                f"between {low:.6g} and {high:.6g} {self._body.units['m']}, half an element inside",
                 "move the point, or leave it out",
             )
             return None
@@ -214,7 +214,8 @@ class _Section:
         near = ", ".join(f"{x:.6g}" for x in centres[nearest])
         problems.add(
             where,
-            f"the nearest section of {self._body.name} on the plane of the cut is {distances[nearest]:.4g} m away",
+            f"the nearest section of {self._body.name} on the plane of the cut is {distances[nearest]:.4g} "
+            f"{self._body.units['m']} away",
             shown(point),
             "a point on the shank, or no farther from it than it is wide",
             f"the section has a point at [{near}]",
@@ -227,10 +228,11 @@ class _Section:
         nodes = nodes[nodes >= 0]
         where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
         if width > self._length:
+            length = self._body.units["m"]
             problems.add(
                 f"{where}.axis",
-                f"no shank along the axis: the section of {self._body.name} is {width:.4g} m wide, the body "
-                f"{self._length:.4g} m long along the axis",
+                f"no shank along the axis: the section of {self._body.name} is {width:.4g} {length} wide, the body "
+                f"{self._length:.4g} {length} long along the axis",
                 shown(self._bolt.axis),
                 "a section no wider than the body is long",
                 "give the axis of the shank",

@@ -32,6 +32,7 @@ from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
+from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut
 from .conditions import Conditions, conditions_on
@@ -41,6 +42,7 @@ from .kept_operators import Kept
 from .limit_load import allowed_motions, loss_of_equilibrium
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
+_UNSEEN = 1e-7  # vibrations that residual forces up to this share of the largest excite are told by no measurement
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
 _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
@@ -176,7 +178,7 @@ def state_at_end(
     message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
         ()
-        if tolerance <= TIGHT[1]
+        if tolerance <= _UNSEEN
         else (
             f"the static start has converged to {tolerance:g} only (target {TIGHT[-1]:g}): "
             "the residual forces excite vibrations; lower solver.tolerance, or refine where bodies touch",
@@ -218,7 +220,7 @@ def loose_bolts(
             motions[name] = allowed_motions(bodies[name], conditions[name], more)
         apart = _pulled_apart(motions, rigid, units)
         moved = [n for n, u in apart.items() if np.abs(u).max(initial=0.0) > _MOVES]
-        problems += [_loose(cut, moved) for cut in group if cut.table.substructure in moved]
+        problems += [_loose(cut, moved, scene.unit_system) for cut in group if cut.table.substructure in moved]
     return problems
 
 
@@ -235,7 +237,7 @@ def _pulled_apart(
     return dict(zip(motions, np.split(apart, ends), strict=True))
 
 
-def _loose(cut: BoltCut, moved: list[str]) -> Problem:
+def _loose(cut: BoltCut, moved: list[str], units: UnitSystem) -> Problem:
     """The problem of a bolt whose tension pulls the bodies ``moved`` without resistance."""
     body = cut.table.substructure
     others = ", ".join(name for name in moved if name != body)
@@ -243,7 +245,7 @@ def _loose(cut: BoltCut, moved: list[str]) -> Problem:
         f"bolt.{cut.name}.force",
         f"nothing resists the tension: one side of the cut of {body} can be pulled along the axis"
         + (f", with {others}" if others else ""),
-        f"{cut.table.force:g} N",
+        f"{cut.table.force:g} {units['N']}",
         "interfaces or boundaries that hold both sides of the cut against each other",
         "add what lies between head and nut, or give a shortening",
     )

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ..errors import Problems, SceneError
+from ..scene.units import UnitSystem
 from .bolts import BoltCut, check_yield
 from .initial_state import InitialState, TightBolts
 from .kept_operators import Kept
@@ -45,7 +46,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
         converged, sentence = run.status()
         if not converged:
             share = sum(window.converged for window in run.windows) / scene.time.n_step
-            raise _not_tight(group, ramps, share, sentence)
+            raise _not_tight(group, ramps, share, sentence, scene.unit_system)
         increments += len(run.windows)
         iterations += sum(window.iterations for window in run.windows)
         state = state_at_end(ready, run, {}, tolerance)
@@ -96,12 +97,12 @@ def _locked(
     )
 
 
-def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str) -> SceneError:
+def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str, units: UnitSystem) -> SceneError:
     """The error of bolts that reached only a share of their force, or shortening."""
     reached = []
     for cut in group:
         first, last = ramps[cut.name]
-        unit = "m" if cut.table.force is None else "N"
+        unit = units["m" if cut.table.force is None else "N"]
         reached.append(f"{cut.name} {first + share * (last - first):.6g} of {last:.6g} {unit}")
     return SceneError.of(
         "the scene cannot be built",
@@ -118,7 +119,6 @@ def _check_yield(whole: DiscretisedProblem, bolts: TightBolts) -> None:
     """Refuse bolts whose mean stress was above the yield stress while they were tightened. Raises SceneError."""
     problems = Problems()
     for name, cut in whole.cuts.items():
-        material = whole.bodies[cut.table.substructure].shape.material
-        check_yield(name, max(bolts.forces[name]), cut, material, problems)
+        check_yield(name, max(bolts.forces[name]), cut, whole.bodies[cut.table.substructure], problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")

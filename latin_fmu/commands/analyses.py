@@ -103,6 +103,7 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
     from ..results.files import open_results, readable, write_netcdf
+    from ..results.groups import in_units, units_of
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectrum_group
     from ..results.writing import check_target, write_bytes
@@ -114,11 +115,13 @@ def _srs(arguments: argparse.Namespace) -> int:
     file = arguments.results
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
-        made = _tree(tree, {name: spectrum_group(*pair).dataset() for name, pair in spectra.items()})
-    print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()})))
-    write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()]).encode())
+        units = units_of(tree.attrs)
+        groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
+        made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
+    print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)))
+    write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units).encode())
     write_netcdf(made, targets[1])
-    save_figure(spectra_figure(spectra, arguments.along), targets[2])
+    save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
     print(f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 

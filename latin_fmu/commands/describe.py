@@ -161,6 +161,7 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.result_picture import result_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results, readable
+    from ..results.groups import units_of
     from ..results.spectra import stored_spectra
 
     with closing(open_results(arguments.file)) as tree, readable(arguments.file):
@@ -173,7 +174,7 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
         if arguments.bodies:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
-            return spectra_figure(spectra)
+            return spectra_figure(spectra, units=units_of(tree.attrs))
         return summary_figure(tree)
 
 

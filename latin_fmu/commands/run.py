@@ -336,9 +336,10 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
         return solution
     from ..accuracy.estimate import estimate_error
 
+    folder = Path(os.path.realpath(arguments.output or f"{scene.name}.nc")).parent
     try:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            return replace(solution, estimate=estimate_error(scene, solution, report=waiting.update))
+            return replace(solution, estimate=estimate_error(scene, solution, report=waiting.update, stream=folder))
     except KeyboardInterrupt:  # the results are written without it
         return solution
 

@@ -90,9 +90,14 @@ def reason() -> str:
     return result if isinstance(result, str) else "a kernel outside the compiled library is called"
 
 
+def switched_off() -> bool:
+    """Whether the library is not to be used."""
+    return os.environ.get("LATIN_FMU_LIBRARY", "1") == "0"
+
+
 @cache
 def _search() -> ctypes.CDLL | str:
-    if os.environ.get("LATIN_FMU_LIBRARY", "1") == "0":
+    if switched_off():
         return "the compiled library is switched off (LATIN_FMU_LIBRARY=0)"
     name = file_name(target())
     message = f"this installation has no compiled library for {target()}"

@@ -147,8 +147,13 @@ def _ready(package: Path) -> Path | None:
     fresh = folder is None or not any(folder.rglob("*.nbi"))
     if fresh:
         where = "in this process only" if folder is None else f"once; kept in {folder}"
+        remedy = "unset LATIN_FMU_LIBRARY" if library.switched_off() else "python -m latin_fmu.aot makes the library"
         logging.getLogger("latin_fmu").warning(
-            "%s: numba compiles the kernels now, two to three minutes of processor time (%s)", library.reason(), where
+            "%s: numba compiles the kernels now, up to seven minutes of processor time and 3 GB of memory (%s); to "
+            "avoid it: %s",
+            library.reason(),
+            where,
+            remedy,
         )
     return folder
 

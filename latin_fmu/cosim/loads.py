@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..file_digest import is_damaged
 from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
@@ -318,7 +319,7 @@ def _columns(source: str | Path) -> tuple[str, dict[str, Array]]:
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise _bad(str(file), f"cannot be read ({error})") from None
+        raise _bad(str(file), f"cannot be read ({' '.join(str(error).split())[:200]})") from None
     return str(file), _csv(lines, str(file))
 
 
@@ -398,12 +399,16 @@ def _netcdf(file: Path) -> dict[str, Array]:
     import xarray as xr
 
     try:
+        if is_damaged(file):
+            raise _bad(str(file), "the file is damaged: its digest does not fit")
         with xr.open_dataset(file, engine="netcdf4", decode_times=False, decode_timedelta=False) as dataset:
             columns = {str(name): np.asarray(v.values, dtype=float) for name, v in dataset.data_vars.items()}
             if "time" in dataset.coords:
                 columns["time"] = np.asarray(dataset["time"].values, dtype=float)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise _bad(str(file), f"cannot be read ({error})") from None
+    except InputError:
+        raise
+    except Exception as error:  # the library of a damaged file raises many kinds
+        raise _bad(str(file), f"cannot be read ({' '.join(str(error).split())[:200]})") from None
     return columns
 
 

@@ -18,7 +18,7 @@ from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
 
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
 _WIDTH = 118
 _SHOWN = 2  # keys that are named before "and so many more"
@@ -33,6 +33,7 @@ class Explanation:
     scene : its name. effects : every effect, on or off. choices : settings that the solver takes, in words.
     prediction : CPU seconds of set-up and instants, memory, unknowns. suggestions : what might be changed.
     warnings : remarks on the scene, as of ``check``, without those that need factors of matrices.
+    unchecked : what these would be on, and who knows.
     lines : line of every key of the scene file.
     """
 
@@ -42,6 +43,7 @@ class Explanation:
     prediction: dict[str, Any]
     suggestions: list[Suggestion]
     warnings: tuple[Remark, ...]
+    unchecked: tuple[str, ...]
     lines: dict[str, int]
 
     def report(self) -> dict[str, Any]:
@@ -58,6 +60,7 @@ class Explanation:
             "suggestions": [s.report() for s in self.suggestions],
             "warnings": list(self.warnings),
             "warning_codes": [remark.code for remark in self.warnings],
+            "unchecked": list(self.unchecked),
         }
 
     def text(self) -> str:
@@ -75,6 +78,7 @@ class Explanation:
             lines += suggestion.lines(_WIDTH)
         lines += [] if self.suggestions else ["  none"]
         lines += ["", *(f"warning: {w}" for w in self.warnings)] if self.warnings else []
+        lines += ["", *(f"not checked: {text}" for text in self.unchecked)] if self.unchecked else []
         return "\n".join(lines)
 
     def _headline(self) -> str:
@@ -141,7 +145,18 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     proposed = suggestions(p, effects)
     _, memory = chosen_propagators(scene, discretised.classes)
     remarks = (*discretised.remarks, *remarks_of("memory", memory))
-    return Explanation(scene.name, effects, choices(p), predicted, proposed, remarks, key_lines(text))
+    return Explanation(scene.name, effects, choices(p), predicted, proposed, remarks, _unchecked(p), key_lines(text))
+
+
+def _unchecked(p: Prediction) -> tuple[str, ...]:
+    """Remarks that nothing but factors of matrices, an equilibrium or the run itself can give."""
+    made = []
+    if p.discretised.units and not p.scene.time.quasi_static:
+        made.append("whether mesh and step resolve waves at the interfaces needs factors: latin-fmu check")
+    if p.scene.time.start.type == "static" and not p.scene.time.quasi_static:
+        made.append("how far the static start converges needs its solution: latin-fmu check")
+    made.append("slip, rotations, strains, faces that never touch are known at the end: latin-fmu run")
+    return tuple(made)
 
 
 def _interfaces(p: Prediction) -> str:
@@ -155,7 +170,8 @@ def _interfaces(p: Prediction) -> str:
     others = "" if len(large) == len(p.run.classes) else "; others dense"
     where = f"{', '.join(names[:_SHOWN])}{' ...' if len(names) > _SHOWN else ''}{others}"
     if (tables := p.tables) is not None:
-        rule = f"truncated at {tables.truncation:.2g} of the largest entry, points within {1e3 * tables.reach:.3g} mm"
+        reach = readable(tables.reach, p.scene.unit_system.label("m"), 3)
+        rule = f"truncated at {tables.truncation:.2g} of the largest entry, points within {reach}"
         return f"sparse tables, {rule}, in {where}"
     return f"exact, by substitution through {read} of a factor of {whole} (a dense matrix: {dense}) in {where}"
 

@@ -263,7 +263,9 @@ def gap(p: Prediction) -> Effect:
     if not units:
         touches = "every contact touches at the start"
         return _off("initial gap", ["interface.*.gap"], touches, "gap > 0, or meshes apart")
-    reason = f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} m"
+    reason = (
+        f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} {p.scene.unit_system['m']}"
+    )
     keys = tuple(f"interface.{u.name}.gap" for u in units)
     ways = (value for value in ("0", '"closed"') if changed(p, [f"{key}={value}" for key in keys]) is not None)
     switch = next((f"gap = {value}" for value in ways), "meshes that touch")
@@ -295,7 +297,7 @@ def preload(p: Prediction) -> Effect:
         return _off("preload", ["interface.*.preload"], "no interface is pressed at the start", switch)
     given = p.scene.interface
     keys = tuple(f"interface.{u.name}.{k}" for u in units for k in kinds if getattr(given[u.name], k) > 0)
-    reason = f"up to {max(u.preload for u in units):.4g} Pa at the start"
+    reason = f"up to {max(u.preload for u in units):.4g} {p.scene.unit_system['Pa']} at the start"
     return Effect("preload", True, keys, reason, "set it to 0", ("forcing",))
 
 

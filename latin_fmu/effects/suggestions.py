@@ -103,13 +103,13 @@ def _factor(p: Prediction, run: RunSize) -> float:
 
 def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Gaps that nothing in the scene can close before the end."""
-    travel = p.scene.time.end * _fastest(p)
+    travel, length = p.scene.time.end * _fastest(p), p.scene.unit_system["m"]
     for unit in p.discretised.units if np.isfinite(travel) else ():
         gap = float(unit.geometry.gap.min())
         if unit.behaviour.opens and not unit.behaviour.compliant and gap > travel:
             yield Suggestion(
-                f"interface {unit.name}: its gap of {gap:.4g} m cannot close before the end (the bodies move less than "
-                f"{travel:.2g} m): it costs a check per instant and may be left out"
+                f"interface {unit.name}: its gap of {gap:.4g} {length} cannot close before the end (the bodies move "
+                f"less than {travel:.2g} {length}): it costs a check per instant and may be left out"
             )
 
 
@@ -203,9 +203,9 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
     laws += [port.law(c) for port in scene.port.values() for c in port.components]
     sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
-    if p.run.static or moving or sudden or not laws:
-        return
     transit = _longest_transit(p)
+    if p.run.static or moving or sudden or not laws or transit == 0.0:  # 0: rigid bodies alone
+        return
     ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
     if not SLOW <= ratio < np.inf:
         return

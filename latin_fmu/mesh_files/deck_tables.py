@@ -7,10 +7,11 @@ from typing import Any, Final
 
 from ..scene.raw_scene import given, named_tables
 from ..scene.substructures import part_name
+from ..scene.units import SI, system_named
 from .content import MeshContent
 
 _UNITS: Final = {1.0: (1.0, 1.0), 1e-3: (1e6, 1e12)}
-"""Factors of moduli and densities by the length of a unit of the deck, m: SI, and mm, t, s, MPa."""
+"""Factors of moduli and densities by the scale: units of the scene, and mm, t, s, MPa in a scene in SI."""
 
 
 def with_deck(raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float) -> dict[str, Any]:
@@ -21,12 +22,13 @@ def with_deck(raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, 
 
     Parameters
     ----------
-    parts : names of substructures by volume group. scale : length of a unit of the deck, m; materials are taken in SI
-        where it is 1 and in mm, t, s, MPa where it is 1e-3, else they are left out.
+    parts : names of substructures by volume group. scale : length of a unit of the deck in that of the scene; where it
+        is 1, materials are in the units of the scene, where it is 1e-3 of a metre, in mm, t, s, MPa. Else they are
+        left out.
     """
     deck, whole = content.deck, dict(raw)
     assert deck is not None
-    if scale in _UNITS:
+    if scale in _UNITS and (scale == 1.0 or system_named(raw.get("units")) is SI):
         whole = _with_materials(whole, content, parts, _UNITS[scale])
     interfaces = {part_name(name): table for name, table in _ties(content, parts)}
     joined = [_parts_of(table) for table in named_tables(raw, "interface").values()]

@@ -7,8 +7,10 @@ sets (.msh, .med) and otherwise from integer data of the cells: value 3 of ``med
 from __future__ import annotations
 
 import contextlib
+import gzip
 import io
 import re
+import zlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,6 +61,7 @@ _MESHIO: Final = (
 _CAD: Final = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".fcstd")
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
+_MOST_TIMES, _SMALL = 200, 100_000_000  # what unpacks to more than this may be so many times as large as it is packed
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _NEEDS: Final = {"h5py": "pip install h5py", "lxml": "pip install lxml"}
 _MOST_VALUES = 1000  # integer data with more values than this numbers cells, it names no groups
@@ -102,7 +105,23 @@ def read_content(path: Path) -> MeshContent:
             _ALLOWED,
             "export .msh, .inp or .bdf",
         )
+    if suffix == ".gz":
+        _check_unpacked(path, state.st_size)
     return read_with_meshio(path)
+
+
+def _check_unpacked(path: Path, packed: int) -> None:
+    """Refuse a compressed file that unpacks to absurdly much, without keeping any of it."""
+    most, size = min(MAX_BYTES, max(_SMALL, _MOST_TIMES * packed)), 0
+    try:
+        with gzip.open(path) as file:
+            while size <= most and (block := file.read(1 << 20)):
+                size += len(block)
+    except (OSError, EOFError, zlib.error) as error:
+        raise MeshError.of("unreadable mesh", path.name, f"damaged: {error}") from None
+    if size > most:
+        what = "the file is too large when unpacked"
+        raise MeshError.of("unreadable mesh", path.name, what, f"{packed} bytes packed", f"at most {most} bytes")
 
 
 def included_files(path: Path) -> list[str]:

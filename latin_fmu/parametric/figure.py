@@ -10,7 +10,9 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
-from ..results.summary import prefix_for, unit_text
+from ..results.groups import unit_of
+from ..results.summary import prefix_for
+from ..scene.units import unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
 
 if TYPE_CHECKING:
@@ -84,9 +86,9 @@ def _panels(study: xr.Dataset, quantity: Quantity) -> list[tuple[str, str, xr.Da
     values = study[quantity.name]
     title = quantity.name.replace("_", " ").replace("cpu", "CPU")
     if not quantity.of:
-        return [(title, quantity.unit, values)]
+        return [(title, unit_of(values, quantity.unit), values)]
     parts = [str(part) for part in study[quantity.of].values][:_MOST_PARTS]
-    return [(f"{part}: {title}", quantity.unit, values.sel({quantity.of: part})) for part in parts]
+    return [(f"{part}: {title}", unit_of(values, quantity.unit), values.sel({quantity.of: part})) for part in parts]
 
 
 def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit: str, values: xr.DataArray) -> None:

@@ -38,7 +38,7 @@ from ..reader import read_tables
 from ..results.checkpoint import scene_digest
 from ..results.dataset import AXES
 from ..results.files import write_netcdf
-from ..results.groups import CONVENTIONS, SCHEMA_VERSION
+from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene
@@ -267,7 +267,11 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
         _add_quantity(variables, coordinates, grid, records, quantity)
     if histories:
         _add_histories(variables, coordinates, grid, records)
-    return xr.Dataset(variables, coordinates, _attributes(scene))
+    study = xr.Dataset(variables, coordinates, _attributes(scene))
+    for variable in study.variables.values():
+        if "units" in variable.attrs:
+            variable.attrs["units"] = scene.unit_system.label(variable.attrs["units"])
+    return study
 
 
 def _coordinate(parameter: Parameter) -> Any:
@@ -290,6 +294,7 @@ def _attributes(scene: Scene) -> dict[str, Any]:
         "title": f"{scene.name}: parametric study",
         "scene_name": scene.name,
         "scene": scene.text(),
+        UNITS: scene.units,
     }
 
 

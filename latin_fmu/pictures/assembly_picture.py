@@ -103,7 +103,7 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     figure, axes = _layout(apart, above)
     draw(axes[0], list(skins.values()), above)
     _arrows(axes[0], scene, bodies, above)
-    axes_with_units(axes[0], everything, above)
+    axes_with_units(axes[0], everything, above, scene.unit_system.label("m"))
     words = "apart, " if len(bodies) > 1 else ""
     for axis, (view, side) in zip(axes[:0:-1], ((below, "below"), (above, "above")), strict=False):
         draw(axis, apart, view)
@@ -202,17 +202,21 @@ def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:
 
 def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) -> None:
     """Loads, driven faces, ports, gravity and initial velocities."""
+    label = scene.unit_system.label
     everything = np.concatenate([b.mesh.nodes for b in bodies.values()])
     length = _ARROW * float(np.ptp(everything, axis=0).max())
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
         if load.pressure is not None:
-            direction, text = -np.sign(load.pressure or 1.0) * normal, readable(load.pressure, "Pa", 3, figure=True)
+            direction, text = (
+                -np.sign(load.pressure or 1.0) * normal,
+                readable(load.pressure, label("Pa"), 3, figure=True),
+            )
         else:
             turns = load.force is None and load.traction is None
             direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
             unit = "N m" if turns else "Pa" if load.force is None else "N"
-            text = readable(float(np.linalg.norm(direction)), unit, 3, figure=True)
+            text = readable(float(np.linalg.norm(direction)), label(unit), 3, figure=True)
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
@@ -224,16 +228,16 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             if boundary.axes is not None:
                 direction = np.array(boundary.axes.rows).T @ direction
             unit = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}[boundary.type]
-            text = readable(float(np.linalg.norm(direction)), unit, 3, figure=True)
+            text = readable(float(np.linalg.norm(direction)), label(unit), 3, figure=True)
             _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)
     for name, port in scene.port.items():
         centre, normal = _middle(bodies, port.face)
-        label = f"{name}\nport, {port.causality.replace('_', ' ')}: {' '.join(port.components)}"
-        _arrow(axis, view, centre, normal, length, MOTION if port.causality == "motion_in" else LOAD, label, True)
+        text = f"{name}\nport, {port.causality.replace('_', ' ')}: {' '.join(port.components)}"
+        _arrow(axis, view, centre, normal, length, MOTION if port.causality == "motion_in" else LOAD, text, True)
     if scene.gravity is not None:
         direction, beside = np.asarray(scene.gravity.acceleration, dtype=float), everything.min(axis=0)
-        label = f"gravity\n{readable(float(np.linalg.norm(direction)), 'm s-2', 3, figure=True)}"
-        _arrow(axis, view, beside, direction, length, LOAD, label, True)
+        text = f"gravity\n{readable(float(np.linalg.norm(direction)), label('m s-2'), 3, figure=True)}"
+        _arrow(axis, view, beside, direction, length, LOAD, text, True)
     for body in bodies.values():
         low, high = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
         for vector, unit, colour in (
@@ -244,9 +248,8 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
             size = float(np.linalg.norm(direction))
             # behind the body, so that neither arrow nor label covers it
             behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
-            _arrow(
-                axis, view, behind, direction, length, colour, f"{body.name}\n{readable(size, unit, 3, figure=True)}"
-            )
+            text = f"{body.name}\n{readable(size, label(unit), 3, figure=True)}"
+            _arrow(axis, view, behind, direction, length, colour, text)
 
 
 def _arrow(

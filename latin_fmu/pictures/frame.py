@@ -120,13 +120,14 @@ def draw(axis: Axes, skins: Sequence[Skin], view: View, around: Array | None = N
     axis.set_ylim(low[1] - room, high[1] + room)
 
 
-def axes_with_units(axis: Axes, points: Array, view: View) -> None:
-    """Axes x, y, z along the edges of the box around ``points`` that are nearest to the viewer and below."""
+def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
+    """Axes x, y, z along the edges of the box around ``points`` that are nearest to the viewer and below, in
+    a unit of ``metre`` (UDUNITS)."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = points.min(axis=0), points.max(axis=0)
     size = float(np.max(high - low))
-    divisor, unit = prefix_for(float(np.max(np.abs([low, high]))), "m", figure=True)
+    divisor, unit = prefix_for(float(np.max(np.abs([low, high]))), metre, figure=True)
     near = np.where(view.viewer > 0, high + _MARGIN * size, low - _MARGIN * size)
     far = np.where(view.viewer > 0, low - _MARGIN * size, high + _MARGIN * size)
     near[2] = low[2] - _MARGIN * size if view.viewer[2] > 0 else high[2] + _MARGIN * size

@@ -13,6 +13,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..fem.mesh import Array
+from ..results.groups import unit_of
 from ..results.quantities_of_interest import InterfaceFields, normal_resultant
 from ..results.summary import prefix_for, readable
 from ..results.writing import write_whole
@@ -156,8 +157,12 @@ def _draw_field(
     cells = np.nan_to_num(dataset["cells"].values, nan=-1).astype(int)
     quads = cells[cells[:, 3] >= 0]
     corners = np.concatenate([cells[:, :3], quads[:, [0, 2, 3]]])
-    length, metre = prefix_for(max(float(np.abs(dataset[f"surface_{a}"].values).max()) for a in "xy"), "m", figure=True)
-    scale, pascal = prefix_for(ends[1], "Pa", figure=True)
+    length, metre = prefix_for(
+        max(float(np.abs(dataset[f"surface_{a}"].values).max()) for a in "xy"),
+        unit_of(dataset["surface_x"], "m"),
+        figure=True,
+    )
+    scale, pascal = prefix_for(ends[1], unit_of(dataset["traction"], "Pa"), figure=True)
     x, y = (dataset[f"surface_{a}"].values / length for a in "xy")
     low, top = ends[0] / scale, max(ends[1] / scale, 1e-300)
     triangles = Triangulation(x, y, corners)
@@ -168,7 +173,9 @@ def _draw_field(
 
 def _draw_states(figure: Figure, axis: Axes, dataset: xr.Dataset, states: Array) -> None:
     """A mark on every point: states differ by shape, so that they do in grey, too."""
-    length, _ = prefix_for(max(float(np.abs(dataset[f"surface_{a}"].values).max()) for a in "xy"), "m")
+    length, _ = prefix_for(
+        max(float(np.abs(dataset[f"surface_{a}"].values).max()) for a in "xy"), unit_of(dataset["surface_x"], "m")
+    )
     x, y = (dataset[f"surface_{a}"].values / length for a in "xy")
     for number, (name, mark, size) in enumerate(_MARKS):
         at = states == number

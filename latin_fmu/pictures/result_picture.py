@@ -11,6 +11,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
+from ..results.groups import unit_of, units_of
 from ..results.summary import prefix_for, readable
 from .frame import Skin, View, axes_with_units, draw, skin_of
 from .style import PRESSURE, SEQUENTIAL, styled
@@ -68,6 +69,7 @@ def bodies_in_motion(
 
     bodies, chosen = _bodies(tree), _interface(tree, interface)
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
+    length = units_of(tree.attrs).label("m")
     rest = np.concatenate([mesh.nodes for mesh in meshes.values()])
     size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
     if magnify is None:
@@ -82,7 +84,7 @@ def bodies_in_motion(
         axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
         at = {name: dataset.sel(time=time, method="nearest") for name, dataset in bodies.items()}
         moved = {name: np.nan_to_num(dataset["displacement"].values) for name, dataset in at.items()}
-        _draw_deformed(figure, axes[0], meshes, moved, scales)
+        _draw_deformed(figure, axes[0], meshes, moved, scales, length)
         if chosen:
             _draw_pressure(figure, axes[1], tree, chosen, time, meshes, scales.pressure)
         figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}, {readable(time, 's', figure=True)}")
@@ -161,20 +163,20 @@ def _mesh(dataset: xr.Dataset) -> Mesh:
 
 
 def _draw_deformed(
-    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], scales: _Scales
+    figure: Figure, axis: Axes, meshes: Mapping[str, Mesh], moved: Mapping[str, Array], scales: _Scales, length: str
 ) -> None:
-    divisor, unit = prefix_for(scales.displacement, "m", figure=True)
+    divisor, unit = prefix_for(scales.displacement, length, figure=True)
     skins = []
     for name, mesh in meshes.items():
         skin = skin_of(mesh, _PLAIN)
-        length = np.linalg.norm(moved[name], axis=1)
-        shade = _map(SEQUENTIAL, length[skin.facets].mean(axis=1) / max(scales.displacement, 1e-300))
+        moves = np.linalg.norm(moved[name], axis=1)
+        shade = _map(SEQUENTIAL, moves[skin.facets].mean(axis=1) / max(scales.displacement, 1e-300))
         skins.append(replace(skin, colours=shade).moved(scales.factor * moved[name]))
     view, reach = View.at(_AZIMUTH, _ELEVATION), scales.factor * scales.displacement
     box = np.array([scales.rest.min(axis=0) - 0.5 * reach, scales.rest.max(axis=0) + 0.5 * reach])
     corners = box[np.array(list(np.ndindex(2, 2, 2))), np.arange(3)]
     draw(axis, skins, view, np.concatenate([corners, *(skin.points for skin in skins)]))
-    axes_with_units(axis, scales.rest, view)
+    axes_with_units(axis, scales.rest, view, length)
     axis.set_title(f"displacement, drawn {scales.factor:g} times as large", fontsize=9)
     _colour_bar(figure, axis, SEQUENTIAL, scales.displacement / divisor, f"displacement ({unit})")
 
@@ -210,7 +212,7 @@ def _draw_pressure(
     dots = _map(PRESSURE, pressure / largest)
     axis.scatter(place[:, 0], place[:, 1], s=22, c=dots, edgecolors="0.35", linewidths=0.4, zorder=4)
     _zoom(axis, place)
-    divisor, unit = prefix_for(largest, "Pa", figure=True)
+    divisor, unit = prefix_for(largest, unit_of(dataset["traction"], "Pa"), figure=True)
     axis.set_title(f"{name}: pressure on {owner}", fontsize=9)
     _colour_bar(figure, axis, PRESSURE, largest / divisor, f"pressure ({unit})")
 

@@ -13,9 +13,11 @@ import xarray as xr
 
 from ..latin.outcome import Array
 from ..results.dataset import has_friction
+from ..results.groups import unit_of
 from ..results.quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant, status_shares
 from ..results.spectra import ShockSpectrum
 from ..results.summary import prefix_for
+from ..scene.units import SI, UnitSystem, unit_text
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 
 if TYPE_CHECKING:
@@ -30,9 +32,9 @@ STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
 
 
 def force_panel(
-    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: TimeAxis, reference: float
+    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: TimeAxis, reference: float, unit: str = "N"
 ) -> None:
-    """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in N.
+    """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in ``unit``.
 
     Forces below 1e-9 of the force ``reference`` are round-off and are not enlarged to the height of the panel.
     """
@@ -40,7 +42,7 @@ def force_panel(
     if peak < 1e-9 * reference:
         peak = reference
         axis.set_ylim(-1.0, 1.0)
-    size, label = prefix_for(peak, "N", figure=True)
+    size, label = prefix_for(peak, unit, figure=True)
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
@@ -123,7 +125,7 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     time = energy["time"].values
     terms = {str(name): np.asarray(values.values) for name, values in energy.data_vars.items()}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
-    size, label = prefix_for(largest, "J", figure=True)
+    size, label = prefix_for(largest, next((unit_of(v, "J") for v in energy.data_vars.values()), "J"), figure=True)
     shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
     for (name, term), look in zip(shown.items(), curve_styles(len(shown)), strict=True):
         axis.plot(time / scale.divisor, term / size, linewidth=1.3, label=name, **look)
@@ -194,22 +196,25 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     if not fields:
         return []
     time = next(iter(fields.values())).time
-    few = len(fields) <= FEW
-    normal = {_with_peak(name, item, scale) if few else name: normal_resultant(item) for name, item in fields.items()}
+    few, unit = len(fields) <= FEW, unit_of(next(iter(groups.values()))["force"], "N")
+    normal = {
+        _with_peak(name, item, scale, unit) if few else name: normal_resultant(item) for name, item in fields.items()
+    }
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
-    draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference)
+    draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference, unit=unit)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
     if any(map(has_friction, groups.values())):
         friction = {name: friction_resultant(item) for name, item in fields.items()}
-        draw = partial(force_panel, title="Friction force (magnitude of the tangential resultant)", reference=reference)
+        title = "Friction force (magnitude of the tangential resultant)"
+        draw = partial(force_panel, title=title, reference=reference, unit=unit)
         panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
     return panels
 
 
-def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis) -> str:
+def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str) -> str:
     """Name of an interface with its peak force and the duration of that mean."""
     peak, duration, _ = fields.peaks
-    size, label = prefix_for(peak, "N", figure=True)
+    size, label = prefix_for(peak, unit, figure=True)
     return f"{name}: {peak / size:.3g} {label} over {duration / scale.divisor:.2g} {scale.unit}"
 
 
@@ -248,13 +253,15 @@ def _energy_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
 
 
 @styled
-def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None) -> Figure:
+def spectra_figure(
+    spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], along: str | None = None, units: UnitSystem = SI
+) -> Figure:
     """Spectra of sensors, one row each: absolute acceleration and pseudo-velocity, with the estimated error as a band.
 
     Parameters
     ----------
     spectra : by sensor, with the relative error (3, n, 3) or None. along : x, y or z; the axis of the largest
-        acceleration where None.
+        acceleration where None. units : of the run.
     """
     from matplotlib.figure import Figure
 
@@ -263,8 +270,9 @@ def spectra_figure(spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], al
     for (name, (spectrum, error)), panels in zip(spectra.items(), rows, strict=True):
         largest = spectrum.acceleration[0].max(axis=0)
         axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
-        kinds = (("absolute acceleration (m/s²)", "acceleration"), ("pseudo-velocity (m/s)", "pseudo_velocity"))
-        for panel, (label, kind) in zip(panels, kinds, strict=True):
+        kinds = (("absolute acceleration", "acceleration", "m s-2"), ("pseudo-velocity", "pseudo_velocity", "m s-1"))
+        for panel, (what, kind, unit) in zip(panels, kinds, strict=True):
+            label = f"{what} ({unit_text(units.label(unit), figure=True)})"
             values = getattr(spectrum, kind)[:, :, axis]
             _draw_spectrum(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
             title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 import numpy as np
 
 from ..compiled import library
-from ..errors import InputError, SolverError
+from ..errors import InputError, LatinError, ResultsError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
 from ..latin.windows import Run
 from .writing import UnwrittenError, check_target, write_bytes
@@ -106,7 +106,7 @@ class Checkpoint:
         Raises
         ------
         InputError : the place is not good, windows are longer than ``every``, or another run writes here.
-        SolverError : the checkpoint is damaged, or of another scene, version or machine.
+        ResultsError : the checkpoint is damaged, or of another scene, version or machine.
         """
         self._digest, self._machine = digest, machine()
         recorder = run.recorder
@@ -249,20 +249,22 @@ class Checkpoint:
 
         Raises
         ------
-        SolverError : none of both can be used.
+        ResultsError : none of both can be used.
         """
-        failure: SolverError | None = None
+        failure: ResultsError | None = None
         for path in (self.path, self.previous):
             if not path.is_file():
                 continue
             try:
                 tree = decode(opened(path.read_bytes(), _KIND, self._digest, self._machine), _KIND)
                 checksum = self._checked(tree["bytes"], tree["checksum"])
-            except SolverError as error:
-                failure = failure or SolverError(f"{path}: {error}; or run without --resume")
+            except (LatinError, OSError) as error:
+                failure = failure or ResultsError.of(
+                    "the run cannot be continued", str(path), str(error), remedy="or run without --resume"
+                )
                 continue
             if failure is not None:
-                self._log(f"{failure}; the checkpoint before it is used")
+                self._log(f"{failure.problems[0]}; the checkpoint before it is used")
             self._checksum, self._own = checksum, True
             for part in self._parts(tree["bytes"]):
                 run.recorder.append(part["recorder"], part["first"])

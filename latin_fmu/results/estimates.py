@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.outcome import Array
+from ..scene.units import SI, UnitSystem
 from .groups import Group, Variable
 from .quantities_of_interest import FLOOR, definition_of
 from .summary import aligned, finite, percent, readable
@@ -41,7 +42,7 @@ class QuantityEstimate:
 
     @property
     def unit(self) -> str:
-        """Unit of the value (UDUNITS)."""
+        """Unit of the value (UDUNITS) in SI."""
         return definition_of(self.quantity).unit
 
     @property
@@ -84,30 +85,30 @@ class ErrorEstimate:
                 return estimate
         raise KeyError(quantity)
 
-    def report(self) -> dict[str, Any]:
+    def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON."""
         quantities = {
-            q.quantity: {"unit": q.unit, "bound_only": q.bound_only}
+            q.quantity: {"unit": units.label(q.unit), "bound_only": q.bound_only}
             | {name: finite(getattr(q, attribute)) for name, attribute, _, _ in _COLUMNS}
             for q in self.quantities
         }
         return {"quantities": quantities, "cpu_seconds": self.cpu, "remarks": list(self.remarks)}
 
-    def lines(self) -> list[str]:
+    def lines(self, units: UnitSystem = SI) -> list[str]:
         """Text of one row a quantity, then the remarks."""
-        rows = [("estimated error", "value", "error", "order (expected)"), *(_row(q) for q in self.quantities)]
+        rows = [("estimated error", "value", "error", "order (expected)"), *(_row(q, units) for q in self.quantities)]
         notes = ["", *("  only a bound" if q.bound_only and q.error > FLOOR else "" for q in self.quantities)]
         table = [f"{line.strip()}{note}" for line, note in zip(aligned(rows), notes, strict=True)]
         return table + [f"  note: {remark}" for remark in self.remarks]
 
-    def group(self) -> Group:
+    def group(self, units: UnitSystem = SI) -> Group:
         """Group ``accuracy``: one entry a quantity."""
         dims = ("quantity",)
         names = np.array([q.quantity for q in self.quantities], dtype=np.str_)
-        units = np.array([q.unit for q in self.quantities], dtype=np.str_)
+        own = np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_)
         variables = {
             "quantity": Variable(dims, names, {"long_name": "name of the quantity"}),
-            "quantity_unit": Variable(dims, units, {"long_name": "unit of the quantity"}),
+            "quantity_unit": Variable(dims, own, {"long_name": "unit of the quantity"}),
         }
         for name, attribute, unit, long_name in _COLUMNS:
             values = np.array([getattr(q, attribute) for q in self.quantities], dtype=float)
@@ -120,9 +121,9 @@ class ErrorEstimate:
         return Group(variables, frozenset(dims), attrs)
 
 
-def _row(q: QuantityEstimate) -> tuple[str, ...]:
+def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
     order = "-" if math.isnan(q.order) else f"{q.order:.1f}"
-    return q.quantity, readable(q.value, q.unit), error_text(q.error), f"{order} ({q.expected_order:g})"
+    return q.quantity, readable(q.value, units.label(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
 
 
 def error_text(error: float) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..errors import LatinError, Problem, ResultsError
+from ..file_digest import add_digest, is_damaged
 from .groups import SCHEMA_VERSION, Group, Variable, with_labels
 from .writing import write_whole
 
@@ -68,6 +69,7 @@ def write_groups(groups: Mapping[str, Group], path: str | Path, blocks: Blocks |
                         _append(file[where], group)
         except RuntimeError as error:  # how the netCDF library reports a failed write to disk
             raise OSError(errno.EIO, f"the netCDF library failed: {error}") from error
+        add_digest(draft)
 
     write_whole(path, write)
 
@@ -170,8 +172,13 @@ def open_results(path: str | Path) -> xr.DataTree:
     if not source.is_file():
         what = "this is a folder" if source.is_dir() else "no such file"
         raise _unreadable(source, what, remedy="give the .nc file written by a run")
+    damaged = "the file is damaged: its digest does not fit"
     try:
+        if is_damaged(source):
+            raise _unreadable(source, damaged, remedy="take an intact copy, or run the scene again")
         tree = xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    except ResultsError:
+        raise
     except UnicodeEncodeError as error:
         what = (
             f"the netCDF library cannot write this name in the encoding of the locale ({sys.getfilesystemencoding()})"

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.units import UnitSystem, system_named
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -114,8 +116,10 @@ def with_labels(groups: Mapping[str, Group]) -> Iterator[tuple[str, Group]]:
         yield path, Group({**group.variables, **missing}, group.labels | set(missing), group.attrs)
 
 
+UNITS: Final = "unit_system"
+"""Attribute of the root: the system of units of the scene."""
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.4"
+SCHEMA_VERSION = "1.5"
 """Changes its first number when a name or meaning changes, the second when something is added."""
 
 
@@ -321,6 +325,27 @@ def annotated(group: Group, meanings: Mapping[str, Meaning]) -> Group:
             values, words = _FLAGS[name]
             variable.attrs.update(flag_values=np.array(values, dtype=np.int8), flag_meanings=words)
     return group
+
+
+def in_units(groups: dict[str, Group], units: UnitSystem) -> dict[str, Group]:
+    """``groups`` with the names that their units have in the system of a scene, in place; the root names the system."""
+    for group in groups.values() if units.names else ():
+        for variable in group.variables.values():
+            if "units" in variable.attrs:
+                variable.attrs["units"] = units.label(variable.attrs["units"])
+    if "/" in groups:
+        groups["/"].attrs[UNITS] = units.name
+    return groups
+
+
+def units_of(attributes: Mapping[Any, Any]) -> UnitSystem:
+    """System of units of results, from the attributes of their root; SI where they do not say."""
+    return system_named(attributes.get(UNITS))
+
+
+def unit_of(variable: xr.DataArray, si: str) -> str:
+    """Unit (UDUNITS) of stored values; ``si``: that of files without one."""
+    return str(variable.attrs.get("units", si))
 
 
 def _unexplained(name: str, meanings: Mapping[str, Meaning]) -> Meaning:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
+from ..scene.units import SI, UnitSystem
 from .groups import BOLT, REACTION, SENSOR, Columns, Group, annotated
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, readable, readable_vector
@@ -111,14 +112,14 @@ def reaction_groups(outcome: Outcome) -> dict[str, Group]:
     return groups
 
 
-def reaction_lines(outcome: Outcome) -> list[str]:
+def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest reactions."""
     rows: list[tuple[str, ...]] = [("boundary", "on", "largest reaction", "at", "last (x, y, z)")]
     for name, history in outcome.reactions.items():
         largest = _largest(history.force, outcome.time)
-        last = readable_vector([float(x) for x in history.force[-1]], "N")
+        last = readable_vector([float(x) for x in history.force[-1]], units.label("N"))
         assert largest is not None
-        rows.append((name, history.face, readable(largest[0], "N"), readable(largest[1], "s"), last))
+        rows.append((name, history.face, readable(largest[0], units.label("N")), readable(largest[1], "s"), last))
     return aligned(rows) if len(rows) > 1 else []
 
 
@@ -152,15 +153,16 @@ def bolt_groups(outcome: Outcome) -> dict[str, Group]:
     return groups
 
 
-def bolt_lines(outcome: Outcome) -> list[str]:
+def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the bolts: tension when tightened, at the start, smallest and largest, mean stress, shortening."""
     head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "mean stress", "shortening"
     rows: list[tuple[str, ...]] = [head]
     for name, bolt in outcome.bolts.items():
         tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
         forces = tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
-        stress = readable(forces[-1] / bolt.area, "Pa")
-        numbers = (*(readable(force, "N") for force in forces), stress, readable(bolt.shortening, "m"))
+        stress, shortening = forces[-1] / bolt.area, readable(bolt.shortening, units.label("m"))
+        tensions = (readable(force, units.label("N")) for force in forces)
+        numbers = (*tensions, readable(stress, units.label("Pa")), shortening)
         rows.append((name, bolt.substructure, str(bolt.order), *numbers))
     return aligned(rows) if len(rows) > 1 else []
 
@@ -195,13 +197,13 @@ def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:
     return float(size[i]), float(time[i])
 
 
-def sensor_lines(outcome: Outcome) -> list[str]:
+def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
     rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in MOTIONS), "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(getattr(history, motion), outcome.time) for motion in MOTIONS]
         cells = [
-            readable(None if pair is None else pair[0], unit)
+            readable(None if pair is None else pair[0], units.label(unit))
             for pair, unit in zip(largest, MOTIONS.values(), strict=True)
         ]
         last = next(pair for pair in reversed(largest) if pair is not None)
@@ -209,13 +211,13 @@ def sensor_lines(outcome: Outcome) -> list[str]:
     return aligned(rows) if len(rows) > 1 else []
 
 
-def spectrum_lines(spectra: Mapping[str, ShockSpectrum]) -> list[str]:
+def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI) -> list[str]:
     """Table of the largest values of shock response spectra."""
     rows: list[tuple[str, ...]] = [("spectrum of", "Q", "frequencies", "largest maximax", "at", "along")]
     for name, s in spectra.items():
         i, axis = np.unravel_index(int(np.argmax(s.acceleration[0])), s.acceleration[0].shape)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
-        largest = readable(float(s.acceleration[0, i, axis]), "m s-2")
+        largest = readable(float(s.acceleration[0, i, axis]), units.label("m s-2"))
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
     return aligned(rows) if len(rows) > 1 else []
 

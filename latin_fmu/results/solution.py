@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +22,11 @@ from ..latin.outcome import (
 )
 from ..machine import provenance
 from ..scene.sensors import Sensor
+from ..scene.units import SI, UnitSystem
 from .dataset import Recovered, datatree, result_blocks, result_groups
 from .estimates import ErrorEstimate
 from .files import write_groups
-from .groups import Group
+from .groups import Group, in_units
 from .sensors import (
     bolt_lines,
     bolt_report,
@@ -57,6 +58,7 @@ class Solution:
     recovered : requests for more fields of substructures, computed when the results are written.
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
     surfaces : whether results hold pressure and slip of the interfaces.
+    units : system of units of the scene, which labels the results.
     """
 
     outcome: Outcome
@@ -67,6 +69,7 @@ class Solution:
     recovered: Mapping[str, Recovered] = field(default_factory=dict)
     sensor_tables: Mapping[str, Sensor] = field(default_factory=dict)
     surfaces: bool = False
+    units: UnitSystem = SI
 
     @property
     def status(self) -> str:
@@ -157,8 +160,12 @@ class Solution:
         given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
         groups = result_groups(*given, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
-            groups["/accuracy"] = self.estimate.group()
-        return groups
+            groups["/accuracy"] = self.estimate.group(self.units)
+        return in_units(groups, self.units)
+
+    def _blocks(self) -> Iterator[dict[str, Group]]:
+        """Groups of a streamed run, block by block."""
+        return (in_units(block, self.units) for block in result_blocks(self.outcome, self.surfaces))
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF-4 file, complete or not at all; its CPU time is added to ``timings.output``.
@@ -168,25 +175,26 @@ class Solution:
         ResultsError : the file cannot be written.
         """
         start = clock.process_time()
-        blocks = None if self.outcome.stream is None else partial(result_blocks, self.outcome, self.surfaces)
+        blocks = None if self.outcome.stream is None else self._blocks
         write_groups(self._groups(blocks is not None), path, blocks)
         self.timings.output += clock.process_time() - start
 
     def summary(self) -> str:
         """Text: status, cost, tables of the interfaces and sensors, estimated errors."""
-        text = "\n".join([summary(self.outcome, self.scene_name), *self._sensor_lines()])
-        return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines()])
+        text = "\n".join([summary(self.outcome, self.scene_name, self.units), *self._sensor_lines()])
+        return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines(self.units)])
 
     def _sensor_lines(self) -> list[str]:
-        sensors = sensor_lines(self.outcome), spectrum_lines(self.spectra)
-        tables = bolt_lines(self.outcome), *sensors, reaction_lines(self.outcome)
+        outcome, units = self.outcome, self.units
+        sensors = sensor_lines(outcome, units), spectrum_lines(self.spectra, units)
+        tables = bolt_lines(outcome, units), *sensors, reaction_lines(outcome, units)
         return [line for table in tables if table for line in ("", *table)]
 
     def report(self) -> dict[str, Any]:
         """Plain data for programs, fit for strict JSON; its keys are in ``results.summary.report``, those of
-        ``sensors``, ``reactions`` and ``bolts`` in ``results.sensors``."""
-        estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report()}
+        ``sensors``, ``reactions`` and ``bolts`` in ``results.sensors``; ``units``: system of units of the scene."""
+        estimate = {} if self.estimate is None else {"error_estimate": self.estimate.report(self.units)}
         sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
         sensors |= {"reactions": reaction_report(self.outcome)} if self.reactions else {}
         sensors |= {"bolts": bolt_report(self.outcome)} if self.bolts else {}
-        return report(self.outcome) | sensors | estimate
+        return report(self.outcome) | {"units": self.units.name} | sensors | estimate

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError, Problem
 from ..latin.outcome import Array, SensorHistory
 from ..scene.sensors import Spectrum, spectrum_problems
+from ..scene.units import SI, UnitSystem
 from .groups import SPECTRUM, Columns, Group, annotated
 
 if TYPE_CHECKING:
@@ -250,7 +251,7 @@ def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> 
     return error
 
 
-def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]]) -> str:
+def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]], units: UnitSystem = SI) -> str:
     """Spectra of sensors on the same frequencies as comma-separated values, one row a frequency."""
     axes, kinds = "xyz", {"acceleration": "m s-2", "pseudo_velocity": "m s-1"}
     head = ["frequency [Hz]"]
@@ -259,7 +260,7 @@ def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]]) -> str:
         for kind, unit in kinds.items():
             values = getattr(spectrum, kind)
             for r, response in enumerate(RESPONSES):
-                head += [f"{name} {response} {kind} {axis} [{unit}]" for axis in axes]
+                head += [f"{name} {response} {kind} {axis} [{units.label(unit)}]" for axis in axes]
                 columns += list(values[r].T)
     rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(columns, axis=1)]
     return "\n".join([",".join(head), *rows]) + "\n"

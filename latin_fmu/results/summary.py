@@ -3,49 +3,29 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from ..latin.outcome import InterfaceHistory, Outcome, Resultants, Timings
+from ..scene.units import PREFIXED, SI, UnitSystem, unit_text
 from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
 
-_FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")
-_RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNPREFIXED: Final = ("m s-2",)  # 4e4 m/s2 rather than 40 km/s2
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 
-def unit_text(unit: str, figure: bool = False) -> str:
-    """A UDUNITS string as people write it, ``figure``: with raised digits.
-
-    >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s0.5"), unit_text("1")
-    ('m/s2', 'm/s²', 'N s^0.5', '')
-    """
-    above: list[str] = []
-    below: list[str] = []
-    for factor in unit.split():
-        name, power = _FACTOR.fullmatch(factor).groups()  # type: ignore[union-attr]
-        if name != "1":
-            size = (power or "1").lstrip("-")
-            raised = "" if size == "1" else "^" + size if "." in size else size.translate(_RAISED) if figure else size
-            (below if (power or "").startswith("-") else above).append(name + raised)
-    text = " ".join(above) or "1" * bool(below)
-    return "/".join([text, *below]) if below else text
-
-
 def _takes_prefix(unit: str) -> bool:
     """Whether a UDUNITS unit is written with a prefix, which belongs to its first factor alone."""
-    return unit not in _UNPREFIXED and not unit.split()[0][-1].isdigit()
+    return unit not in _UNPREFIXED and unit.split()[0] in PREFIXED
 
 
 def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, str]:
     """Divisor and prefixed unit that bring ``largest`` between 1 and 1000; ``unit`` is a UDUNITS string.
 
-    There is no prefix where the first factor of the unit has a power. Micro is written "u", which every terminal can
-    print; ``figure``: "µ", and raised digits.
+    There is no prefix where the first factor of the unit has a power or is no unit of SI. Micro is written "u", which
+    every terminal can print; ``figure``: "µ", and raised digits.
 
     >>> prefix_for(2.5e-5, "s"), prefix_for(1.5e-3, "N s0.5"), prefix_for(4e-6, "m2"), prefix_for(0.02, "kg")
     ((1e-06, 'us'), (0.001, 'mN s^0.5'), (1.0, 'm2'), (0.001, 'g'))
@@ -148,25 +128,25 @@ def finite(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def summary(outcome: Outcome, scene_name: str) -> str:
+def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
     """Text of some ten lines: status, cost, accuracy, and a table of the interfaces."""
     rows = [
         ("iterations", _iterations(outcome)),
         ("passes", f"{outcome.passes:.3g} (substructure-instants solved / substructures x instants)"),
         ("sqrt(eta)", f"{outcome.error_indicator:.2e} (largest over windows)"),
-        ("penetration", readable(outcome.penetration(), "m", 3)),
+        ("penetration", readable(outcome.penetration(), units.label("m"), 3)),
     ]
     if outcome.energy is not None:
-        rows.append(("energy", _energy(outcome)))
+        rows.append(("energy", _energy(outcome, units)))
     if outcome.resultants:
-        rows.append(("balance", _balance(outcome.resultants)))
+        rows.append(("balance", _balance(outcome.resultants, units)))
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"{scene_name}: {outcome.status}"]
     lines += [f"  {label:<{width}}  {text}" for label, text in rows]
     lines += [f"  warning: {warning}" for warning in outcome.warnings]
     if outcome.interfaces:
-        lines += ["", *_table(outcome)]
+        lines += ["", *_table(outcome, units)]
     return "\n".join(lines)
 
 
@@ -184,15 +164,15 @@ def _iterations(outcome: Outcome) -> str:
     return text + (f"; {failed} not converged" if failed else "")
 
 
-def _energy(outcome: Outcome) -> str:
+def _energy(outcome: Outcome, units: UnitSystem) -> str:
     energy = outcome.energy or {}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in energy.values()), default=0.0)
     left = float(np.abs(energy["balance"]).max(initial=0.0)) if "balance" in energy else 0.0
     share = f"{left / largest:.1e}" if largest > 0.0 else "0"
-    text = f"balance closed to {share} of the largest term ({readable(largest, 'J')})"
+    text = f"balance closed to {share} of the largest term ({readable(largest, units.label('J'))})"
     for key in ("friction_dissipation", "contact_dissipation", "landing_dissipation", "scheme_dissipation"):
         if key in energy and energy[key][-1] != 0.0:
-            text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), 'J', 3)}"
+            text += f"; {key.replace('_', ' ')} {readable(float(energy[key][-1]), units.label('J'), 3)}"
     return text
 
 
@@ -202,13 +182,14 @@ def _resultants(of: Resultants) -> dict[str, list[float | None]]:
     return {name: [finite(value) for value in getattr(of, name)] for name in names}
 
 
-def _balance(resultants: Mapping[str, Resultants]) -> str:
+def _balance(resultants: Mapping[str, Resultants], units: UnitSystem) -> str:
     """The worst balance of forces of a body in equilibrium."""
     largest = max(r.largest for r in resultants.values())
     off = {name: float(np.linalg.norm(r.unbalanced[:3])) for name, r in resultants.items()}
     worst = max(off, key=lambda name: off[name])
     share = f"{off[worst] / largest:.1e}" if largest > 0.0 else "0"
-    return f"forces on every body closed to {share} of the largest ({readable(largest, 'N')}), worst {worst}"
+    size = readable(largest, units.label("N"))
+    return f"forces on every body closed to {share} of the largest ({size}), worst {worst}"
 
 
 def _cpu(outcome: Outcome) -> str:
@@ -221,13 +202,13 @@ def _cpu(outcome: Outcome) -> str:
     return f"{total:.3g} s ({parts}); peak memory {outcome.timings.peak_memory / 1e6:.0f} MB"
 
 
-def _table(outcome: Outcome) -> list[str]:
+def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
     head = ("interface", "behaviour", "peak force", "mean over", "raw peak", "impulse on side E (x, y, z)")
     more = ("first contact", "last contact", "slipping area", "sqrt(eta)")
-    return aligned([(*head, *more), *(_row(outcome, history) for history in outcome.interfaces.values())])
+    return aligned([(*head, *more), *(_row(outcome, history, units) for history in outcome.interfaces.values())])
 
 
-def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
+def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tuple[str, ...]:
     fields = InterfaceFields.of_history(history, outcome.interface_time)
     last, (peak, duration, raw) = separation_time(fields), fields.peaks
     slip = largest_slip_share(fields) if history.has_friction else None
@@ -235,10 +216,10 @@ def _row(outcome: Outcome, history: InterfaceHistory) -> tuple[str, ...]:
     return (
         history.name,
         history.behaviour,
-        readable(peak, "N"),
+        readable(peak, units.label("N")),
         readable(duration, "s", 3),
-        readable(raw, "N"),
-        readable_vector([float(value) for value in history.impulse(outcome.interface_time)[-1]], "N s"),
+        readable(raw, units.label("N")),
+        readable_vector([float(x) for x in history.impulse(outcome.interface_time)[-1]], units.label("N s")),
         readable(first_contact_time(fields), "s"),
         "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
         "-" if slip is None else f"max {100 * slip:.0f} %",

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, Problem
 from ..fem.mesh import Mesh, boundary, cell_blocks
 from .files import readable
+from .groups import unit_of, units_of
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
 from .spectra import RESPONSES, shock_response_spectrum
 
@@ -38,7 +39,7 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
         ("normal", normal_resultant(fields), "normal resultant, positive in compression"),
         ("friction", friction_resultant(fields), "magnitude of the tangential resultant"),
     ):
-        made[name] = ("time", values, {"units": "N", "long_name": text})
+        made[name] = ("time", values, {"units": unit_of(made["force"], "N"), "long_name": text})
     return made
 
 
@@ -57,7 +58,12 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
         fields = InterfaceFields.of_dataset(group)
     at = int(normal_resultant(fields).argmax() if time is None else np.abs(fields.time - time).argmin())
     pressure = -np.einsum("pc,pc->p", fields.traction[at], fields.normals) + 0.0  # no negative zero
-    attrs = {"units": "Pa", "long_name": "contact pressure", "mesh": "surface", "location": "node"}
+    attrs = {
+        "units": unit_of(group["traction"], "Pa"),
+        "long_name": "contact pressure",
+        "mesh": "surface",
+        "location": "node",
+    }
     made = group[["surface", "cells", "area"]]
     made["pressure"] = ("point", pressure, attrs)
     return made.assign_attrs(time=float(fields.time[at]))
@@ -118,11 +124,16 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
     step = float(history["time"][1] - history["time"][0])
     made = shock_response_spectrum(history.values, step, frequencies, quality)
     dims = ("response", "frequency", "component")
+    label = units_of(tree.attrs).label
     hertz = {"units": "Hz", "long_name": "natural frequency of the oscillator"}
     return xr.Dataset(
         {
-            "acceleration": (dims, made.acceleration, {"units": "m s-2", "long_name": "largest acceleration"}),
-            "pseudo_velocity": (dims, made.pseudo_velocity, {"units": "m s-1", "long_name": "largest pseudo-velocity"}),
+            "acceleration": (dims, made.acceleration, {"units": label("m s-2"), "long_name": "largest acceleration"}),
+            "pseudo_velocity": (
+                dims,
+                made.pseudo_velocity,
+                {"units": label("m s-1"), "long_name": "largest pseudo-velocity"},
+            ),
         },
         {
             "response": np.array(RESPONSES, dtype=object),

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from ..errors import Problem, shown
 from .fields import BodyName, Real, Table, Text, Vector, _as_list, about, refusal
-from .laws import base_dir_of
+from .laws import base_dir_of, units_in
 from .number_files import Column, LengthUnit, SpeedUnit, factor, is_column, read_columns
 from .raw_scene import RawTable, chosen_type, given, named_tables, single_table
 
@@ -22,7 +22,7 @@ class _FieldFile(Table):
     """Points and values read from a file with six columns: x, y, z and the components of the field along x, y, z.
 
     Every node takes the values of the point nearest to it, which has to lie on it. The points are kept with the scene
-    in SI (`points`, `values`), which no longer needs the file afterwards.
+    in its units (`points`, `values`), which no longer needs the file afterwards.
     """
 
     file: Annotated[Text, about("file, relative to the scene file; a header line is allowed")]
@@ -39,7 +39,9 @@ class _FieldFile(Table):
         tuple[Vector, ...], BeforeValidator(_as_list), about("filled from the file; where given, it is not read", "m")
     ] = ()
     values: Annotated[
-        tuple[Vector, ...], BeforeValidator(_as_list), about("filled from the file, one for each point, in SI", "1")
+        tuple[Vector, ...],
+        BeforeValidator(_as_list),
+        about("filled from the file, one for each point, in the units of the scene", "1"),
     ] = ()
 
     @model_validator(mode="before")
@@ -54,7 +56,8 @@ class _FieldFile(Table):
         if not isinstance(columns, list | tuple) or len(columns) != _COLUMNS or not all(map(is_column, columns)):
             return data
         rows = read_columns(base_dir_of(info.context), data["file"], columns)
-        length, scale = factor(data.get("length_unit")), factor(data.get("unit"))
+        system = units_in(info.context)
+        length, scale = factor(data.get("length_unit"), system), factor(data.get("unit"), system)
         points = tuple((length * r[0], length * r[1], length * r[2]) for r in rows)
         values = tuple((scale * r[3], scale * r[4], scale * r[5]) for r in rows)
         return {**data, "points": points, "values": values}

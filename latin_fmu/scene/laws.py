@@ -22,6 +22,13 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from .fields import Real, Series, Table, Text, about, refusal, tagged
 from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, factor, is_column, read_columns
+from .units import SI, UnitSystem
+
+
+def units_in(context: Any) -> UnitSystem:
+    """System of units of the scene that is read; SI for a table on its own."""
+    given = context.get("units") if isinstance(context, dict) else None
+    return given if isinstance(given, UnitSystem) else SI
 
 
 def base_dir_of(context: Any) -> Path:
@@ -97,7 +104,7 @@ class TableLaw(_Points):
 class CsvLaw(_Points):
     """Points read from a file with columns of times and values; linear in between, held at both ends.
 
-    The points are kept with the scene in SI (`times`, `values`), which no longer needs the file afterwards.
+    The points are kept with the scene in its units (`times`, `values`), which no longer needs the file afterwards.
     """
 
     type: Literal["csv"] = "csv"
@@ -113,12 +120,12 @@ class CsvLaw(_Points):
         ValueUnit,
         about(
             "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
-            f"{', '.join(VALUE_UNITS)}, or the factor to SI",
+            f"{', '.join(VALUE_UNITS)}, or the factor to the units of the scene",
             "1",
         ),
     ] = "1"
     times: Annotated[Series, about("filled from the file; where given, the file is not read", "s")] = ()
-    values: Annotated[Series, about("filled from the file, in SI", "1")] = ()
+    values: Annotated[Series, about("filled from the file, in the units of the scene", "1")] = ()
 
     @model_validator(mode="before")
     @classmethod
@@ -130,7 +137,8 @@ class CsvLaw(_Points):
             return data
         columns = None if named == (None, None) else [named[0] or 1, named[1] or 2]
         rows = read_columns(base_dir_of(info.context), data["file"], columns)
-        scales = factor(data.get("time_unit")), factor(data.get("value_unit"))
+        system = units_in(info.context)
+        scales = factor(data.get("time_unit")), factor(data.get("value_unit"), system)
         times, values = (tuple(scale * row[i] for row in rows) for i, scale in enumerate(scales))
         return {**data, "times": times, "values": values}
 

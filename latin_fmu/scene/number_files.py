@@ -16,21 +16,21 @@ from pydantic import BeforeValidator
 
 from ..errors import did_you_mean
 from .fields import refusal
+from .units import INCH, POUND, SI, UnitSystem
 
 MAX_FILE_BYTES: Final = 500_000_000
 _TWO_COLUMNS = "two columns, time and value, separated by a comma, semicolon, tab or blank"
 _LARGEST_FACTOR = 1e300
 
 GRAVITY: Final = 9.80665
-_POUND, _INCH = 4.4482216152605, 0.0254
 UNITS: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType(
     {
         "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-        "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": _POUND, "kip": 1e3 * _POUND},
-        "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": _POUND / _INCH**2},
-        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": _INCH, "ft": 12 * _INCH},
-        "m s-1": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": _INCH, "ft/s": 12 * _INCH},
-        "m s-2": {"m/s2": 1.0, "mm/s2": 1e-3, "g": GRAVITY, "in/s2": _INCH, "ft/s2": 12 * _INCH},
+        "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": POUND, "kip": 1e3 * POUND},
+        "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": POUND / INCH**2},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": INCH, "ft": 12 * INCH},
+        "m s-1": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": INCH, "ft/s": 12 * INCH},
+        "m s-2": {"m/s2": 1.0, "mm/s2": 1e-3, "g": GRAVITY, "in/s2": INCH, "ft/s2": 12 * INCH},
         "N m-3": {"N/m3": 1.0, "kN/m3": 1e3, "N/mm3": 1e9},
         "1": {"1": 1.0, "%": 1e-2},
     }
@@ -58,11 +58,11 @@ def si_unit(name: str) -> str | None:
     return next((unit for unit, names in UNITS.items() if name in names), None)
 
 
-def factor(unit: Any) -> float:
-    """Factor to SI of a unit, by its name or the factor itself; 1 for what is none."""
+def factor(unit: Any, system: UnitSystem = SI) -> float:
+    """Factor to the units of a scene of a unit, by its name or the factor itself; 1 for what is none."""
     if isinstance(unit, str):
         known = si_unit(unit)
-        return 1.0 if known is None else UNITS[known][unit]
+        return 1.0 if known is None else UNITS[known][unit] / system.size(known)
     return float(unit) if isinstance(unit, int | float) else 1.0
 
 
@@ -73,7 +73,12 @@ def _check_unit(value: object, names: Sequence[str]) -> object:
         return float(value)
     remedy = did_you_mean(value, names) if isinstance(value, str) else None
     what = "unknown unit" if isinstance(value, str) else "not a unit"
-    raise refusal(what, value=value, allowed=f"{', '.join(names)}, or the factor to SI, a number", remedy=remedy)
+    raise refusal(
+        what,
+        value=value,
+        allowed=f"{', '.join(names)}, or the factor to the units of the scene, a number",
+        remedy=remedy,
+    )
 
 
 def is_column(value: object) -> bool:

@@ -20,8 +20,12 @@ that only has a type: law = "constant". A key that is not listed here is an erro
 reported at once. Settings on the command line follow the same path:
 --set solver.tolerance=1e-4 or --set substructure.bar.box.elements.2=100.
 
-Units are SI as stated with each key; a key without one has no dimension. Any other consistent system
-of units works as well (mm, t, s, MPa ...)."""
+Units are SI as stated with each key; a key without one has no dimension. units = "mm-t-s-MPa" or
+"in-lbf-s-psi" says that all numbers of the scene are in another system: nothing is converted but files
+whose unit is named beside them; results, messages and figures have its units, and checks of plausible
+numbers are scaled. Read mm for m, t for kg, MPa for Pa, mJ for J there, or in, lbf s2/in, lbf, psi.
+units = "none" is for pure numbers, as in papers: no labels, no remarks on sizes, gaps and strains; times
+are in s."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh

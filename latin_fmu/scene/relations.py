@@ -32,6 +32,7 @@ from .raw_scene import (
 from .sensors import sensor_problems
 from .settings import MAX_INSTANTS, STATIC_TOLERANCE
 from .substructures import DAMPING_KEYS
+from .units import system_named
 
 _EXPLICIT, _REDUCED, _REDUCIBLE = "explicit", "reduced", ("hht", "newmark")
 _AUTOMATIC = "automatic"
@@ -270,6 +271,11 @@ def _unit_problems(raw: Any) -> Iterator[Problem]:
     for where, law, unit in _laws(raw):
         name = law.get("value_unit") if isinstance(law, Mapping) else None
         own = si_unit(name) if isinstance(name, str) else None
+        if own not in (None, "1") and not system_named(raw.get("units")).measurable:
+            yield Problem(
+                f"{where}.value_unit", "the numbers of the scene have no units", shown(name), "1, or a factor"
+            )
+            continue
         if own is not None and unit is not None and own not in (unit, "1"):
             what = f"{QUANTITIES[own]}, but the law multiplies {QUANTITIES[unit]}"
             yield Problem(f"{where}.value_unit", what, shown(name), ", ".join((*UNITS[unit], *UNITS["1"])))

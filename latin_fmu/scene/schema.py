@@ -1,7 +1,7 @@
 """The scene: everything the user describes, checked as a whole."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -14,13 +14,14 @@ from .describe import field_problems, path_text
 from .fields import BodyName, Name, Table, Text, about, split_face
 from .initial_fields import InitialState
 from .interfaces import MEANINGLESS, ContactSearch, Interface
-from .laws import TimeLaw, base_dir_of
+from .laws import TimeLaw, base_dir_of, units_in
 from .ports import Port
 from .raw_scene import named_tables, oversized_integers, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Solver, Time
 from .substructures import Bolt, Gravity, Load, Material, MeshParts, Substructure
+from .units import SystemName, UnitSystem, system_named
 
 
 def toml_text(data: Mapping[str, Any]) -> str:
@@ -83,6 +84,26 @@ def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Probl
     return raw, [Problem(key, f"{files[key]} files are not read here", remedy=remedy) for key in unread]
 
 
+def _in_unknown_units(raw: Any, context: Any) -> list[Problem]:
+    """Files with named units in a scene that is not in SI and not made by the reader, which hands its system on."""
+    own = system_named(raw.get("units") if isinstance(raw, Mapping) else None)
+    if own is units_in(context):
+        return []
+    remedy = "make the scene with load_scene or scene_from_dict"
+    return [
+        Problem(where, "units of files are not converted here", own.name, remedy=remedy) for where in _units_named(raw)
+    ]
+
+
+def _units_named(raw: Any, where: str = "") -> Iterator[str]:
+    """Keys of a scene as written that name units of files."""
+    for key, value in raw.items() if isinstance(raw, Mapping) else ():
+        if isinstance(value, Mapping):
+            yield from _units_named(value, f"{where}{key}.")
+        elif key in ("value_unit", "length_unit", "unit") and isinstance(value, str) and value != "1":
+            yield f"{where}{key}"
+
+
 def faces_of(boundary: Boundary) -> tuple[str, ...]:
     """Faces that a boundary condition names."""
     return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
@@ -96,6 +117,7 @@ class Scene(Table):
 
     name: Annotated[Name, about("name of the scene")]
     description: Annotated[Text, about("free text")] = ""
+    units: Annotated[SystemName, about("system of units of all numbers: labels results, scales checks")] = "SI"
     material: Annotated[dict[Name, Material], about("materials by name"), Field(min_length=1)]
     mesh: Annotated[
         dict[Name, MeshParts],
@@ -139,6 +161,7 @@ class Scene(Table):
             raise SceneError(oversized, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         written, unreadable = _with_parts(raw, base_dir, info.context)
+        unreadable += _in_unknown_units(raw, info.context)
         try:
             completed = with_defaults(written)
             scene = handler(data if completed is raw else completed)
@@ -158,6 +181,11 @@ class Scene(Table):
     def base_dir(self) -> Path:
         """Folder that mesh and law files are relative to."""
         return self._base_dir
+
+    @property
+    def unit_system(self) -> UnitSystem:
+        """Units of all numbers of the scene and of its results."""
+        return system_named(self.units)
 
     @property
     def force_laws(self) -> dict[str, TimeLaw]:

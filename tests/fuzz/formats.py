@@ -35,6 +35,7 @@ from ..mesh_files.decks import cube, instances_deck, nastran_deck, surfaces_deck
 from ..mesh_files.test_formats import exodus
 from . import changes
 from .changes import Rng
+from .stored import STORED
 
 Attempt = Callable[[Rng, Path], None]
 """Uses one damaged input in a folder; what is wrong with it is a ``LatinError``."""
@@ -225,4 +226,5 @@ FORMATS: dict[str, Attempt] = {
     "tables": scene_tables,
     "state": session_state,
     "tree": tree,
+    **STORED,
 }

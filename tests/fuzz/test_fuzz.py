@@ -20,6 +20,8 @@ ROOT = Path(__file__).parents[2]
 NAMES = ("msh", "vtk", "vtu", "inp", "bdf", "exodus", "csv", "toml", "fmu", "tables", "state", "tree")
 SECONDS = 5  # of processor time for one input
 QUICK, SLOW = 250, 20_000  # inputs of each format; in all
+STORED = {"results": 300, "study": 300, "checkpoint": 300, "whole_fmu": 100}
+"""Damaged files that the package wrote, in the slow tests; a tenth of them in the quick ones."""
 
 
 def complaints(*jobs: str) -> list[str]:
@@ -40,6 +42,18 @@ def test_whole_files_are_read() -> None:
 
 def test_damaged_input() -> None:
     assert complaints(*(f"{name}:0:{QUICK}" for name in NAMES)) == []
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_damaged_files_of_the_package(name: str) -> None:
+    """An error of the project and exit code 2, or the numbers of the whole file."""
+    assert complaints(f"{name}:{STORED[name]}:{STORED[name] // 10}") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STORED)
+def test_a_thousand_damaged_files_of_the_package(name: str) -> None:
+    assert complaints(f"{name}:0:{STORED[name]}") == []
 
 
 @pytest.mark.slow

@@ -36,6 +36,7 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "warnings",
         "warning_codes",
         "interfaces",
+        "units",
     ]
     parts = ["set_up", "march", "other", "output", "total"]
     assert list(report["cpu_seconds"]) == parts

@@ -23,7 +23,8 @@ from latin_fmu.parametric.grid import Grid, Parameter
 from latin_fmu.parametric.point import Plan, PointSolver
 from latin_fmu.parametric.study import dataset_of
 from latin_fmu.results import views
-from latin_fmu.results.summary import readable, unit_text
+from latin_fmu.results.summary import readable
+from latin_fmu.scene.units import unit_text
 from latin_fmu.stability.scenes import half_sine
 
 KILOGRAM, METRE, SECOND = 8.0, 4.0, 2.0

@@ -71,7 +71,7 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], int, list[str]]] = {
     "density in t/mm3": ([("7800.0", "7.8e-9")], REMARKED, ["density of 7.8e-09 kg/m3", "t/mm3", "7800"]),
     "pressure in MPa": ([("pressure = 1e6", "pressure = 1.0")], REMARKED, ["press", "MPa"]),
     "pressure too large": ([("pressure = 1e6", "pressure = 1e12")], REMARKED, ["press", "Young's modulus"]),
-    "size in mm": ([("0.1", "100.0")], REMARKED, ["100 m long", "metres"]),
+    "size in mm": ([("0.1", "100.0")], REMARKED, ["100 m long", "is its size in m?"]),
     "friction in per cent": ([("coefficient = 0.3", "coefficient = 30")], REMARKED, ["30", "per cent", "0.3"]),
     "negative gap": ([(JOINT, JOINT.rstrip() + "\ngap = -1e-5\n\n")], BAD_INPUT, ["joint.gap", "-1e-05", ">= 0"]),
     "gap in mm": ([(JOINT, JOINT.rstrip() + "\ngap = 0.05\n\n")], REMARKED, ["joint", "gap of 0.05 m", "mm"]),

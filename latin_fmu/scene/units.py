@@ -1,0 +1,124 @@
+"""Systems of units: what a unit of SI is called in the system of a scene, and how large it is there.
+
+Nothing is converted. The equations hold in every consistent system; its names label the results, and its sizes scale
+what is compared with numbers in SI: plausible ranges, and units named beside files of numbers.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import prod
+from types import MappingProxyType
+from typing import Final, Literal
+
+POUND, INCH = 4.4482216152605, 0.0254
+"""Newtons in a pound-force, and metres in an inch."""
+_FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")
+_RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
+
+
+def unit_text(unit: str, figure: bool = False) -> str:
+    """A UDUNITS string as people write it, ``figure``: with raised digits.
+
+    >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s0.5"), unit_text("1")
+    ('m/s2', 'm/s²', 'N s^0.5', '')
+    """
+    above: list[str] = []
+    below: list[str] = []
+    for name, power in _factors(unit):
+        if name != "1":
+            size = power.lstrip("-")
+            raised = "" if size == "1" else "^" + size if "." in size else size.translate(_RAISED) if figure else size
+            (below if power.startswith("-") else above).append(name + raised)
+    text = " ".join(above) or "1" * bool(below)
+    return "/".join([text, *below]) if below else text
+
+
+def _factors(unit: str) -> list[tuple[str, str]]:
+    """Names and powers of the factors of a UDUNITS string."""
+    matches = [_FACTOR.fullmatch(factor) for factor in unit.split()]
+    return [(match[1], match[2] or "1") for match in matches if match is not None]
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """A consistent system of units.
+
+    Attributes
+    ----------
+    name : as in a scene. names : by the unit of SI, a UDUNITS string each; those of SI where left out.
+    sizes : of these units in SI; none in a system of pure numbers, which leaves only the second.
+
+    >>> UNIT_SYSTEMS["mm-t-s-MPa"].label("N s m-1"), UNIT_SYSTEMS["mm-t-s-MPa"]["kg m-3"]
+    ('N s mm-1', 't/mm3')
+    >>> UNIT_SYSTEMS["mm-t-s-MPa"].size("m s-2"), UNIT_SYSTEMS["SI"]["Pa"]
+    (0.001, 'Pa')
+    """
+
+    name: SystemName
+    names: Mapping[str, str]
+    sizes: Mapping[str, float]
+
+    def label(self, unit: str) -> str:
+        """What a unit of SI is called, both UDUNITS strings."""
+        parts = []
+        for name, power in _factors(unit):
+            own = self.names.get(name, name)
+            if own != "1":
+                assert power == "1" or " " not in own, unit
+                parts.append(own if power == "1" else own + power)
+        return " ".join(parts) or "1"
+
+    def __getitem__(self, unit: str) -> str:
+        """What a unit of SI (UDUNITS string) is called in messages."""
+        label = self.label(unit)
+        return "units" if label == "1" else unit_text(label)
+
+    @property
+    def measurable(self) -> bool:
+        """Whether numbers can be compared with those in SI."""
+        return self.name != "none"
+
+    def __reduce__(self) -> tuple[Callable[[object], "UnitSystem"], tuple[str]]:
+        return system_named, (self.name,)
+
+    def size(self, unit: str) -> float:
+        """Size in SI of what a unit of SI is called here."""
+        return float(prod(self.sizes.get(name, 1.0) ** float(power) for name, power in _factors(unit)))
+
+
+def _system(name: SystemName, names: dict[str, str], length: float, force: float) -> UnitSystem:
+    """A system of seconds, by its units of length, m, and force, N."""
+    sizes = {"m": length, "N": force, "Pa": force / length**2, "J": force * length, "W": force * length}
+    return UnitSystem(name, MappingProxyType(names), MappingProxyType(sizes | {"kg": force / length}))
+
+
+SI: Final = UnitSystem("SI", MappingProxyType({}), MappingProxyType({}))
+UNIT_SYSTEMS: Final[Mapping[str, UnitSystem]] = MappingProxyType(
+    {
+        system.name: system
+        for system in (
+            SI,
+            _system("mm-t-s-MPa", {"m": "mm", "kg": "t", "Pa": "MPa", "J": "mJ", "W": "mW"}, 1e-3, 1.0),
+            _system(
+                "in-lbf-s-psi",
+                {"m": "in", "kg": "lbf s2 in-1", "N": "lbf", "Pa": "psi", "J": "lbf in", "W": "lbf in s-1"},
+                INCH,
+                POUND,
+            ),
+            UnitSystem(
+                "none", MappingProxyType(dict.fromkeys(("m", "kg", "N", "Pa", "J", "W"), "1")), MappingProxyType({})
+            ),
+        )
+    }
+)
+"""The systems by name; "none": pure numbers, as in papers."""
+PREFIXED: Final = frozenset({"m", "kg", "s", "N", "Pa", "J", "W", "Hz", "B"})
+"""Units that are written with a prefix, such as kN: those of SI. Those of other systems stay as they are."""
+
+
+def system_named(name: object) -> UnitSystem:
+    """The system of a name; SI for what names none."""
+    return UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
