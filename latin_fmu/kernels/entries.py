@@ -30,6 +30,7 @@ from .iteration import (
     begin_window,
     force_norms,
     force_residual,
+    iterate,
     judge,
     linear_stage,
     measure,
@@ -65,13 +66,13 @@ from .tasks import end_class, serve
 
 (
     MARCH,
+    ITERATE,
     CORRECT,
     PREDICT,
     END_CLASS,
     END_INSTANT,
     FIRST_GUESS,
     FREE_MOTION,
-    STAGE,
     LINEAR_STAGE,
     OUTGOING,
     PREPARE,
@@ -174,6 +175,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     run = pools.run[0]
     if action == MARCH:
         return march_instants(pools, a, b)
+    if action == ITERATE:
+        return iterate(pools, a, b, 0, pools.moving_int[run.iterations], c, d, run.limit)
     if action == CORRECT:
         return correct(pools, a, 0)
     if action == JUDGE:
@@ -189,8 +192,6 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     elif action == FREE_MOTION:
         free_motion(pools, a, pools.moving[run.w : run.w + run.n_flat])
         exchange(pools, run.w, run.n_flat, 1)
-    elif action == STAGE:
-        next_stage(pools, a, b, c, pools.moving_int[run.iterations], d)
     elif LINEAR_STAGE <= action <= MEASURE:
         _part_of_stage(pools, action, a, b, c)
     elif action == NEXT:
@@ -227,7 +228,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
 
 @kernel
 def _part_of_stage(pools: Any, action: int, a: int, b: int, c: int) -> None:
-    """Parts of STAGE: of the window, of an instant, of the group ``a`` at an instant."""
+    """Parts of an iteration: of the window, of an instant, of the group ``a`` at an instant."""
     if action == LINEAR_STAGE:
         linear_stage(pools, a, b, c)
     elif action == OUTGOING:

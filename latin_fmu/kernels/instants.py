@@ -42,7 +42,7 @@ def march_instants(pools: Any, first: int, n: int) -> int:
                 break
             used = -1
             if verdict == CORRECTED:
-                used = iterate(pools, 1, instant, call, int(pools.moving_int[pools.run[0].iterations + call]))
+                used = again(pools, instant, call)
                 pools.moving_int[pools.run[0].iterations + call] = used
             if used <= 0:
                 return call
@@ -66,7 +66,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
         return True
     first_guess(pools, instant)
     solved = work[run.counts + 1]
-    used = iterate(pools, 1, instant, call, 0)
+    used = iterate(pools, 1, instant, call, 0, 0, 0, run.max_iterations)
     pools.moving_int[run.iterations + call] = used
     pools.moving_int[run.newton_steps + call] = int(work[run.course + MADE])
     if used <= 0:
@@ -77,6 +77,13 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     if run.sparse == 0:
         accept(pools, 1)
     return True
+
+
+@kernel
+def again(pools: Any, instant: int, call: int) -> int:
+    """Iterate on from a new reference (``correct``); as ``iterate``."""
+    made = int(pools.moving_int[pools.run[0].iterations + call])
+    return iterate(pools, 1, instant, call, made, made, made, pools.run[0].max_iterations)
 
 
 @kernel

@@ -1,8 +1,8 @@
 """The LATIN loop over one window: linear stage, local stage, indicator, next iterate.
 
-``stage`` is one iteration up to its measures, ``judge`` compares these with the tolerances; ``iterate`` repeats both
-until the window has converged or stalled, or the iterations are used up. The Python driver calls the same functions one
-by one.
+``next_stage`` is one iteration up to its measures, or a Newton step; ``judge`` compares these with the tolerances;
+``iterate`` repeats both until the window has converged or stalled, or the iterations are used up. There is no other
+loop: what comes after a stall is decided outside (``latin.solver``), and ``iterate`` goes on from there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .acceleration import difference_parts
-from .callouts import CHANGES, COARSE, NORMS_OF_ALL, call_out
+from .callouts import CHANGES, COARSE, NORMS_OF_ALL, OBSERVE, call_out
 from .indicator import add_all_norms, add_class_norms, own_norms, relative_forces, residual_parts, set_error
 from .matrices import add_matrix
 from .newton import (
@@ -275,23 +275,30 @@ def precise(tolerance: float) -> float:
 
 
 @kernel
-def iterate(pools: Any, window: int, first: int, call: int, begin: int) -> int:
-    """Iterate from the q of ``work``, with ``begin`` iterations made before in this window under another reference;
-    iterations used where the window converged, else minus that number."""
+def iterate(pools: Any, window: int, first: int, call: int, begin: int, start: int, phase: int, limit: int) -> int:
+    """Iterate from the q of ``work`` until the window has converged, and has made ``limit`` iterations at most; the
+    iterations made where it converged, else minus that number.
+
+    ``start`` iterations were made before, ``begin`` of them under another reference; ``phase``: the iteration from
+    which on the acceleration has its differences, and stalls are looked for.
+    """
     run = pools.run[0]
-    for iteration in range(begin, run.max_iterations):
-        next_stage(pools, window, first, iteration, begin, begin)
+    for iteration in range(start, limit):
+        next_stage(pools, window, first, iteration, begin, phase)
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
         pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
-        bits = judge(pools, window, begin, iteration, run.depth > 0)
+        bits = judge(pools, window, phase, iteration, run.depth > 0)
+        if run.observed == 1:
+            call_out(pools, OBSERVE, iteration, bits, 0)
         if bits & CONVERGED:
             return iteration + 1
-        if bits & (STALLED | BROKEN):
+        # without inertia a body may take many equal steps back to where it sticks
+        stalled = bits & STALLED != 0 and not (run.static == 1 and run.depth == 0)
+        if stalled or bits & BROKEN or pools.moving[run.failed] == 1.0:
             return -(iteration + 1)
-        if pools.moving[run.failed] != 0.0:
-            return -(iteration + 1)
-        advance_iterate(pools, window, iteration, begin)
-    return -int(run.max_iterations)
+        if iteration + 1 < limit:
+            advance_iterate(pools, window, iteration, phase)
+    return -limit
 
 
 @kernel

@@ -250,6 +250,8 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("depth", "differences kept by the acceleration, 0 for none"),
     ("longest_window", "instants w that fields of work have room for"),
     ("max_iterations", "iterations per window"),
+    ("limit", "the same where a fall-back has others, for the action ITERATE"),
+    ("observed", "1 where the caller looks at every iterate (``callouts``)"),
     ("tangential", "1 where there are tangential channels"),
     ("layers", "1 where there are elastic groups"),
     ("static", "1 without inertia"),

@@ -6,14 +6,14 @@ substructures (``kernels.records``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.callouts import LAW, TANGENTS
+from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
@@ -25,6 +25,8 @@ from .probes import Probes
 from .search_direction import FLOOR, Direction
 from .settings import Settings
 
+RELAXATION = 0.5
+"""Factor on the residual after a stall."""
 _DIFFERENCE = 1e-7  # of the largest free velocity of a group: step of the derivative of its law
 _LONGEST_STATIC = 20.0  # step of the acceleration without inertia, in lengths of the residual
 _AT_REST = 1e-11  # residual over the tractions of that equilibrium below which nothing moves
@@ -335,20 +337,24 @@ class Stages:
         """A field of the window, (n, n_flat), a view."""
         return self.image.field(name, self.n, self.image.n_flat)
 
-    def evaluate(self, iteration: int, begin: int = 0, phase: int = 0) -> None:
-        """One linear and one local stage from the q of the image, or a Newton step, and the measures of the iterate,
-        with ``begin`` iterations made before under another reference; ``phase`` : the iteration from which on the
-        acceleration has its differences."""
-        self.image.counts("iterations", 1)[0] = begin
-        self.image.call(entries.STAGE, self.n, self.first, iteration, phase)
+    def accelerate(self, settings: Settings, relaxed: bool = False, again: bool = False) -> None:
+        """Acceleration of the next iterations by the settings; ``relaxed`` : relaxation RELAXATION alone; ``again`` :
+        after a fall-back."""
+        plain = relaxed or (again and settings.anderson_depth == 0)
+        depth, relaxation = (0, RELAXATION) if plain else (settings.anderson_depth, settings.relaxation)
+        self.image.set({"depth": depth, "relaxation": relaxation})
 
-    def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
-        """Verdict on the iterate, bits of ``kernels.iteration.judge``."""
-        return self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated))
-
-    def advance(self, iteration: int, phase: int) -> None:
-        """The next q after an iterate that has not converged."""
-        self.image.call(entries.NEXT, self.n, iteration, phase)
+    def iterations(self, counts: tuple[int, int, int, int], look: Callable[[int, int, int], None]) -> int:
+        """``kernels.iteration.iterate`` with its ``counts`` begin, start, phase and limit, from the q of the image;
+        what it returns. ``look`` is called with each iteration and its verdict."""
+        image, (begin, start, phase, limit) = self.image, counts
+        image.call_out_to({OBSERVE: look})
+        image.counts("iterations", 1)[0] = begin
+        image.set({"observed": 1, "limit": limit})
+        try:
+            return image.call(entries.ITERATE, self.n, self.first, start, phase)
+        finally:
+            image.set({"observed": 0})
 
     def points_one_by_one(self, f_hat: Array) -> None:
         """Set q of one instant by the solution point by point, from tractions f_hat (n_flat,)."""

@@ -1,9 +1,8 @@
-"""The LATIN loop over one window from Python, with its fall-backs.
+"""What follows where the iteration of a window does not converge, and who looks at its iterates.
 
-The stages are those of ``kernels.iteration``, called one by one: for observers, laws written in Python, factors that
-the kernels do not hold, and windows in which the iteration stalls. A stalled acceleration is followed by relaxation 1/2
-from the best iterate, and in windows of one instant by a solution point by point. A window that does not converge
-returns its best iterate, which need not be the last.
+The loop is ``kernels.iteration.iterate``. A stalled acceleration is followed by relaxation 1/2 from the best iterate,
+and in windows of one instant by a solution point by point. A window that does not converge returns its best iterate,
+which need not be the last.
 
 Newton steps (``kernels.newton``) take part in the iteration of windows of one instant; a fall-back ends them.
 
@@ -23,10 +22,11 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.instants import CORRECTED, WITHIN
-from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE, STALLED
+from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE
 from ..propagator.image import Image
 from .assembly import Array
 from .outcome import WindowRecord
+from .run_image import RELAXATION as _RELAXATION
 from .run_image import Iterate, Stages, rules
 from .search_direction import Direction
 from .settings import Settings
@@ -94,59 +94,41 @@ class WindowSolver:
         """Iterate from the q of the image, with ``begin`` iterations made before in this window under another
         reference; fills ``record`` and returns the accepted (else the best) iterate, which is the last one of the image
         then."""
-        settings, used = self._settings, list[str]()
-        best: Iterate | None = None
-        limit, phase, iteration = record.iterations + settings.max_iterations - begin, begin, begin
-        while True:
-            self._evaluate(stages, record, iteration, begin, phase)
-            accelerated = settings.anderson_depth > 0 and used[-1:] != [RELAXED]
-            verdict = stages.judge(phase, iteration, accelerated)
-            if verdict & (BEST | CONVERGED) or best is None:
-                best, record.accepted = stages.iterate(), record.iterations - 1
-            self._report(number, record, stages)
+        settings, used, kept, bits = self._settings, list[str](), list[Iterate](), 0
+
+        def look(_: int, verdict: int, __: int) -> None:
+            nonlocal bits
+            bits, measures = verdict, stages.measures()
+            record.error_indicator.append(float(measures[0]))
+            record.force_mismatch.append(float(measures[1]))
+            if verdict & (BEST | CONVERGED) or not kept:
+                kept[:], record.accepted = [stages.iterate()], record.iterations - 1
             record.newton_steps = stages.newton_steps()
-            iteration += 1
-            if verdict & CONVERGED:
-                record.converged = True
-                return best
-            if verdict & BROKEN:
-                break
-            exhausted = record.iterations >= limit
-            # without inertia a body may take many equal steps back to where it sticks
-            patient = settings.quasi_static and not accelerated
-            if not exhausted and (patient or not verdict & STALLED):
-                self._next(stages, iteration - 1, phase, used)
-                continue
-            fallback = self._fallback(stages, used, exhausted)
+            self._report(number, record, stages)
+
+        limit, phase, start = settings.max_iterations, begin, begin
+        while True:
+            stages.accelerate(settings, relaxed=used[-1:] == [RELAXED], again=bool(used))
+            made = stages.iterations((begin, start, phase, limit), look)
+            best, record.converged, start = kept[0], made > 0, abs(made)
+            ended = record.converged or bits & BROKEN
+            fallback = None if ended else self._fallback(stages, used, start >= limit)
             if fallback is None:
                 break
             used.append(fallback)
             stages.leave_newton()
             record.fallbacks.append(fallback)
-            phase = iteration
+            phase = start
             if fallback == RELAXED:
                 stages.put(best)
-                self._next(stages, phase, phase, used)
+                stages.field("q")[...] += _RELAXATION * stages.field("r")
             else:
-                limit = record.iterations + _AFTER_POINTS
+                limit = start + _AFTER_POINTS
                 stages.points_one_by_one(best.f_hat[0])
-        stages.put(best)
+        stages.accelerate(settings)
+        if not record.converged:
+            stages.put(best)
         return best
-
-    @staticmethod
-    def _evaluate(stages: Stages, record: WindowRecord, iteration: int, begin: int, phase: int) -> None:
-        """One iteration from the q of the image; its measures go to ``record``."""
-        stages.evaluate(iteration, begin, phase)
-        measures = stages.measures()
-        record.error_indicator.append(float(measures[0]))
-        record.force_mismatch.append(float(measures[1]))
-
-    def _next(self, stages: Stages, iteration: int, phase: int, used: list[str]) -> None:
-        """The next q of the image after this iteration; the last fall-back, or the start, came before ``phase``."""
-        if used and (used[-1] == RELAXED or self._settings.anderson_depth == 0):
-            stages.field("q")[...] += 0.5 * stages.field("r")
-        else:
-            stages.advance(iteration, phase)
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""

@@ -10,9 +10,9 @@ import pytest
 
 from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries
+from latin_fmu.kernels import iteration as loop
 from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from latin_fmu.kernels.sums import MEASURES
-from latin_fmu.latin import solver as loop
 from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import Settings
@@ -60,6 +60,11 @@ class OneNumber:
         rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
         self.pools = pools_of(run.view(kind), *rows, fixed, self.moving)
 
+    def set(self, fields: dict[str, float]) -> None:
+        """Numbers of the run."""
+        for name, value in fields.items():
+            self.pools.run[0][name] = value
+
     def field(self, name: str, *shape: int) -> Any:
         """A view."""
         at = int(self.pools.run[0][name])
@@ -83,10 +88,28 @@ class Scripted(Stages):
         self.force_residuals = [0.0] * len(errors) if force_residuals is None else force_residuals
         self.asked: list[float] = []
 
-    def evaluate(self, iteration: int, begin: int = 0, phase: int = 0) -> None:  # noqa: ARG002
+    def iterations(self, counts: tuple[int, int, int, int], look: Any) -> int:
+        """``iterate`` with the script in the place of both stages."""
+        _, start, phase, limit = counts
+        for iteration in range(start, limit):
+            self.evaluate()
+            bits = self.judge(phase, iteration, bool(self.image.pools.run[0]["depth"]))
+            look(iteration, bits, 0)
+            if bits & loop.CONVERGED:
+                return iteration + 1
+            if bits & (loop.BROKEN | loop.STALLED):
+                return -(iteration + 1)
+            if iteration + 1 < limit:
+                self.image.call(entries.NEXT, self.n, iteration, phase)
+        return -limit
+
+    def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
+        """Verdict on the iterate."""
+        return int(self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated)))
+
+    def evaluate(self) -> None:
         """The next of the script."""
         i = len(self.asked)
-        assert iteration in (0, i)
         self.asked.append(float(self.field("q")[0, 0]))
         self.field("local_f")[:] = self.field("local_w")[:] = float(i)
         self.field("r")[:] = 1.0
@@ -101,7 +124,7 @@ class Scripted(Stages):
         """What each iterate of the script means."""
         bits = []
         for i in range(len(self.errors)):
-            self.evaluate(i)
+            self.evaluate()
             bits.append(self.judge(0, i, accelerated))
         return bits
 

@@ -242,7 +242,7 @@ def test_a_trial_has_no_consequences(run_: Any) -> None:
     for n in (1, 3):
         stages, q = Stages(run_.image, run_.direction(1), n, 1), incoming(run_, n)
         linear(run_, q)
-        stages.evaluate(0)
+        stages.iterations((0, 0, 0, 1), lambda *_: None)
         before = run_.image.moving.copy()
         seen: list[tuple[int, float]] = []
 
