@@ -330,6 +330,29 @@ def test_files_and_functions_fit_a_screenful_or_two() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def loops_that_call(*names: str) -> list[str]:
+    """Loops of the package whose body calls one of these functions, by file and line."""
+    found = []
+    for module in MODULES:
+        for loop in ast.walk(tree(module)):
+            if not isinstance(loop, ast.For | ast.While | ast.ListComp | ast.GeneratorExp):
+                continue
+            called_there = {
+                ast.unparse(node.func).split(".")[-1] for node in ast.walk(loop) if isinstance(node, ast.Call)
+            }
+            if called_there & set(names):
+                found.append(f"{module}:{loop.lineno}")
+    return found
+
+
+def test_there_is_one_loop_over_the_iterations_and_one_over_the_instants() -> None:
+    """What processes, laws in NumPy, observers and fall-backs need is called from there (``kernels.callouts``)."""
+    iterations = loops_that_call("next_stage", "judge", "stage", "advance_iterate")
+    instants = loops_that_call("solve_instant", "iterate")
+    assert [place.split(":")[0] for place in iterations] == ["kernels/iteration.py"], iterations
+    assert [place.split(":")[0] for place in instants] == ["kernels/instants.py"], instants
+
+
 def test_files_are_rooms() -> None:
     """Half of the files hold enough to be worth a name; folders are not nested."""
     assert median(len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES) >= SMALLEST_MEDIAN

@@ -348,11 +348,11 @@ class Stages:
         """``kernels.iteration.iterate`` with its ``counts`` begin, start, phase and limit, from the q of the image;
         what it returns. ``look`` is called with each iteration and its verdict."""
         image, (begin, start, phase, limit) = self.image, counts
-        image.call_out_to({OBSERVE: look})
         image.counts("iterations", 1)[0] = begin
         image.set({"observed": 1, "limit": limit})
         try:
-            return image.call(entries.ITERATE, self.n, self.first, start, phase)
+            with image.calling_out_to({OBSERVE: look}):
+                return image.call(entries.ITERATE, self.n, self.first, start, phase)
         finally:
             image.set({"observed": 0})
 

@@ -7,12 +7,14 @@ that a new segment changes its end only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from ctypes import cast as pointer_to
 from dataclasses import dataclass
 from math import prod
 from typing import Any, cast
+from weakref import ref
 
 import numpy as np
 import scipy.sparse as sp
@@ -289,18 +291,32 @@ class Image:
         if self._callout is not None:
             return
 
+        own = ref(self)  # no circle: the blocks are given back with the image
+
         def called(what: int, a: int, b: int, c: int) -> int:
-            if self._raised is None:
+            image = own()
+            assert image is not None
+            if image._raised is None:
                 try:
-                    self._functions[what](a, b, c)
+                    image._functions[what](a, b, c)
                 except BaseException as error:
-                    self._raised = error
-                    self.field("failed", 1)[0] = 1.0
+                    image._raised = error
+                    image.field("failed", 1)[0] = 1.0
             return 0
 
         self._callout = _CALLOUT(called)  # kept as long as its address is in use
         self._run["callout"] = int(pointer_to(self._callout, c_void_p).value or 0)
         self._written = False
+
+    @contextmanager
+    def calling_out_to(self, functions: Mapping[int, Callable[[int, int, int], None]]) -> Iterator[None]:
+        """Context of calls of the kernels with ``call_out_to`` these functions."""
+        self.call_out_to(functions)
+        try:
+            yield
+        finally:
+            for what in functions:
+                del self._functions[what]
 
     def use_threads(self, count: int, alone: Sequence[Index]) -> None:
         """March with so many threads, the caller's among them; ``alone`` : classes of each that have one thread, the
