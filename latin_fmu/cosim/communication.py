@@ -209,7 +209,9 @@ def write(run: CommunicationRun) -> bytes:
     header[: len(WORDS)] = [words[name] for name in WORDS]
     numbers = np.zeros(_N_NUMBER, dtype="<f8")
     numbers[: len(NUMBERS)] = record["dt"], run.scene.time.end
-    parts = (image.run, image.classes, image.groups, image.fixed, image.moving)
+    run_record = image.run.copy()
+    run_record["callout"] = 0  # an address of this process
+    parts = (run_record, image.classes, image.groups, image.fixed, image.moving)
     return b"".join([MAGIC, header.tobytes(), numbers.tobytes(), *(part.tobytes() for part in parts)])
 
 

@@ -24,8 +24,8 @@ Rules
 5. Parameters are arrays per point, (n_point, n_parameter), so that interfaces of one class are solved together.
 6. A ``compliant`` behaviour has a definite traction also where both sides are held (z = 0): it follows from the jumps
    alone, at the start of a run too. The others give no traction there.
-7. ``local`` may be written in plain NumPy: the Python driver calls it. A behaviour with ``compiled = True`` has its law
-   in ``laws`` under its name, and ``local`` applies it; the compiled driver needs that. ``PointLaw`` has
+7. ``local`` may be written in plain NumPy: the kernels call out for it, with all points of a group and on one thread. A
+   behaviour with ``compiled = True`` has its law in ``laws`` under its name, and ``local`` applies it. ``PointLaw`` has
    defaults for both.
 8. ``keeps`` says where the law fixes velocities only and the place of the sides follows from them: along N, where
    points are pressed or bonded, and along the face, where they stick. There the solver carries its own error of place

@@ -191,7 +191,7 @@ def soften(pools: Any) -> None:
 
 @kernel
 def sum_of_tangents(pools: Any) -> float:
-    """Sum of the columns, rows and softness of the points owned here: it differs where the active points do."""
+    """Sum of the columns, rows and softness of the points owned here, a sign that the active points are others."""
     run, work, numbers, total = pools.run[0], pools.moving, pools.moving_int, 0.0
     for p in range(run.n_place):
         if pools.fixed_int[run.point_owned + p] == 1:

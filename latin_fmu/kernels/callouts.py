@@ -3,7 +3,8 @@ factors that the kernels do not hold.
 
 ``run.callout`` is the address of a function of the caller, 0 where there is none. It is given with a run, is never part
 of a state, and takes what is to be done, one of the numbers below, and three arguments. It returns no error: the caller
-keeps it, and sets ``failed``, on which the loops over iterations and instants end.
+keeps it, and leaves ``failed`` set, on which the loops over iterations and instants end. It is set before each call, so
+that one which a signal ends before its first line has failed, too.
 """
 
 from __future__ import annotations
@@ -47,4 +48,11 @@ _call: Any = lazy_intrinsic(_called, _called_in_python)
 @kernel
 def call_out(pools: Any, what: int, a: int, b: int, c: int) -> None:
     """Let the caller do ``what`` with these arguments."""
+    pools.moving[pools.run[0].failed] = 1.0
     _call(pools.run[0].callout, what, a, b, c)
+
+
+@kernel
+def has_failed(pools: Any) -> bool:
+    """Whether a call of the caller has failed."""
+    return bool(pools.moving[pools.run[0].failed] == 1.0)

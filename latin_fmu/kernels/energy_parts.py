@@ -26,11 +26,11 @@ TERMS = (
 """Terms of the account, in the order of ``totals``."""
 N_TERM = len(TERMS)
 KINETIC, ELASTIC, WORK_OF_LOADS, INTERFACE_WORK, DAMPED, OF_SCHEME, OF_LANDING = range(N_TERM)
-STORED, OF_GROUND, OF_DRIFT, PUT_IN, NET, LARGEST = range(6)
+STORED, OF_GROUND, OF_DRIFT, PUT_IN, NET, LARGEST, INSTANTS = range(7)
 """Numbers of ``works``: kinetic and elastic energy of the classes here at the start; work of the moving ground here;
 work that the drift takes from the interfaces owned here; energy put in so far; work of the drift of all processes, its
-largest size so far."""
-N_WORK = 6
+largest size at the instants whose forces were measured; instants since the start."""
+N_WORK = 7
 
 
 @kernel

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .callouts import SUM, call_out
+from .callouts import SUM, call_out, has_failed
 from .energy import open_account
-from .energy_parts import ELASTIC, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
+from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
 from .iteration import iterate, precise
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
@@ -34,7 +34,7 @@ def march_instants(pools: Any, first: int, n: int) -> int:
     for call in range(n):
         instant = first + call
         each_class(pools, PREDICT, instant, 0)
-        if not solve_instant(pools, instant, call):
+        if has_failed(pools) or not solve_instant(pools, instant, call):
             return call
         while pools.run[0].sparse == 1:
             verdict = correct(pools, instant, call)
@@ -50,6 +50,8 @@ def march_instants(pools: Any, first: int, n: int) -> int:
             pools.moving[pools.run[0].touched] = pools.moving[pools.run[0].acting]
         each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
+        if has_failed(pools):
+            return call
     return n
 
 
@@ -206,6 +208,7 @@ def end_instant(pools: Any, instant: int, i: int) -> None:
         if pools.fixed_int[run.interface + at] < run.n_owned:
             of_ground -= pools.fixed[run.area + at] * moving[run.local_f + i * run.n_flat + at] * velocity * run.dt
     moving[run.works + OF_GROUND] += of_ground
+    moving[run.works + INSTANTS] += 1.0
     follow_drift(pools, i)
     keep_fields(pools, instant, i)
     moving[run.history_works + instant - run.first_row] = moving[run.works + OF_DRIFT]

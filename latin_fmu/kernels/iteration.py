@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .acceleration import difference_parts
-from .callouts import CHANGES, COARSE, NORMS_OF_ALL, OBSERVE, call_out
+from .callouts import CHANGES, COARSE, NORMS_OF_ALL, OBSERVE, call_out, has_failed
 from .indicator import add_all_norms, add_class_norms, own_norms, relative_forces, residual_parts, set_error
 from .matrices import add_matrix
 from .newton import (
@@ -290,11 +290,13 @@ def iterate(pools: Any, window: int, first: int, call: int, begin: int, start: i
         bits = judge(pools, window, phase, iteration, run.depth > 0)
         if run.observed == 1:
             call_out(pools, OBSERVE, iteration, bits, 0)
+        if has_failed(pools):
+            return -(iteration + 1)
         if bits & CONVERGED:
             return iteration + 1
         # without inertia a body may take many equal steps back to where it sticks
         stalled = bits & STALLED != 0 and not (run.static == 1 and run.depth == 0)
-        if stalled or bits & BROKEN or pools.moving[run.failed] == 1.0:
+        if stalled or bits & BROKEN:
             return -(iteration + 1)
         if iteration + 1 < limit:
             advance_iterate(pools, window, iteration, phase)

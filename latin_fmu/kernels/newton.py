@@ -62,9 +62,9 @@ N_COURSE = 12
 MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS, LAST = range(N_COURSE)
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
-distance from the tolerances at the first step, residual of a trial of the Python driver (of
-several processes the defect of tables, and its power), 1 where the acceleration has
-stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last iteration."""
+distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
+acceleration has stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last
+iteration."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with."""
 
@@ -291,7 +291,8 @@ def continues(pools: Any, iteration: int) -> bool:
             leave(pools, iteration + 1)
         return True
     count, warm = iteration + 1, finish[0] == 1.0
-    now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0
+    # not without inertia: on weak dashpots a step gains little beyond the tolerance
+    now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0 and run.static == 0
     # factors that serve many instants are worth what the iterations of these have cost
     if settled and (warm or (count >= WARM and finish[3] + count >= EXPECTED * run.newton_price)):
         course[ACTIVE], course[BEGUN] = 1.0, now
@@ -336,8 +337,9 @@ def keep_course(pools: Any) -> None:
         course[TANGENTS] = sum_of_tangents(pools)
     if run.shared == 1 and compared:
         call_out(pools, SUM, run.course + TANGENTS, 1, 0)
-    same = compared and course[TANGENTS] == finish[1] and run.krylov == 0
-    finish[0], finish[1] = 1.0 if course[MADE] > 0.0 else 0.0, course[TANGENTS]
+    left = course[LEFT] == 1.0  # the steps did not end it
+    same = compared and course[TANGENTS] == finish[1] and run.krylov == 0 and not left
+    finish[0], finish[1] = 1.0 if course[MADE] > 0.0 and not left else 0.0, course[TANGENTS]
     finish[2] = finish[2] + 1.0 if same else 0.0
     finish[3] = course[LAST] + 1.0 + (finish[3] if same else 0.0)
 

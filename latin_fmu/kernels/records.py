@@ -78,7 +78,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("n_motion", "prescribed motions of a member"),
     # kinds
     ("kind", "DIRECT, EXPLICIT or STATIC"),
-    ("factored", "1 where the kernels hold the factor; 0 where the Python driver solves"),
+    ("factored", "1 where the kernels hold the factor; 0 where the caller solves (``callouts``)"),
     ("single", "1 where the panels are float32, 2 where those of ``k_panels`` alone are"),
     ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
     ("driven", "1 where constant forces or prescribed motions drive the class, and for STATIC classes"),
@@ -204,7 +204,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
 """A class of identical substructures; the fields of tables of large interfaces are in ``sparse_response``."""
 
 GROUP_FIELDS: Final[tuple[Field, ...]] = (
-    ("law", "code of the law (``laws.LAWS``), -1 where the Python driver calls it"),
+    ("law", "code of the law (``laws.LAWS``), -1 where the caller has it (``callouts``)"),
     ("elastic", "1 where the law depends on the jump of displacement"),
     ("opens", "1 where the group has gaps"),
     ("start", "first channel of the group: block (2, p, h)"),

@@ -73,10 +73,11 @@ def each_class(pools: Any, action: int, a: int, b: int) -> None:
 @kernel
 def each_point(pools: Any, window: int) -> None:
     """Local stage over the window at all points."""
-    count = 0
+    count, alone = 0, pools.run[0].threads <= 1
     for g in range(len(pools.groups)):
         count += chunks(pools.groups[g].n_point)
-    if pools.run[0].threads <= 1 or count <= 1:
+        alone = alone or pools.groups[g].law < 0  # laws in Python take all points of a group, on one thread
+    if alone or count <= 1:
         for g in range(len(pools.groups)):
             points_stage(pools, g, window, 0, pools.groups[g].n_point)
         return

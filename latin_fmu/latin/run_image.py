@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
+from weakref import proxy
 
 import numpy as np
 
@@ -259,7 +260,8 @@ class LawsInPython:
     """Laws of interfaces written in Python, where the kernels call out for them (``kernels.callouts``)."""
 
     def __init__(self, image: Image, groups: Sequence[Group]) -> None:
-        self._image, self._groups = image, groups
+        self._image: Image = proxy(image)  # which calls this
+        self._groups = groups
         if any(law_of(group.behaviour) < 0 for group in groups):
             image.call_out_to({LAW: self._solve, TANGENTS: self._differentiate})
 

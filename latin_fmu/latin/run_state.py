@@ -13,7 +13,7 @@ import numpy as np
 from ..cholesky.substitution import LANES
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.energy_parts import LARGEST, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from ..kernels.energy_parts import INSTANTS, LARGEST, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from ..kernels.indicator import NOTHING
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
@@ -405,7 +405,7 @@ class RunState:
         if converged and put_in >= 0.0:  # the largest is that of all processes, up to the instant before the last
             work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
             # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
-            work -= negligible * max(1.0, NOTHING / ROUND_OFF * self.assembly.instant)
+            work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
             converged, sentence = with_work(sentence, work, put_in, self.settings)
         if energy is None:
             return converged, sentence

@@ -88,6 +88,8 @@ class WindowSolver:
             record.corrections = int(image.counts("corrections", 1)[0])
             record.defect = float(image.field("defects", 1)[0])
             record.converged = verdict == WITHIN
+            if begin >= self._settings.max_iterations:
+                break
         return record.converged
 
     def solve(self, stages: Stages, record: WindowRecord, number: int, begin: int = 0) -> Iterate:
@@ -107,25 +109,27 @@ class WindowSolver:
             self._report(number, record, stages)
 
         limit, phase, start = settings.max_iterations, begin, begin
-        while True:
-            stages.accelerate(settings, relaxed=used[-1:] == [RELAXED], again=bool(used))
-            made = stages.iterations((begin, start, phase, limit), look)
-            best, record.converged, start = kept[0], made > 0, abs(made)
-            ended = record.converged or bits & BROKEN
-            fallback = None if ended else self._fallback(stages, used, start >= limit)
-            if fallback is None:
-                break
-            used.append(fallback)
-            stages.leave_newton()
-            record.fallbacks.append(fallback)
-            phase = start
-            if fallback == RELAXED:
-                stages.put(best)
-                stages.field("q")[...] += _RELAXATION * stages.field("r")
-            else:
-                limit = start + _AFTER_POINTS
-                stages.points_one_by_one(best.f_hat[0])
-        stages.accelerate(settings)
+        try:
+            while True:
+                stages.accelerate(settings, relaxed=used[-1:] == [RELAXED], again=bool(used))
+                made = stages.iterations((begin, start, phase, limit), look)
+                best, record.converged, start = kept[0], made > 0, abs(made)
+                ended = record.converged or bits & BROKEN
+                fallback = None if ended else self._fallback(stages, used, start >= limit)
+                if fallback is None:
+                    break
+                used.append(fallback)
+                stages.leave_newton()
+                record.fallbacks.append(fallback)
+                phase = start
+                if fallback == RELAXED:
+                    stages.put(best)
+                    stages.field("q")[...] += _RELAXATION * stages.field("r")
+                else:
+                    limit = start + _AFTER_POINTS
+                    stages.points_one_by_one(best.f_hat[0])
+        finally:
+            stages.accelerate(settings)
         if not record.converged:
             stages.put(best)
         return best

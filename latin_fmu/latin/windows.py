@@ -1,12 +1,11 @@
-"""A run: successive windows over [0, T] by two drivers on the same stages, state between windows, fall-backs.
+"""A run: successive windows over [0, T], state between windows, fall-backs.
 
 A window starts from the state of the substructures, the gaps read from their displacements, and the last interface
 tractions and velocities as first guess. One window over the whole interval is the method as published; windows of one
 instant (the default) need the fewest iterations over all instants.
 
-The compiled driver solves many windows of one instant in one call (``kernels.instants``); the Python driver takes the
-stages one by one, for observers, longer windows, laws written in Python and windows in which the iteration stalls. Both
-run the same functions in the same order on the same numbers.
+Many windows of one instant are solved in one call (``kernels.instants``). The Python driver takes windows one by one:
+longer ones, those that are observed, and those in which the iteration stalls (``solver``). The loop is the same.
 """
 
 from __future__ import annotations

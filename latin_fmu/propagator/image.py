@@ -14,7 +14,7 @@ from ctypes import cast as pointer_to
 from dataclasses import dataclass
 from math import prod
 from typing import Any, cast
-from weakref import ref
+from weakref import proxy, ref
 
 import numpy as np
 import scipy.sparse as sp
@@ -128,7 +128,8 @@ class Image:
             self.begin(n_time, histories)
         self.moving[self._run["carry"]] = 1.0
         if not self.factored:
-            self.call_out_to({FORWARD: self._forward, BACKWARD: self._backward})
+            own = proxy(self)
+            self.call_out_to({FORWARD: lambda c, *_: own._forward(c), BACKWARD: lambda c, r, _: own._backward(c, r)})
         for c, propagator in enumerate(self.propagators):
             propagator.attach(self, c)
 
@@ -278,8 +279,9 @@ class Image:
         """Do an action of ``kernels.entries``; what it returns."""
         self.write()
         result = int(self._entry(action, a, b, c, d))
-        if self._raised is not None:
-            raised, self._raised = self._raised, None
+        if self._callout is not None and self.field("failed", 1)[0] == 1.0:
+            # without an error a signal came before the first line of the function that was called
+            raised, self._raised = self._raised or KeyboardInterrupt(), None
             self.field("failed", 1)[0] = 0.0
             raise raised
         return result
@@ -298,7 +300,9 @@ class Image:
             assert image is not None
             if image._raised is None:
                 try:
-                    image._functions[what](a, b, c)
+                    image.field("failed", 1)[0] = 0.0
+                    with np.errstate(all="ignore"):  # of a thread of its own, maybe
+                        image._functions[what](a, b, c)
                 except BaseException as error:
                     image._raised = error
                     image.field("failed", 1)[0] = 1.0
@@ -329,13 +333,13 @@ class Image:
         self._written = False
 
     # -- factors that the kernels do not hold ---------------------------------------------------------------------
-    def _forward(self, c: int, *_: int) -> None:
+    def _forward(self, c: int) -> None:
         """Half solution of a class from its load."""
         row, factor = self._rows[c], self.propagators[c].operators.factor
         self._half[c], inner = factor.forward(self._of(c, "load", row["n"], row["m"]))
         self._of(c, "inner", row["n_inner"], row["m"])[:] = inner
 
-    def _backward(self, c: int, rested: int, _: int) -> None:
+    def _backward(self, c: int, rested: int) -> None:
         """The other half, with the unknowns at the interfaces; of a class that has ``rested`` there is no first one."""
         row = self._rows[c]
         y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]

@@ -65,8 +65,14 @@ def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> No
     scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
     solution = latin_fmu.solve(scene)
 
-    def failing(lean: latin_fmu.Scene, resolution: Resolution, progress: None = None, processes: None = None) -> Run:
-        del progress
+    def failing(
+        lean: latin_fmu.Scene,
+        resolution: Resolution,
+        progress: None = None,
+        processes: None = None,
+        stream: object = None,
+    ) -> Run:
+        del progress, stream
         if resolution.mesh < 0.4:
             raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")
         run = run_at(lean, resolution, processes=processes)
