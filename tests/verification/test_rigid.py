@@ -169,8 +169,8 @@ def ram(rigid: bool = True, young_modulus: float = 210e9, behaviour: str = "cont
 
 @pytest.mark.parametrize("behaviour", ["contact", "perfect"])
 def test_mass_on_a_long_bar_slows_down_exponentially(behaviour: str) -> None:
-    """F = Z A V exp(-Z A t / m) until waves come back; bonded or in contact alike (Saint-Venant). At the default tolerance
-    single instants are off by 3 to 7 per cent of the force that is left, a tenth of its peak."""
+    """F = Z A V exp(-Z A t / m) until waves come back; bonded or in contact alike (Saint-Venant). At the default
+    tolerance single instants are off by 3 to 7 per cent of the force that is left, a tenth of its peak."""
     outcome = solved({**ram(behaviour=behaviour), "solver": {"tolerance": 1e-4}})
     area, m, z = 4e-4, 7800.0 * 4e-4 * 0.05, 7800.0 * WAVE
     t = outcome.time
