@@ -92,6 +92,30 @@ def test_a_law_in_numpy_gives_the_answer_of_the_compiled_one(behaviour: str, win
         assert np.abs(solution.outcome.energy[term] - values).max() <= 1e-9 * scale, term
 
 
+@pytest.mark.parametrize("error", [ValueError("no traction here"), KeyboardInterrupt()])
+@pytest.mark.parametrize("window", [1, 4])
+def test_an_error_in_a_law_ends_the_run(error: BaseException, window: int, blocks_scene: Any) -> None:
+    """It is called from within the kernels, which end their loops; the caller receives it, and the next run works."""
+    tables = rubbing("contact", blocks_scene)
+    tables["solver"]["window"] = window
+    scene = latin_fmu.scene_from_dict(tables)
+    own = {unit.name: in_numpy(unit.behaviour) for unit in build(scene).assembly.interfaces}
+    law, calls = type(own["rub"]), [0]
+    plain = law.local
+
+    def failing(*arguments: Any) -> Any:
+        calls[0] += 1
+        if calls[0] == 20:
+            raise error
+        return plain(*arguments)
+
+    law.local = staticmethod(failing)
+    with pytest.raises(type(error)):
+        latin_fmu.solve(scene, behaviours=own)
+    assert calls[0] == 20  # nothing was called after it
+    assert latin_fmu.solve(scene, behaviours=own).converged
+
+
 def test_compiled_laws_are_those_of_the_registry() -> None:
     for name in BEHAVIOURS:
         assert law_of(BEHAVIOURS[name]()) >= 0, name
