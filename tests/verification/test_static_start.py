@@ -287,6 +287,8 @@ def test_a_projectile_takes_no_part_until_it_arrives() -> None:
     box = {"origin": [0.0, 0.0, 3 * HEIGHT + 2e-5], "size": [SIDE, SIDE, HEIGHT], "elements": [3, 3, 2]}
     tables["substructure"]["shot"] = {"material": "steel", "box": box, "initial_velocity": [0.0, 0.0, -5.0]}
     tables["interface"]["hit"] = {"sides": ["b2.zmax", "shot.zmin"]}
+    # the forces of a stack at rest beside a body that flies are resolved to their round-off at most
+    tables["solver"] = {"tolerance": 1e-6}
     solution = solved(tables)
     arrival = (2e-5 - solution.substructures["b2"].displacement[0, :, 2].max()) / 5.0
     before = solution.time < 0.95 * arrival
