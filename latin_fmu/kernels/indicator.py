@@ -15,7 +15,7 @@ The indicator alone weights shear and the soft side of a contrast too little. A 
 the force residual and the work of the error are within their limits. The force residual is the norm sqrt(f . C f) of
 the nodal forces f of F - F_hat, with the admittance C of one instant: the velocity error that these forces would cause.
 Normal and tangential parts are each relative to their own largest value so far, in the share of the tractions that
-changes.
+changes, at least to a tenth of the size of the fields.
 
 The work of the error is that of the tractions on the velocities that the laws do not allow. Tractions F_hat act at the
 end of a window of one instant, with which the channels move at W + C (F_hat - F), where the laws say W_hat:
@@ -47,6 +47,8 @@ Array = NDArray[np.float64]
 
 TANGENTIAL_FLOOR = 1e-2
 """Smallest scale of tangential forces over that of normal ones."""
+FLYING_FLOOR = 0.1
+"""Smallest scale of normal forces over the root of the size of the fields (both are roots of a power)."""
 BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.03, 0.5
 """Share of the energy put in that errors may do as work; share of what is left of it for an instant, for a window of
 several."""
@@ -236,6 +238,8 @@ def relative_forces(pools: Any, window: int) -> float:
         error_n = max(error_n, 0.0 if total[1] <= least else np.sqrt(total[1]))
         if parts == 2:
             error_t = max(error_t, 0.0 if total[3] <= least else np.sqrt(total[3]))
+    # what moves at open interfaces counts, too: beside a body in flight a joint at rest is resolved as far as that
+    measure[3] = max(measure[3], FLYING_FLOOR * np.sqrt(measure[2]))
     measure[4] = max(measure[4], TANGENTIAL_FLOOR * measure[3])
     measure[1] = max(error_n / measure[3], error_t / measure[4] if parts == 2 else 0.0)
     power = work[run.totals + 5]

@@ -282,19 +282,20 @@ def test_a_clamped_block_slips_at_the_limit() -> None:
 
 
 # -- parts that move, motions ---------------------------------------------------------------------------------------
-def test_a_projectile_takes_no_part_until_it_arrives() -> None:
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_projectile_takes_no_part_until_it_arrives(tolerance: float) -> None:
+    """A preloaded stack at rest converges beside a body that flies, and stays at rest to a fifth of the tolerance."""
     tables = stack()
     box = {"origin": [0.0, 0.0, 3 * HEIGHT + 2e-5], "size": [SIDE, SIDE, HEIGHT], "elements": [3, 3, 2]}
     tables["substructure"]["shot"] = {"material": "steel", "box": box, "initial_velocity": [0.0, 0.0, -5.0]}
     tables["interface"]["hit"] = {"sides": ["b2.zmax", "shot.zmin"]}
-    # the forces of a stack at rest beside a body that flies are resolved to their round-off at most
-    tables["solver"] = {"tolerance": 1e-6}
+    tables["solver"] = {"tolerance": tolerance}
     solution = solved(tables)
     arrival = (2e-5 - solution.substructures["b2"].displacement[0, :, 2].max()) / 5.0
     before = solution.time < 0.95 * arrival
     assert 5 < before.sum() < 95
     for name in ("b0", "b1", "b2"):
-        assert np.abs(solution.substructures[name].velocity[before]).max() < 1e-6
+        assert np.abs(solution.substructures[name].velocity[before]).max() < 0.2 * 5.0 * tolerance
     assert not solution.interfaces["hit"].traction[before].any()
     assert np.abs(solution.interfaces["hit"].traction[~before]).max() > 1e7
 
