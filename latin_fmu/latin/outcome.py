@@ -331,6 +331,7 @@ class Outcome:
     instants than are in ``interfaces``, for the results file; None where these are all.
     ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
+    ``interrupted`` : by what, a signal or its limit of CPU time; empty where it was not.
     """
 
     time: Array
@@ -349,6 +350,7 @@ class Outcome:
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
     interfaces_every: int = 1
     complete: bool = True
+    interrupted: str = ""
     reactions: dict[str, ReactionHistory] = field(default_factory=dict)
     bolts: dict[str, BoltHistory] = field(default_factory=dict)
     resultants: dict[str, Resultants] = field(default_factory=dict)

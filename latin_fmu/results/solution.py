@@ -87,6 +87,11 @@ class Solution:
         return self.outcome.complete
 
     @property
+    def interrupted(self) -> str:
+        """What stopped the run before its end, a signal or its limit of CPU time; empty where nothing did."""
+        return self.outcome.interrupted
+
+    @property
     def time(self) -> Array:
         """Instants of the run, (n_time,), s."""
         return self.outcome.time

@@ -74,7 +74,8 @@ def _digits(value: float, digits: int) -> str:
 def report(outcome: Outcome) -> dict[str, Any]:
     """Plain data that strict JSON can hold (a number that is not finite becomes None).
 
-    Keys: ``status``, ``converged``, ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
+    Keys: ``status``, ``converged``, ``complete`` (whether the run reached its end), ``interrupted`` (what stopped
+    it before, or empty), ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
     ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``defect`` (likewise, 0 without truncated
     tables of large interfaces), ``cpu_seconds`` by part, ``peak_memory_bytes``,
     ``penetration`` (m), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
@@ -88,6 +89,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
     return {
         "status": outcome.status,
         "converged": bool(outcome.converged),
+        "complete": bool(outcome.complete),
+        "interrupted": outcome.interrupted,
         "iterations": [window.iterations for window in outcome.windows],
         "newton_steps": [window.newton_steps for window in outcome.windows],
         "passes": finite(outcome.passes),
