@@ -20,6 +20,7 @@ from .assembly.ports import port_lines
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
+from .assembly.run_judgement import faults_of, with_faults
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
 from .errors import InputError, Problems, SolverError
@@ -283,6 +284,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, balance = recorder.interfaces(), resultants(problem, march.tractions)
     time = assembly.time[: recorder.n_kept]
+    faults = faults_of(problem, histories, march.account())
     return Outcome(
         time=time,
         interfaces=histories,
@@ -290,7 +292,8 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         windows=march.windows,
         interface_indicator=march.named_indicator(),
         converged=converged,
-        status=sentence + (balance_words(balance) if converged else ""),
+        status=with_faults(sentence + (balance_words(balance) if converged else ""), faults),
+        faults=tuple(faults),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=energy,

@@ -66,9 +66,8 @@ def test_a_limit_that_is_not_reached_changes_nothing() -> None:
     assert np.array_equal(whole.interfaces["joint"].traction, limited.interfaces["joint"].traction)
 
 
-def test_a_limited_run_is_marked_and_goes_on(
-    scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.usefixtures("scene")
+def test_a_limited_run_is_marked_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code, status, attributes; continued to the bits of a run without a limit."""
     plain = ["run", "scene.toml", "--no-estimate", "--quiet", "--set", "time.end=4e-3", "--set", "time.instants=20000"]
     assert main([*plain, "-o", "whole.nc"]) == 0
@@ -111,7 +110,8 @@ def test_the_estimate_takes_what_is_left() -> None:
     assert estimate_error(described, solution).quantities
 
 
-def test_a_set_up_beyond_the_limit_ends_at_the_start(scene: Path) -> None:
+@pytest.mark.usefixtures("scene")
+def test_a_set_up_beyond_the_limit_ends_at_the_start() -> None:
     """Everything that is written or printed of a run holds with a single instant."""
     assert main(["run", "scene.toml", "-o", "out.nc", "--vtk", "vtk", "--max-cpu", "1e-6"]) == 7
     tree = latin_fmu.open_results("out.nc")

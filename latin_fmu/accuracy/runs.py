@@ -77,7 +77,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
         cpu=cpu,
         timings=solution.timings,
         iterations=(float(np.mean(counts)), max(counts)),
-        converged=solution.converged,
+        converged=solution.trustworthy,
         status=solution.status,
         steps=len(solution.time) - 1,
         passes=solution.passes,

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from ..scene.schema import Scene
 
 CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED, LIMITED = 0, 1, 2, 3, 4, 5, 6, 7
-"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``, LIMITED
-with ``--max-cpu``."""
+"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``,
+LIMITED with ``--max-cpu``."""
 
 AddParser = Callable[..., argparse.ArgumentParser]
 """``add_parser`` of the subcommands of a parser."""

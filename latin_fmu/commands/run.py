@@ -155,7 +155,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
     finally:
         if progress is not None:
             progress.close()
-    if not arguments.no_estimate and scene.accuracy.estimate and solution.converged:
+    if not arguments.no_estimate and scene.accuracy.estimate and solution.trustworthy:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
             estimate = estimate_error(scene, solution, processes=processes, report=waiting.update)
         solution = replace(solution, estimate=estimate)
@@ -166,7 +166,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             _show(solution, arguments, written, None)
             if lost:
                 raise UnwrittenError(lost, "cannot write the results")
-    return _code(solution, solution.converged, arguments)
+    return _code(solution, solution.trustworthy, arguments)
 
 
 def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
@@ -216,7 +216,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         raise UnwrittenError(lost, "cannot write the results")
     if arguments.signals.received:
         return int(arguments.signals.exit_code)
-    good = solution.converged and (choice is None or choice.reached)
+    good = solution.trustworthy and (choice is None or choice.reached)
     return _code(solution, good, arguments)
 
 
@@ -337,7 +337,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
 
 def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
-    if arguments.no_estimate or not scene.accuracy.estimate or not solution.converged:
+    if arguments.no_estimate or not scene.accuracy.estimate or not solution.trustworthy:
         return solution
     from ..accuracy.estimate import estimate_error
 
@@ -359,7 +359,7 @@ def _show(solution: Solution, arguments: argparse.Namespace, written: list[str],
         print("\n".join([solution.summary(), "", *written]))
     if not arguments.quiet and arguments.json:
         print("\n".join([solution.status, *written]), file=sys.stderr)
-    elif arguments.quiet and not solution.converged:
+    elif arguments.quiet and not solution.trustworthy:
         print(solution.status, file=sys.stderr)
     elif arguments.quiet and choice is not None and not choice.reached:
         print(choice.sentence, file=sys.stderr)

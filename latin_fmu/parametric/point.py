@@ -159,7 +159,7 @@ class PointSolver:
         fields = guesses if self.plan.guesses else None
         solution = api.solve(scene, kept=self.kept, fields=fields, max_cpu=self.plan.max_cpu)
         guesses.end(solution.passes, solution.converged)
-        state = CONVERGED if solution.converged else NOT_CONVERGED
+        state = CONVERGED if solution.trustworthy else NOT_CONVERGED
         record = {"state": state, "message": solution.status, "guessed": float(guesses.used)}
         record |= quantities_of(scene, solution)
         return record | (histories_of(solution) if self.plan.histories else {})
