@@ -132,3 +132,30 @@ def test_points_of_a_study_are_limited() -> None:
 def test_what_is_no_limit_is_refused(text: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(scene), "--max-cpu", text]) == 2
     assert f"'{text}' is no length of time: a number of seconds > 0" in capsys.readouterr().err
+
+
+# -- instants that do not converge -------------------------------------------------------------------------------------
+def test_fall_backs_that_have_failed_are_not_repeated() -> None:
+    """After two instants in vain: fewer iterations and no fall-back, but for one instant in 32."""
+    failing = latin_fmu.solve(latin_fmu.scene_from_dict(thrown(100, **NEVER)))
+    windows = failing.windows
+    at = {i for i, w in enumerate(windows) if i > 1 and not any(v.converged for v in windows[i - 2 : i])}
+    repeated = {i for i in at if windows[i].fallbacks}
+    assert len(at) > 80
+    assert all(windows[i].first_instant % 32 == 0 for i in repeated)
+    assert 0 < len(repeated) <= 3
+    assert max(windows[i].iterations for i in at - repeated) <= 24
+    assert windows[1].fallbacks
+
+
+def test_an_instant_that_does_not_converge_costs_at_most_fifty_that_do() -> None:
+    failing, converging = (latin_fmu.solve(latin_fmu.scene_from_dict(thrown(100, **s))) for s in (NEVER, {}))
+    assert converging.converged
+    assert failing.timings.march <= 50.0 * converging.timings.march
+
+
+def test_fall_backs_that_help_are_taken_at_every_instant() -> None:
+    """Few iterations, so that nearly every instant needs one: the status is that of a run that converged."""
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(thrown(100, tolerance=1e-14, max_iterations=12, newton=False)))
+    assert solution.converged
+    assert sum(bool(w.fallbacks) for w in solution.windows) > 30

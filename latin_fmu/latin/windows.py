@@ -34,6 +34,9 @@ _MOST_REFUSALS = 3  # instants that need a fall-back, after which all others tak
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.5
+# After so many windows in a row that no fall-back has brought to converge, an instant takes so many iterations at most
+# and no fall-back, but for one in so many: an instant that does not converge costs at most fifty that do, in the mean.
+_FAILURES, _AGAIN, _ONCE_IN = 2, 24, 32
 INTERRUPTED = "interrupted"
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
 _SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
@@ -160,26 +163,33 @@ class Run(RunState):
         count, number = -(-total // length), len(self.windows)
         compiled = length == 1 and self._observer is None and self._bonds is None
         while number < count and not self.stopped and not self._looked():
-            done = self._march(count - number) if compiled else 0
+            refusals, self._refused = self.refusals, self._keeps_failing()
+            done = self._march(count - number) if compiled and not self._refused else 0
             number += done
             if done and self._progress is not None:
                 last = self.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
             if number < count and (not compiled or self._refused):
-                self._advance_or_return(min(length, total - number * length), number, count, compiled)
+                self._advance_or_return(min(length, total - number * length), number, count, refusals)
                 number += 1
         self._looked()
 
-    def _advance_or_return(self, n: int, number: int, count: int, compiled: bool) -> None:
-        """``advance``, or the state before where the run is stopped inside; ``compiled``: where the compiled driver has
+    def _advance_or_return(self, n: int, number: int, count: int, refusals: int) -> None:
+        """``advance``, or the state before where the run is stopped inside; ``refusals``: before the compiled driver
         refused the window."""
-        begun, kept, refusals = self.assembly.instant, self.image.state.copy(), self.refusals
+        begun, kept = self.assembly.instant, self.image.state.copy()
         try:
             self.advance(n, number, count)
         except _StopError:
             self.image.state[:] = kept
             self._set_instant(begun)
-            self.refusals = refusals - compiled  # a run that is continued begins with the compiled driver
+            self.refusals = refusals  # a run that is continued begins with the compiled driver
+
+    def _keeps_failing(self) -> bool:
+        """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
+        some instants."""
+        enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
+        return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
 
     def _looked(self) -> bool:
         """Whether the run has to stop here."""
@@ -294,7 +304,11 @@ class Run(RunState):
             if self._progress is not None:
                 self._progress(number, count, iteration, error)
 
-        solver = WindowSolver(self.settings, self._observer, report, self._trial)
+        again = n == 1 and self._keeps_failing()
+        most = min(self.settings.max_iterations, _AGAIN if again else self.settings.max_iterations)
+        solver = WindowSolver(
+            replace(self.settings, max_iterations=most), self._observer, report, self._trial, fallbacks=not again
+        )
         self._begin_window(stages, guess)
         if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
             self.refusals, record = self.refusals + 1, WindowRecord(first, first)
