@@ -20,6 +20,7 @@ from .assembly.ports import port_lines
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.run_checks import balance_words, resultants, run_remarks
+from .assembly.run_judgement import faults_of, with_faults
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
 from .errors import InputError, Problems, SolverError
@@ -137,6 +138,7 @@ def solve(
     kept: KeptOperators | None = None,
     fields: WindowFields | None = None,
     processes: Processes | None = None,
+    max_cpu: float | None = None,
 ) -> Solution:
     """Solve a scene.
 
@@ -155,6 +157,9 @@ def solve(
     fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
     processes : over which the substructures are distributed; all of them call this function with the same scene, and
         have the whole solution at its end.
+    max_cpu : CPU time that the run may take, its set-up included, s. A run that reaches it stops before its next
+        instant, not converged: ``Solution.interrupted`` says so, the results until then are kept, and a ``checkpoint``
+        is written, from which it can be continued.
 
     Raises
     ------
@@ -165,8 +170,9 @@ def solve(
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
-        raise ValueError("observers, laws in Python, checkpoints, streams and given first guesses take one process")
+    if processes is not None and (observer, behaviours, checkpoint, stream, fields, max_cpu) != (None,) * 6:
+        what = "observers, laws in Python, checkpoints, streams, given first guesses and limits of CPU time"
+        raise ValueError(f"{what} take one process")
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept)
         prediction = Prediction(discretised)
@@ -180,7 +186,7 @@ def solve(
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields, processes)
+    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields, processes, max_cpu)
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -229,11 +235,12 @@ def run(
     stream: Path | None = None,
     fields: WindowFields | None = None,
     processes: Processes | None = None,
+    max_cpu: float | None = None,
 ) -> Outcome:
     """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
 
-    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream``, ``fields``, ``processes`` : as for
-    ``solve``.
+    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream``, ``fields``, ``processes``,
+    ``max_cpu`` : as for ``solve``.
     """
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
@@ -257,6 +264,7 @@ def run(
             checkpoint,
             fields,
             part=part,
+            max_cpu=max_cpu,
         )
         ready = clock.process_time()
         timings.setup += ready - begin  # search directions, tables of interfaces
@@ -276,6 +284,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, balance = recorder.interfaces(), resultants(problem, march.tractions)
     time = assembly.time[: recorder.n_kept]
+    faults = faults_of(problem, histories, march.account())
     return Outcome(
         time=time,
         interfaces=histories,
@@ -283,7 +292,8 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         windows=march.windows,
         interface_indicator=march.named_indicator(),
         converged=converged,
-        status=sentence + (balance_words(balance) if converged else ""),
+        status=with_faults(sentence + (balance_words(balance) if converged else ""), faults),
+        faults=tuple(faults),
         passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
         marched=march.marched / (assembly.n_substructure * assembly.n_instant),
         energy=energy,
@@ -301,6 +311,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         interfaces_every=recorder.rows.every,
         stream=recorder.stream,
         complete=assembly.instant == assembly.n_instant,
+        interrupted=march.interrupted,
         resultants=balance,
     )
 

@@ -63,9 +63,10 @@ examples:
   latin-fmu modes scene.toml --joints open
   latin-fmu reference
 
-exit codes: 0 converged, 1 not converged (results are written and marked), 2 bad input,
+exit codes: 0 converged, 1 not converged or not trustworthy (results are marked), 2 bad input,
             3 the solver cannot continue, 4 an output could not be written where wanted (stderr has its place),
             5 the memory does not suffice, 6 there are warnings (run, check and explain with --strict),
+            7 stopped by --max-cpu (results so far are written and marked),
             128 + the number of a signal that ended it (130 interrupted, 143 terminated)
 """
 _LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` prints the memory that a scene needs"

@@ -51,6 +51,7 @@ _LEAST_REFINEMENT = 1.4
 _ROUNDS = 16
 _FINEST = 8.0  # refinement beyond which no next factor is searched
 _LEAST_GAIN = 1.15  # of a refinement by 2; a smaller one counts as no convergence
+_ALL_RUNS = 5.0  # CPU time of all runs, over the limit of one, after which no further refinement begins
 _MEMORY_SHARE = 0.8  # of the machine
 
 
@@ -61,11 +62,13 @@ class RefinementSequence:
     Attributes
     ----------
     scene : in short windows, with the tolerance to use. log : called with a line of text after each run.
-    seconds : CPU seconds of all runs. solution : of the last run ``with_output``.
+    limit : CPU seconds of one run, at which it is stopped. seconds : those of all runs so far.
+    solution : of the last run ``with_output``.
     """
 
     scene: Scene
     log: Log
+    limit: float | None = None
     seconds: float = 0.0
     solution: Solution | None = None
     _runs: dict[Resolution, Run] = field(default_factory=dict)
@@ -139,7 +142,7 @@ class RefinementSequence:
 
     def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
         start = clock.process_time()
-        solution = api.solve(scene)
+        solution = api.solve(scene, max_cpu=self.limit)
         run = as_run(self.scene, solution, resolution, clock.process_time() - start)
         self.seconds += run.cpu
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
@@ -256,7 +259,8 @@ def choose(scene: Scene, target: float, limit: float, log: Callable[[str], None]
 
     Parameters
     ----------
-    limit : CPU seconds of one run. log : called with lines of text about runs, predicted and used time.
+    limit : CPU seconds of one run; no further refinement begins once all together have used five times that.
+    log : called with lines of text about runs, predicted and used time.
 
     Raises
     ------
@@ -266,7 +270,7 @@ def choose(scene: Scene, target: float, limit: float, log: Callable[[str], None]
     tolerance = min(max(tolerance_for(target, iteration), _TIGHTEST), _LOOSEST)
     lean = in_short_windows(scene)
     lean = lean.model_copy(update={"solver": with_tolerance(lean, tolerance)})
-    return _Search(scene, RefinementSequence(lean, log), target, limit, log).run()
+    return _Search(scene, RefinementSequence(lean, log, limit), target, limit, log).run()
 
 
 class _Search:
@@ -357,6 +361,9 @@ class _Search:
         seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
         if seconds > self.limit:
             return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
+        if self.sequence.seconds > _ALL_RUNS * self.limit:
+            used = f"the runs have used {self.sequence.seconds:.0f} CPU s"
+            return f"{used}, more than {_ALL_RUNS:g} times the limit of {self.limit:g} s of one run"
         memory = memory_at(self.scene, at)
         if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
             return f"the next run would need about {memory / 1e9:.0f} GB of memory"

@@ -339,6 +339,7 @@ def estimate_error(
     processes: Processes | None = None,
     report: Callable[[float], None] | None = None,
     stream: Path | None = None,
+    max_cpu: float | None = None,
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
@@ -349,7 +350,7 @@ def estimate_error(
     ----------
     log : called with a line of text before each coarser run. processes : as for ``api.solve``; all of them call this.
     report : called with the share of the work that is done. stream : as for ``api.solve``, of the coarser runs: a run
-        whose histories do not fit in memory has coarser ones that do not either.
+        whose histories do not fit in memory has coarser ones that do not either. max_cpu : of all of them together, s.
     """
     start = clock.process_time()
     plan = coarser_runs_of(scene)
@@ -363,8 +364,9 @@ def estimate_error(
         text = f"mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if log is not None:
             log(f"error estimate: {text}")
+        left = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
         try:
-            run = run_at(lean, resolution, progress=shares.of(resolution), processes=processes, stream=stream)
+            run = run_at(lean, resolution, shares.of(resolution), processes, stream, left)
             shares.update(1, 1, run.iterations[1], 0.0)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")
@@ -374,7 +376,7 @@ def estimate_error(
             if resolution == plan.half:
                 spectra = spectrum_errors(solution, run)
         else:
-            remarks.append(f"a coarser run ({text}) did not converge")
+            remarks.append(f"a coarser run ({text}) did not converge: {run.status}")
     fine = measure_solution(scene, solution)
     if not fine.values:
         remarks.append("no quantity to estimate: no interface and no sensor")

@@ -108,7 +108,7 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     if (closing := _closing(time, history, force.raw_peak())) is not None:
         entries[FIRST_CONTACT.key] = (closing, max(closing, 1e-2 * end))
     if history.friction_power is not None and history.has_friction:
-        work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:]) * float(time[1] - time[0])])
+        work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:] * np.diff(time))])
         last = float(_until(time, work, end).value[-1])
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[FRICTION_WORK.key] = (last, max(last, least))

@@ -51,15 +51,17 @@ def run_at(
     progress: api.ProgressSink | None = None,
     processes: Processes | None = None,
     stream: Path | None = None,
+    max_cpu: float | None = None,
 ) -> Run:
-    """Solve the scene at a resolution; ``progress``, ``processes`` and ``stream`` as for ``api.solve``.
+    """Solve the scene at a resolution; ``progress``, ``processes``, ``stream``, ``max_cpu`` as for ``api.solve``.
 
     Raises
     ------
     SceneError : the scene cannot be built at this resolution.
     """
     start = clock.process_time()
-    solution = api.solve(at_resolution(scene, resolution), progress=progress, processes=processes, stream=stream)
+    coarse = at_resolution(scene, resolution)
+    solution = api.solve(coarse, progress=progress, processes=processes, stream=stream, max_cpu=max_cpu)
     run = as_run(scene, solution, resolution, clock.process_time() - start)
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
@@ -75,7 +77,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
         cpu=cpu,
         timings=solution.timings,
         iterations=(float(np.mean(counts)), max(counts)),
-        converged=solution.converged,
+        converged=solution.trustworthy,
         status=solution.status,
         steps=len(solution.time) - 1,
         passes=solution.passes,

@@ -176,7 +176,7 @@ class StudyRuns:
             return None, variant.refusal
         start = clock.process_time()
         try:
-            solution = api.solve(at_resolution(variant.scene, resolution))
+            solution = api.solve(at_resolution(variant.scene, resolution), max_cpu=self.budget)
         except LatinError as error:
             failure = message_of(error)
             self.log(f"refused  {label}: {failure}")

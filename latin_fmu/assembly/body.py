@@ -295,6 +295,16 @@ def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
     return stiffness
 
 
+def flexibility(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Layout) -> dict[str, float]:
+    """Elastic approach of the bodies of each interface under a mean pressure, L/E of both sides, m Pa-1; rigid bodies
+    and the ground have none."""
+    stiffness, made = side_stiffness(bodies, units, layout), {unit.name: 0.0 for unit in units}
+    for i, side, name in body_sides(units):
+        if not bodies[name].rigid:
+            made[units[i].name] += 1.0 / float(stiffness[layout.channels(i, side)[0, 0]])
+    return made
+
+
 def _length(body: Body, unit: InterfaceUnit) -> float:
     """Size of a body behind an interface, m: along the normal; where the face is wider, the geometric mean with its
     width, for the bending and the shear lag of thin bodies."""

@@ -32,6 +32,8 @@ from ..scene.substructures import Bolt, Material
 from ..scene.units import UnitSystem
 from .body import Body, Shape
 
+_CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
+
 
 @dataclass(frozen=True)
 class BoltCut:
@@ -87,6 +89,12 @@ class BoltCut:
             f"shortened by {shortening:.4g} {units['m']}, order {self.table.order}"
         )
 
+    def clamp(self, nodes: Array, shortening: float) -> Clamp:
+        """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""
+        along = nodes @ self.axis
+        ends = float(along.min()), float(along.max())
+        return Clamp(self.name, self.axis, self.point, float(np.sqrt(self.area / np.pi)), ends, shortening)
+
     @property
     def motion(self) -> Array:
         """Motion (3 n_node,) of the part beyond the cut by 1 along the axis, the rest of the body at rest."""
@@ -106,6 +114,34 @@ class BoltCut:
     def shortening(self, force: float, displacement: Array) -> float:
         """delta, m, under a tension, N."""
         return float((force + self.pattern @ displacement) / self.stiffness)
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Where a bolt clamps: within ``_CONE`` times the radius of its section around the axis, along its body and as
+    far beyond.
+
+    Attributes
+    ----------
+    bolt : its name. axis : (3,) unit vector. point : (3,) on it, m. radius : of the section, m.
+    ends : first and last coordinate of its body along the axis, m. shortening : m.
+    """
+
+    bolt: str
+    axis: Array
+    point: Array
+    radius: float
+    ends: tuple[float, float]
+    shortening: float
+
+    def holds(self, points: Array) -> np.ndarray:
+        """Whether the bolt clamps points (n, 3), (n,)."""
+        arm = points - self.point
+        arm = arm - np.outer(arm @ self.axis, self.axis)
+        along = points @ self.axis
+        reach = _CONE * self.radius
+        near: np.ndarray = np.linalg.norm(arm, axis=1) <= reach
+        return near & (along >= self.ends[0] - reach) & (along <= self.ends[1] + reach)
 
 
 def load_name(bolt: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,8 +27,8 @@ from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Anderson, Uniform
 from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme
-from .body import Body, side_impedance, side_stiffness
-from .bolts import BoltCut, OpenedMesh, OpenedStress, load_name
+from .body import Body, flexibility, side_impedance, side_stiffness
+from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
@@ -128,6 +128,10 @@ class SolverReadyProblem:
     scheme: str = ""
     """Time scheme, and why it was chosen."""
     unit_system: UnitSystem = SI
+    clamps: Sequence[Clamp] = ()
+    """Where the bolts clamp."""
+    flexibility: Mapping[str, float] = field(default_factory=dict)
+    """Elastic approach of both bodies under a mean pressure, by interface, m Pa-1."""
 
     @property
     def choices(self) -> dict[str, str]:
@@ -292,6 +296,11 @@ class DiscretisedProblem:
             self.recovered_of(bolts.shortening),
             self.scheme_in_words,
             scene.unit_system,
+            [
+                cut.clamp(self.bodies[cut.table.substructure].mesh.nodes, bolts.shortening.get(n, 0.0))
+                for n, cut in self.cuts.items()
+            ],
+            flexibility(self.bodies, units, layout),
         )
 
     def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:

@@ -23,16 +23,20 @@ from ..interface.laws import SEPARATION, bonds
 from ..latin.assembly import Array, Assembly
 from ..latin.outcome import InterfaceHistory, Resultants
 from ..latin.recorder import SubstructureInfo
+from ..propagator import SubstructureModel
 from ..remarks import Remark, remarks_of
 from ..results.quantities_of_interest import slip_in_contact
 from ..scene.units import SI, UnitSystem
 from .problem import SolverReadyProblem
 
 LARGEST_ROTATION = 2.0  # degrees
+LARGEST_TURN = 10.0
+"""Rotation of a body, degrees, beyond which a run is not trustworthy."""
 LARGEST_STRAIN = 0.05
 _EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
+_CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the elements, left where they cancel
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
 
 
@@ -65,8 +69,8 @@ def small_motion_remarks(
                 f"{edge:.3g} {length}; pairs of points are fixed, so that the pressure does not move with the sliding "
                 "face"
             )
-    for name, degrees in _rotations(problem).items():
-        if degrees > LARGEST_ROTATION:
+    for name, degrees in rotations(problem).items():
+        if LARGEST_ROTATION < degrees <= LARGEST_TURN:  # beyond, the run is not trustworthy (``run_judgement``)
             remarks.append(
                 f"substructure {name} has turned by {degrees:.3g} degrees at the end: strains and contact normals are "
                 f"those of small rotations, valid up to about {LARGEST_ROTATION:g} degrees"
@@ -139,13 +143,15 @@ def _edge(history: InterfaceHistory) -> float:
     return float(np.median(distances[:, 1]))
 
 
-def _rotations(problem: SolverReadyProblem) -> dict[str, float]:
+def rotations(problem: SolverReadyProblem) -> dict[str, float]:
     """Rotation of every body as a whole in the present state, degrees: the closest one to its displacements."""
     degrees = {}
     for propagator in problem.assembly.propagators:
         for j, name in enumerate(propagator.names):
             u = propagator.full_displacement(j)
-            if u.any():
+            if not np.isfinite(u).all():
+                degrees[name] = np.inf
+            elif u.any():
                 degrees[name] = float(np.degrees(np.linalg.norm(_spin(problem.info[name].nodes, u))))
     return degrees
 
@@ -234,8 +240,14 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
             tension = tensions.get(member.name, 0.0)
             reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
             wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
-            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension)
+            loose = _round_off(member, propagator.full_displacement(j))
+            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose)
     return made
+
+
+def _round_off(member: SubstructureModel, u: Array) -> float:
+    """Force, N, that the products of a stiffness matrix with displacements (n, 3) may leave where they cancel."""
+    return float(_CANCELLED * (abs(member.stiffness) @ np.abs(u.ravel())).sum())
 
 
 def _wrench(nodes: Array, forces: Array) -> Array:
@@ -246,6 +258,8 @@ def _wrench(nodes: Array, forces: Array) -> Array:
 
 def balance_words(made: Mapping[str, Resultants]) -> str:
     """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
+    if made and all(r.vanishes for r in made.values()):
+        return "; no force on any body beyond round-off"
     largest = max((r.largest for r in made.values()), default=0.0)
     off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in made.values()), default=0.0)
     return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
@@ -258,5 +272,5 @@ def balance_remarks(made: Mapping[str, Resultants], tolerance: float, units: Uni
         f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
         f"({off:.3g} {units['N']}): lower solver.tolerance"
         for name, r in made.items()
-        if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest
+        if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest + r.round_off
     ]

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from ..latin.processes import Processes
     from ..scene.schema import Scene
 
-CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED = 0, 1, 2, 3, 4, 5, 6
-"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``."""
+CONVERGED, NOT_CONVERGED, BAD_INPUT, SOLVER_FAILED, NOT_WRITTEN, NO_MEMORY, REMARKED, LIMITED = 0, 1, 2, 3, 4, 5, 6, 7
+"""Exit codes; CONVERGED also means "done" for a subcommand that solves nothing, REMARKED comes with ``--strict``,
+LIMITED with ``--max-cpu``."""
 
 AddParser = Callable[..., argparse.ArgumentParser]
 """``add_parser`` of the subcommands of a parser."""
@@ -167,6 +168,27 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
     """Declare the option ``--strict``."""
     text = f"exit code {REMARKED} where there are warnings; everything else is as without it"
     parser.add_argument("--strict", action="store_true", help=text)
+
+
+def add_max_cpu(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declare ``--max-cpu`` with its help ``text``."""
+    parser.add_argument("--max-cpu", metavar="SECONDS", type=_seconds, help=text)
+
+
+def _seconds(text: str) -> float:
+    """A length of time, s.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError : it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no length of time: a number of seconds > 0")
+    return value
 
 
 def add_settings(parser: argparse.ArgumentParser, text: str) -> None:

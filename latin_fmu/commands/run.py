@@ -18,10 +18,12 @@ from typing import TYPE_CHECKING, Any, Final
 from ..errors import InputError, Problem, SolverError
 from . import (
     CONVERGED,
+    LIMITED,
     NOT_CONVERGED,
     REMARKED,
     AddParser,
     Signals,
+    add_max_cpu,
     add_scene,
     add_strict,
     check_netcdf,
@@ -50,6 +52,7 @@ examples:
 
 Named items are addressed by name: --set load.press.pressure=100e6
 """
+_SEARCH: Final = 600.0  # CPU seconds of a run of a search for an accuracy
 _UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
 
 
@@ -88,12 +91,11 @@ def register(add: AddParser) -> None:
         help="target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
         "accuracy.quantity, impulse by default)",
     )
-    parser.add_argument(
-        "--max-cpu",
-        metavar="SECONDS",
-        type=float,
-        default=600.0,
-        help="with --accuracy: CPU seconds one run may take (default 600)",
+    add_max_cpu(
+        parser,
+        f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
+        f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
+        f"--accuracy: of each run of the search, {_SEARCH:g} by default; all together use ten times that at most",
     )
 
 
@@ -135,6 +137,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
         scene = read_scene(arguments)
         target = arguments.output or Path(f"{scene.name}.nc")
         refused = {"--checkpoint": arguments.checkpoint, "--resume": arguments.resume or None}
+        refused |= {"--max-cpu": arguments.max_cpu}
         refused["--accuracy"] = _target(scene, arguments)
         if given := [name for name, value in refused.items() if value is not None]:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
@@ -152,7 +155,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
     finally:
         if progress is not None:
             progress.close()
-    if not arguments.no_estimate and scene.accuracy.estimate and solution.converged:
+    if not arguments.no_estimate and scene.accuracy.estimate and solution.trustworthy:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
             estimate = estimate_error(scene, solution, processes=processes, report=waiting.update)
         solution = replace(solution, estimate=estimate)
@@ -163,11 +166,13 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             _show(solution, arguments, written, None)
             if lost:
                 raise UnwrittenError(lost, "cannot write the results")
-    return _code(solution, solution.converged, arguments)
+    return _code(solution, solution.trustworthy, arguments)
 
 
 def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
     """Exit code of a run that has been written."""
+    if solution.interrupted:
+        return LIMITED
     return NOT_CONVERGED if not good else REMARKED if arguments.strict and solution.warnings else CONVERGED
 
 
@@ -211,7 +216,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         raise UnwrittenError(lost, "cannot write the results")
     if arguments.signals.received:
         return int(arguments.signals.exit_code)
-    good = solution.converged and (choice is None or choice.reached)
+    good = solution.trustworthy and (choice is None or choice.reached)
     return _code(solution, good, arguments)
 
 
@@ -290,7 +295,7 @@ def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choic
         if not arguments.quiet:
             print(text, file=sys.stderr, flush=True)
 
-    return choose(scene, wanted, arguments.max_cpu, log)
+    return choose(scene, wanted, arguments.max_cpu or _SEARCH, log)
 
 
 def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Checkpoint:
@@ -323,7 +328,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
     progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
         folder = Path(os.path.realpath(checkpoint.path)).parent
-        return api.solve(scene, progress=progress, checkpoint=checkpoint, stream=folder)
+        return api.solve(scene, progress=progress, checkpoint=checkpoint, stream=folder, max_cpu=arguments.max_cpu)
     finally:
         arguments.signals.noted = False
         if progress is not None:
@@ -332,14 +337,16 @@ def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) 
 
 def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
-    if arguments.no_estimate or not scene.accuracy.estimate or not solution.converged:
+    if arguments.no_estimate or not scene.accuracy.estimate or not solution.trustworthy:
         return solution
     from ..accuracy.estimate import estimate_error
 
     folder = Path(os.path.realpath(arguments.output or f"{scene.name}.nc")).parent
+    left = None if arguments.max_cpu is None else max(arguments.max_cpu - solution.timings.total, 0.0)
     try:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            return replace(solution, estimate=estimate_error(scene, solution, report=waiting.update, stream=folder))
+            estimate = estimate_error(scene, solution, report=waiting.update, stream=folder, max_cpu=left)
+            return replace(solution, estimate=estimate)
     except KeyboardInterrupt:  # the results are written without it
         return solution
 
@@ -352,7 +359,7 @@ def _show(solution: Solution, arguments: argparse.Namespace, written: list[str],
         print("\n".join([solution.summary(), "", *written]))
     if not arguments.quiet and arguments.json:
         print("\n".join([solution.status, *written]), file=sys.stderr)
-    elif arguments.quiet and not solution.converged:
+    elif arguments.quiet and not solution.trustworthy:
         print(solution.status, file=sys.stderr)
     elif arguments.quiet and choice is not None and not choice.reached:
         print(choice.sentence, file=sys.stderr)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED, NOT_CONVERGED, AddParser, add_scene, add_settings, declare, output_file
+from . import CONVERGED, NOT_CONVERGED, AddParser, add_max_cpu, add_scene, add_settings, declare, output_file
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def _register_cost(add: AddParser) -> None:
         metavar="SECONDS",
         type=float,
         default=None,
-        help=f"CPU seconds per scene, about (default {_BUDGET:g}, {_QUICK:g} with --quick)",
+        help=f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)",
     )
     parser.add_argument("--quick", action="store_true", help="a small budget")
     parser.add_argument("--json", action="store_true", help="print JSON (a list), and nothing else, on stdout")
@@ -124,6 +124,7 @@ def _register_sweep(add: AddParser) -> None:
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="solve on the workers of this dask scheduler (needs latin-fmu[cluster])"
     )
+    add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
     parser.add_argument("--histories", action="store_true", help="keep the forces of the interfaces over time")
     parser.add_argument(
         "--cold", action="store_true", help="no first guesses from neighbouring points (windows of several instants)"
@@ -231,6 +232,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
             histories=arguments.histories,
             guesses=not arguments.cold,
             log=None if arguments.quiet else _log,
+            max_cpu=arguments.max_cpu,
         )
     except KeyboardInterrupt:
         _log(f"the points done so far are in {output}.points: the same command continues")

@@ -13,7 +13,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..interface.laws import SEPARATION
+
 Array = NDArray[np.float64]
+
+SETTLED = 10
+"""Instants after which the gap of a point that has closed under way has settled."""
+_CLOSED = 1e-2  # of what a point has sunk: a gap before the first pressure up to which it counts as closed
 
 
 class PointFields(NamedTuple):
@@ -120,11 +126,41 @@ class InterfaceHistory:
         moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
         return np.concatenate([np.zeros((1, *jump.shape[1:])), moved])
 
+    @property
+    def _penetrable(self) -> bool:
+        """Whether a penetration is an error: not where the sides cannot open, nor in an elastic layer."""
+        return self.gap is not None and bool(self.gap.size) and self.layer_energy is None
+
     def penetration(self) -> float:
         """Largest penetration, m (0 where the interface cannot open, or is an elastic layer)."""
-        if self.gap is None or not self.gap.size or self.layer_energy is not None:
+        if self.gap is None or not self._penetrable:
             return 0.0
         return float(max(0.0, -self.gap.min()))
+
+    def sunk(self) -> Array:
+        """How far the sides have approached at points that never opened, (n_point,), m: the largest decrease of the gap
+        since the start, or since ``SETTLED`` instants after the first pressure; 0 at points that opened or never
+        touched.
+
+        The laws keep a closed gap as it is: what it decreases by is the error of the run, where a landing leaves a
+        penetration, within some steps.
+        """
+        if self.gap is None or self.contact_status is None or not self._penetrable:
+            return np.zeros(len(self.points))
+        touches = self.contact_status != SEPARATION
+        first, instants = np.argmax(touches, axis=0), np.arange(len(touches))[:, None]
+        stayed = touches.any(axis=0) & (touches | (instants < first)).all(axis=0)
+        settled = np.where(first == 0, 0, np.minimum(first + SETTLED, len(touches) - 1))
+        at_first = np.take_along_axis(self.gap, settled[None], axis=0)[0]
+        depth: Array = at_first - np.where(instants >= settled, self.gap, np.inf).min(axis=0, initial=np.inf)
+        before = np.where(instants < first, self.gap, -np.inf).max(axis=0, initial=-np.inf)
+        return np.where(stayed & (before <= _CLOSED * depth), depth.clip(min=0.0), 0.0)
+
+    def landed(self) -> float:
+        """Largest penetration of a landing, m: without what points that never opened have sunk."""
+        if self.gap is None or not self._penetrable:
+            return 0.0
+        return float(max(0.0, (-self.gap.min(axis=0) - self.sunk()).max(initial=0.0)))
 
 
 @dataclass(frozen=True)
@@ -296,13 +332,20 @@ class HistoryBlocks(Protocol):
 class Resultants:
     """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
     stresses that balance a preload), interfaces and supports, and what is left on directions that are free; ``bolt``:
-    largest tension of its bolts, N."""
+    largest tension of its bolts, N; ``round_off``: force that the products of its stiffness with its displacements may
+    leave where they cancel, N."""
 
     loads: Array
     interfaces: Array
     reactions: Array
     unbalanced: Array
     bolt: float = 0.0
+    round_off: float = 0.0
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether no force is beyond round-off."""
+        return self.largest <= self.round_off
 
     @property
     def parts(self) -> Array:
@@ -331,6 +374,8 @@ class Outcome:
     instants than are in ``interfaces``, for the results file; None where these are all.
     ``resultants`` : of every elastic body at the end of a run without inertia, by substructure.
     ``complete`` : whether the run reached the end of its interval; it does not where it stopped or was interrupted.
+    ``interrupted`` : by what, a signal or its limit of CPU time; empty where it was not. ``faults`` : why its end
+    is not trustworthy (``assembly.run_judgement``), none where it is.
     """
 
     time: Array
@@ -349,10 +394,17 @@ class Outcome:
     sensors: dict[str, SensorHistory] = field(default_factory=dict)
     interfaces_every: int = 1
     complete: bool = True
+    interrupted: str = ""
+    faults: tuple[str, ...] = ()
     reactions: dict[str, ReactionHistory] = field(default_factory=dict)
     bolts: dict[str, BoltHistory] = field(default_factory=dict)
     resultants: dict[str, Resultants] = field(default_factory=dict)
     stream: HistoryBlocks | None = None
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the run has converged and nothing at its end speaks against it."""
+        return self.converged and not self.faults
 
     @property
     def interface_time(self) -> Array:
@@ -367,3 +419,11 @@ class Outcome:
     def penetration(self) -> float:
         """Largest penetration over all interfaces, m."""
         return max((h.penetration() for h in self.interfaces.values()), default=0.0)
+
+    def landed(self) -> float:
+        """Largest penetration of a landing, m."""
+        return max((h.landed() for h in self.interfaces.values()), default=0.0)
+
+    def sunk(self) -> float:
+        """Largest approach of points that stayed closed, m."""
+        return max((float(h.sunk().max(initial=0.0)) for h in self.interfaces.values()), default=0.0)

@@ -13,7 +13,18 @@ import numpy as np
 from ..cholesky.substitution import LANES
 from ..compiled import PLAIN
 from ..kernels import entries
-from ..kernels.energy_parts import INSTANTS, LARGEST, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
+from ..kernels.energy_parts import (
+    INSTANTS,
+    LARGEST,
+    N_TERM,
+    N_WORK,
+    OF_DRIFT,
+    OF_GROUND,
+    PUT_IN,
+    STORED,
+    TERMS,
+    WORK_OF_LOADS,
+)
 from ..kernels.indicator import NOTHING
 from ..kernels.team import DISMISSED
 from ..propagator.image import Image
@@ -30,7 +41,7 @@ from .run_image import LawsInPython, Stages, all_in_kernels, histories, law_of, 
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
-from .status import ROUND_OFF, WindowList, round_off, status, with_energy, with_work
+from .status import ROUND_OFF, Account, WindowList, round_off, status, with_energy, with_work
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
@@ -230,6 +241,20 @@ class RunState:
             terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
             own += float(terms[WORK_OF_LOADS].sum())
         return max(self._over_processes(own), float(works[PUT_IN]))
+
+    def account(self) -> Account | None:
+        """The account of energies since the start, which sums up to round-off; None where it is not kept, or is
+        distributed over processes."""
+        if self.part is not None or not all(p.energy for p in self.held.propagators):
+            return None
+        works, total = self.image.field("works", N_WORK), np.zeros(N_TERM)
+        for c, propagator in enumerate(self.held.propagators):
+            total += self.image.class_field(c, "totals", N_TERM, len(propagator.members)).sum(axis=1)
+        terms = dict(zip(TERMS, total.tolist(), strict=True))
+        put_in = terms.pop("work_of_loads") + terms.pop("interface_work")
+        open_by = sum(terms.values()) - float(works[STORED]) - put_in
+        largest = max(float(np.abs(total).max(initial=0.0)), float(works[STORED]))
+        return Account(open_by, largest, round_off(self.assembly) * max(1.0, float(works[INSTANTS])))
 
     def _over_processes(self, value: float) -> float:
         """Sum over the processes of the run."""

@@ -64,6 +64,7 @@ class WindowSolver:
     ----------
     observer : called after each iteration. progress : called with iteration and indicator after each iteration.
     trial : marches the linear stage of the last iterate and restores the state after it (``Run._trial``).
+    fallbacks : whether they are tried.
     """
 
     def __init__(
@@ -72,7 +73,9 @@ class WindowSolver:
         observer: Observer | None = None,
         progress: Callable[[int, float], None] | None = None,
         trial: Callable[[Stages, Callable[[int], None]], None] | None = None,
+        fallbacks: bool = True,
     ) -> None:
+        self._fallbacks = fallbacks
         self._settings, self._observer, self._progress, self._trial = settings, observer, progress, trial
 
     def solve_by_tables(self, stages: Stages, record: WindowRecord, number: int) -> bool:
@@ -136,6 +139,8 @@ class WindowSolver:
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
         """The next fall-back, None when there is none left."""
+        if not self._fallbacks:
+            return None
         static = self._settings.quasi_static
         enough = self._settings.max_iterations >= PATIENCE  # fewer: a study of the iteration, not of its solution
         if RELAXED not in used and not exhausted:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
-from typing import Any, Final, overload
+from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
 
@@ -24,6 +24,15 @@ _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called 
 _IN_BODIES = "damping_dissipation", "landing_dissipation", "scheme_dissipation"
 _AT_INTERFACES = "friction_dissipation", "contact_dissipation", "joint_dissipation"
 _CANCELLED = 1e-6  # of the work of the interfaces
+
+
+class Account(NamedTuple):
+    """The account of the energies of all bodies at the end of a run, J: its sum, which is zero but for round-off, the
+    size of its largest term, and what is negligible (``round_off``)."""
+
+    open: float
+    largest: float
+    negligible: float
 
 
 def status(
@@ -106,9 +115,9 @@ def with_energy(
         return converged, sentence
     at = int(wrong[0])
     gained = (
-        f"energy: at t = {time[at]:.6g} s the bodies hold {now[at]:.3g} J, where {float(put_in[at]):.3g} J were put in "
-        f"(allowed: {1.0 + _GAIN:g} times as much): the time scheme gains energy. Use time.scheme = "
-        '"generalized_alpha", or "hht" with smaller steps'
+        f"energy: by t = {time[at]:.6g} s contacts, joints, damping and the time scheme have together added "
+        f"{-float(lost[at]):.3g} J, where {float(put_in[at]):.3g} J were put in (allowed: {_GAIN:g} times as much): "
+        'the time scheme gains energy. Use time.scheme = "generalized_alpha", or "hht" with smaller steps'
     )
     return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
 

@@ -34,6 +34,10 @@ _MOST_REFUSALS = 3  # instants that need a fall-back, after which all others tak
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
 # Stop the run if a window ends with sqrt(eta) above this value.
 HOPELESS = 0.5
+# After so many windows in a row that no fall-back has brought to converge, an instant takes so many iterations at most
+# and no fall-back, but for one in so many: an instant that does not converge costs at most fifty that do, in the mean.
+_FAILURES, _AGAIN, _ONCE_IN = 2, 24, 32
+INTERRUPTED = "interrupted"
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
 _SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
 _RESTORED = ("windows", "interface_indicator", "stopped", "_sequence", "_observer", "_progress")  # after a first guess
@@ -78,10 +82,11 @@ class Run(RunState):
     observer : called after each iteration. progress : called after each iteration with window counts.
     monitor : checks the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
+    max_cpu : CPU time that the run may take, its set-up (``timings.setup``) included, s; None for no limit.
 
     Attributes
     ----------
-    interrupted : whether ``monitor`` stopped the run.
+    interrupted : why the run was stopped before its end, by ``monitor`` or by ``max_cpu``; empty where it was not.
     """
 
     def __init__(
@@ -96,9 +101,11 @@ class Run(RunState):
         fields: WindowFields | None = None,
         communication: Mapping[str, Any] | None = None,
         part: Part | None = None,
+        max_cpu: float | None = None,
     ) -> None:
         self._observer, self._progress, self._monitor, self._fields = observer, progress, monitor, fields
-        self.interrupted = False
+        self.interrupted, self._max_cpu = "", max_cpu
+        self._cpu_end = np.inf if max_cpu is None else clock.process_time() - timings.setup + max_cpu
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
@@ -109,7 +116,22 @@ class Run(RunState):
             return converged, sentence
         instant, end = self.assembly.instant, self.assembly.n_instant
         time = self.assembly.time[instant]
-        return False, f"interrupted at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
+        return False, f"{self.interrupted} at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
+
+    def stops(self) -> str:
+        """Why the run has to stop before its end; empty where it may go on."""
+        if self._monitor is not None and self._monitor.stops():
+            return INTERRUPTED
+        return self._out_of_time()
+
+    def _out_of_time(self) -> str:
+        over = clock.process_time() >= self._cpu_end
+        return f"stopped by its limit of {self._max_cpu:g} s of CPU time" if over else ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing left to solve in this segment."""
+        return self.stopped or self.assembly.instant == self.assembly.n_instant
 
     # -- windows ------------------------------------------------------------------------------------------------
     def all(self, monitor: WindowMonitor | None = None) -> None:
@@ -141,26 +163,49 @@ class Run(RunState):
         count, number = -(-total // length), len(self.windows)
         compiled = length == 1 and self._observer is None and self._bonds is None
         while number < count and not self.stopped and not self._looked():
-            done = self._march(count - number) if compiled else 0
+            refusals, self._refused = self.refusals, self._keeps_failing()
+            done = self._march(count - number) if compiled and not self._refused else 0
             number += done
             if done and self._progress is not None:
                 last = self.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
             if number < count and (not compiled or self._refused):
-                begun, kept = self.assembly.instant, self.image.state.copy() if length > 1 else None
-                try:
-                    self.advance(min(length, total - number * length), number, count)
-                except _StopError:
-                    self.image.state[:] = kept
-                    self._set_instant(begun)
+                self._advance_or_return(min(length, total - number * length), number, count, refusals)
                 number += 1
         self._looked()
 
+    def _advance_or_return(self, n: int, number: int, count: int, refusals: int) -> None:
+        """``advance``, or the state before where the run is stopped inside; ``refusals``: before the compiled driver
+        refused the window."""
+        begun, kept = self.assembly.instant, self.image.state.copy()
+        try:
+            self.advance(n, number, count)
+        except _StopError:
+            self.image.state[:] = kept
+            self._set_instant(begun)
+            self.refusals = refusals  # a run that is continued begins with the compiled driver
+
+    def _keeps_failing(self) -> bool:
+        """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
+        some instants."""
+        enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
+        return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
+
     def _looked(self) -> bool:
         """Whether the run has to stop here."""
-        if self._monitor is not None and self._sequence is None:
-            self.interrupted = self._monitor.check(self)
-        return self.interrupted
+        if self._sequence is not None:
+            if self.stops():
+                raise _StopError
+            return False
+        stop = bool(self.stops()) and not self.ended if self._monitor is None else self._monitor.check(self)
+        if stop or not self.stopped:
+            self.interrupted = (self.stops() or INTERRUPTED) if stop else ""
+        return stop
+
+    @property
+    def _single(self) -> bool:
+        """Whether windows of one instant are all that is solved, and no part of a longer one."""
+        return self.settings.window == 1 and self._sequence is None
 
     def compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
@@ -189,7 +234,9 @@ class Run(RunState):
         image, first = self.image, self.assembly.instant + 1
         wall, cpu = clock.perf_counter(), clock.process_time()
         self._use(1, exact=self.refusals > _MOST_REFUSALS)
-        longest = max(1, int(_SECONDS / self._per_instant)) if self._per_instant > 0 else _FIRST
+        longest = _FIRST if self._max_cpu is None else 1
+        if self._per_instant > 0:
+            longest = max(1, int(_SECONDS / self._per_instant))
         n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
         image.set({"first_row": first})
         done = self._march_instants(first, n)
@@ -252,12 +299,16 @@ class Run(RunState):
         stages = self.stages(n, first)
 
         def report(iteration: int, error: float) -> None:
-            if n > 1 and self._monitor is not None and self._monitor.stops():
+            if (n > 1 and self.stops()) or (self._single and self._out_of_time()):
                 raise _StopError
             if self._progress is not None:
                 self._progress(number, count, iteration, error)
 
-        solver = WindowSolver(self.settings, self._observer, report, self._trial)
+        again = n == 1 and self._keeps_failing()
+        most = min(self.settings.max_iterations, _AGAIN if again else self.settings.max_iterations)
+        solver = WindowSolver(
+            replace(self.settings, max_iterations=most), self._observer, report, self._trial, fallbacks=not again
+        )
         self._begin_window(stages, guess)
         if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
             self.refusals, record = self.refusals + 1, WindowRecord(first, first)
@@ -392,12 +443,15 @@ class Run(RunState):
         """Solve the window as windows of one instant."""
         record.fallbacks.append("windows of one instant")
         done = len(self.windows)
-        for _ in range(n):
+        for i in range(n):
             self.advance(1, number, count)
+            if not self.stopped and i + 1 < n:
+                self.interrupted = self._out_of_time()
+                self.stopped = bool(self.interrupted)  # inside a window, from which no run can be continued
             if self.stopped:
                 break
         parts = self.windows.cut(done)
-        record.converged = all(p.converged for p in parts)
+        record.converged = len(parts) == n and all(p.converged for p in parts)
         worst = max(parts, key=lambda p: (not p.converged, p.final_error))
         record.error_indicator.append(worst.final_error)
         record.force_mismatch.append(worst.final_mismatch)

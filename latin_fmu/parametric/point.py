@@ -102,24 +102,26 @@ class Plan:
     ----------
     grid : scene and parameters. histories : whether to keep the resultants of the interfaces over time.
     guesses : whether windows of several instants begin with fields of neighbouring points.
+    max_cpu : CPU seconds that a point may take, None for no limit.
     """
 
     grid: Grid
     histories: bool = False
     guesses: bool = True
+    max_cpu: float | None = None
 
     def text(self) -> str:
         """The plan as text, for other processes."""
         grid = self.grid
         vary = [[p.key, p.values] for p in grid.parameters]
-        return json.dumps([grid.tables, grid.base_dir, vary, self.histories, self.guesses])
+        return json.dumps([grid.tables, grid.base_dir, vary, self.histories, self.guesses, self.max_cpu])
 
     @classmethod
     def of_text(cls, text: str) -> Plan:
         """The plan from its text."""
-        tables, base_dir, vary, histories, guesses = json.loads(text)
+        tables, base_dir, vary, histories, guesses, max_cpu = json.loads(text)
         parameters = tuple(Parameter(key, tuple(values)) for key, values in vary)
-        return cls(Grid(tables, base_dir, parameters), histories, guesses)
+        return cls(Grid(tables, base_dir, parameters), histories, guesses, max_cpu)
 
 
 class PointSolver:
@@ -154,9 +156,10 @@ class PointSolver:
         grid, guesses = self.plan.grid, self.guesses
         scene = grid.scene(point)
         guesses.begin(point, grid.place(point))
-        solution = api.solve(scene, kept=self.kept, fields=guesses if self.plan.guesses else None)
+        fields = guesses if self.plan.guesses else None
+        solution = api.solve(scene, kept=self.kept, fields=fields, max_cpu=self.plan.max_cpu)
         guesses.end(solution.passes, solution.converged)
-        state = CONVERGED if solution.converged else NOT_CONVERGED
+        state = CONVERGED if solution.trustworthy else NOT_CONVERGED
         record = {"state": state, "message": solution.status, "guessed": float(guesses.used)}
         record |= quantities_of(scene, solution)
         return record | (histories_of(solution) if self.plan.histories else {})

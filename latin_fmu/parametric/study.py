@@ -152,6 +152,7 @@ def sweep(
     histories: bool = False,
     guesses: bool = True,
     log: Log | None = None,
+    max_cpu: float | None = None,
 ) -> xr.Dataset:
     """Solve a scene for all combinations of the values of some of its keys.
 
@@ -169,7 +170,7 @@ def sweep(
     scheduler : address of a dask scheduler whose workers solve the points instead (files of meshes and laws must be
         found at the same place there).
     histories : keep the resultants of the interfaces over time. guesses : whether neighbours give first guesses.
-    log : takes a line of text after each point.
+    log : takes a line of text after each point. max_cpu : CPU seconds that a point may take.
 
     Returns
     -------
@@ -206,7 +207,7 @@ def sweep(
         progress.update(grid.words(point), record)
 
     waiting = [point for point in grid.order if point not in records]
-    solve_points(waiting, Plan(grid, histories, guesses).text(), jobs, scheduler, keep)
+    solve_points(waiting, Plan(grid, histories, guesses, max_cpu).text(), jobs, scheduler, keep)
     study = dataset_of(grid, checked, records, histories)
     if store is not None and output is not None:
         _write(study, output)

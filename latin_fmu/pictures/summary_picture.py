@@ -162,8 +162,10 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     columns = [column for column in columns if column]
     height = max((sum(panel.height for panel in column) for column in columns), default=1.0) + 1.0
     figure = Figure(figsize=(6.2 * max(1, len(columns)), height), layout="constrained")
-    unfinished = not tree.attrs.get("converged", 1)
-    title = f"{tree.attrs.get('scene_name', 'run')}{' (NOT CONVERGED)' if unfinished else ''}"
+    converged = tree.attrs.get("converged", 1)
+    unfinished = not tree.attrs.get("trustworthy", converged)
+    mark = "" if not unfinished else " (NOT TRUSTWORTHY)" if converged else " (NOT CONVERGED)"
+    title = f"{tree.attrs.get('scene_name', 'run')}{mark}"
     figure.suptitle(title, fontweight="bold", color=BAD if unfinished else "black")
     parts: list[SubFigure] = list(figure.subfigures(1, max(1, len(columns)), squeeze=False).flat)
     for part, column in zip(parts, columns, strict=False):

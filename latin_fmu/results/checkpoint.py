@@ -137,9 +137,8 @@ class Checkpoint:
 
     def check(self, run: Run) -> bool:
         """Write a checkpoint where one is due; whether the run has to stop."""
-        instant, stops = run.assembly.instant, self.stops()
+        instant, stops, ended = run.assembly.instant, bool(run.stops()), run.ended
         since = instant - self._last
-        ended = run.stopped or instant == run.assembly.n_instant
         due = self._every is not None and since + (run.settings.window or 1) > self._every
         due = due or (self._seconds is not None and clock.monotonic() - self._written_at >= self._seconds)
         if (stops and not ended) or ((due or (ended and self._periodic)) and since):

@@ -405,6 +405,8 @@ def _root_attributes(
         "status": outcome.status,
         "converged": np.int8(outcome.converged),
         "complete": np.int8(outcome.complete),
+        "trustworthy": np.int8(outcome.trustworthy),
+        "interrupted": outcome.interrupted,
         "warnings": "\n".join(outcome.warnings),
         "cpu_seconds_set_up": timings.setup,
         "cpu_seconds_march": timings.march,

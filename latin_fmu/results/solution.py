@@ -78,13 +78,24 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Whether every window reached the tolerance."""
+        """Whether every window reached the tolerance; whether the end can be trusted, ``trustworthy`` says."""
         return self.outcome.converged
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether the run has converged, its balance of energies closes, no closed point has sunk and no body has
+        turned too far (``assembly.run_judgement``); ``status`` says what does not hold."""
+        return self.outcome.trustworthy
 
     @property
     def complete(self) -> bool:
         """Whether the run reached the end of its interval."""
         return self.outcome.complete
+
+    @property
+    def interrupted(self) -> str:
+        """What stopped the run before its end, a signal or its limit of CPU time; empty where nothing did."""
+        return self.outcome.interrupted
 
     @property
     def time(self) -> Array:

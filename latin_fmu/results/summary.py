@@ -74,10 +74,13 @@ def _digits(value: float, digits: int) -> str:
 def report(outcome: Outcome) -> dict[str, Any]:
     """Plain data that strict JSON can hold (a number that is not finite becomes None).
 
-    Keys: ``status``, ``converged``, ``iterations`` and ``newton_steps`` (one count per window), ``passes``,
+    Keys: ``status``, ``converged``, ``trustworthy`` (converged, and nothing at the end speaks against it), ``complete``
+    (whether the run reached its end), ``interrupted`` (what stopped it before, or empty), ``iterations`` and
+    ``newton_steps`` (one count per window), ``passes``,
     ``error_indicator`` (the amplitude sqrt(eta), largest over windows), ``defect`` (likewise, 0 without truncated
     tables of large interfaces), ``cpu_seconds`` by part, ``peak_memory_bytes``,
-    ``penetration`` (m), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
+    ``penetration`` (m; ``penetration_landed`` of landings, ``penetration_closed`` what points that stayed closed
+    have approached by since), ``resultants`` (of bodies in equilibrium, by part: force and moment, N and N m),
     ``warnings``, ``warning_codes`` (of ``remarks.REMARKS``, one each), and ``interfaces``:
     per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
     resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
@@ -88,6 +91,9 @@ def report(outcome: Outcome) -> dict[str, Any]:
     return {
         "status": outcome.status,
         "converged": bool(outcome.converged),
+        "trustworthy": bool(outcome.trustworthy),
+        "complete": bool(outcome.complete),
+        "interrupted": outcome.interrupted,
         "iterations": [window.iterations for window in outcome.windows],
         "newton_steps": [window.newton_steps for window in outcome.windows],
         "passes": finite(outcome.passes),
@@ -96,6 +102,8 @@ def report(outcome: Outcome) -> dict[str, Any]:
         "cpu_seconds": cpu_seconds(outcome.timings),
         "peak_memory_bytes": int(outcome.timings.peak_memory),
         "penetration": finite(outcome.penetration()),
+        "penetration_landed": finite(outcome.landed()),
+        "penetration_closed": finite(outcome.sunk()),
         "resultants": {name: _resultants(r) for name, r in outcome.resultants.items()},
         "warnings": list(outcome.warnings),
         "warning_codes": [getattr(warning, "code", "") for warning in outcome.warnings],
@@ -134,7 +142,7 @@ def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
         ("iterations", _iterations(outcome)),
         ("passes", f"{outcome.passes:.3g} (substructure-instants solved / substructures x instants)"),
         ("sqrt(eta)", f"{outcome.error_indicator:.2e} (largest over windows)"),
-        ("penetration", readable(outcome.penetration(), units.label("m"), 3)),
+        ("penetration", _penetration(outcome, units)),
     ]
     if outcome.energy is not None:
         rows.append(("energy", _energy(outcome, units)))
@@ -148,6 +156,11 @@ def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
     if outcome.interfaces:
         lines += ["", *_table(outcome, units)]
     return "\n".join(lines)
+
+
+def _penetration(outcome: Outcome, units: UnitSystem) -> str:
+    landed, sunk = (readable(value, units.label("m"), 3) for value in (outcome.landed(), outcome.sunk()))
+    return f"{landed} where points landed, {sunk} more where they stayed closed"
 
 
 def _iterations(outcome: Outcome) -> str:
@@ -187,6 +200,8 @@ def _balance(resultants: Mapping[str, Resultants], units: UnitSystem) -> str:
     largest = max(r.largest for r in resultants.values())
     off = {name: float(np.linalg.norm(r.unbalanced[:3])) for name, r in resultants.items()}
     worst = max(off, key=lambda name: off[name])
+    if all(r.vanishes for r in resultants.values()):
+        return f"no force beyond round-off ({readable(largest, units.label('N'), 2)})"
     share = f"{off[worst] / largest:.1e}" if largest > 0.0 else "0"
     size = readable(largest, units.label("N"))
     return f"forces on every body closed to {share} of the largest ({size}), worst {worst}"

@@ -71,8 +71,9 @@ def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> No
         progress: None = None,
         processes: None = None,
         stream: object = None,
+        max_cpu: object = None,
     ) -> Run:
-        del progress, stream
+        del progress, stream, max_cpu
         if resolution.mesh < 0.4:
             raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")
         run = run_at(lean, resolution, processes=processes)

@@ -226,13 +226,17 @@ def test_without_acceleration_the_given_relaxation_is_used() -> None:
 
 
 def test_real_chain_marks_its_windows(blocks_scene: Any, made: Any, begun: Any, python_driver: Any) -> None:
-    """A tolerance below round-off: relaxation, point by point, then the best iterate; the run reports it."""
+    """A tolerance below round-off: relaxation, point by point, then the best iterate; the run reports it. After two
+    instants in vain there are no fall-backs."""
     python_driver()  # whose windows are solved with the fall-backs, from the first iteration
     run = begun(made(blocks_scene(solver={"tolerance": 1e-20})))
     run.all()
     active = [w for w in run.windows if w.fallbacks]
     assert len(run.windows) == 12
-    assert len(active) >= 10
+    assert len(active) >= 2
+    in_vain = [i for i in range(2, 12) if not any(w.converged for w in run.windows[i - 2 : i])]
+    assert all(not run.windows[i].fallbacks and run.windows[i].iterations <= 24 for i in in_vain)
+    assert all(w in active or w.converged or i in in_vain for i, w in enumerate(run.windows))
     for window in active:
         assert window.fallbacks == ["relaxation 1/2", "point by point"]
         assert window.iterations >= 2 * loop.PATIENCE

@@ -24,6 +24,9 @@ def test_report_has_its_keys(crushing: Solution) -> None:
     assert list(report) == [
         "status",
         "converged",
+        "trustworthy",
+        "complete",
+        "interrupted",
         "iterations",
         "newton_steps",
         "passes",
@@ -32,6 +35,8 @@ def test_report_has_its_keys(crushing: Solution) -> None:
         "cpu_seconds",
         "peak_memory_bytes",
         "penetration",
+        "penetration_landed",
+        "penetration_closed",
         "resultants",
         "warnings",
         "warning_codes",
