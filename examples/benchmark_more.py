@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import gc
+import time as clock
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -13,6 +16,14 @@ from benchmark_memory import peak
 from benchmark_problems import Case, crushing, tower
 from benchmark_timing import contact_run, cpu, in_turn, prepared, second_run
 
+import latin_fmu
+from latin_fmu.assembly.build import build
+from latin_fmu.latin.outcome import Timings
+from latin_fmu.latin.recorder import Recorder
+from latin_fmu.latin.windows import Run
+from latin_fmu.scene.schema import Scene
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
 OWN: dict[str, Any] = {"propagator": "direct", "share_identical": False}
 WHOLE = {
     "published: zero start, plain": {"window": "whole", "start": "zero", "acceleration": "none"},
@@ -61,6 +72,48 @@ def again(found: Sequence[Case]) -> Iterator[str]:
         )
 
 
+class _Timed(Run):
+    """A run that counts the CPU seconds of its calls of many instants."""
+
+    spent = 0.0
+
+    def _march_instants(self, first: int, n: int) -> int:
+        start = clock.process_time()
+        done = super()._march_instants(first, n)
+        self.spent += clock.process_time() - start
+        return done
+
+
+def around_the_march(scenes: Mapping[str, Scene], rounds: int = 9) -> Iterator[str]:
+    """CPU time of a run beside the calls of the kernels, from operators to the end of the march."""
+    yield "Around the march of a run whose operators are there (CPU ms, the least of several)"
+    for name, scene in scenes.items():
+        found = []
+        for _ in range(rounds):
+            built = build(scene)
+            gc.collect()
+            begun = clock.process_time()
+            march = _Timed(
+                built.assembly, built.settings, Recorder(built.assembly, built.output, built.info), Timings()
+            )
+            ready = clock.process_time()
+            march.all()
+            found.append((ready - begun, clock.process_time() - ready - march.spent, march.spent))
+        set_up, recording, spent = (1e3 * min(values) for values in zip(*found, strict=True))
+        yield f"    {name:24} set-up {set_up:6.2f}   recording {recording:6.2f}   kernels {spent:7.2f}"
+
+
+def batches(counts: Sequence[int], rounds: int = 3) -> Iterator[str]:
+    """Reduced blocks of one class together, and each as a class of its own."""
+    yield "Reduced blocks marched together (CPU ms of the march, and over that of one by one; P3, n = 4)"
+    for count in counts:
+        spent = []
+        for own in (OWN | {"propagator": "reduced"}, {"propagator": "reduced"}):
+            ready = prepared(tower(count, 4), own)
+            spent.append(1e3 * min(contact_run(ready).timings.march for _ in range(rounds)))
+        yield f"    {count:2} blocks {spent[1]:7.1f}   {spent[1] / spent[0]:5.2f}"
+
+
 def whole_windows(found: Sequence[Case]) -> Iterator[str]:
     """The published way, and what acceleration and a good start save."""
     yield "One window over the whole interval (sqrt(eta) <= 1e-3)"
@@ -97,5 +150,9 @@ def tables(quick: bool) -> Iterator[str]:
     found = cases(quick)
     yield from table()
     yield from again(found)
+    scenes = {name: latin_fmu.load_scene(MODELS / name / "scene.toml") for name in ("impact_bar", "bouncing_bar")}
+    scenes |= {c.case: latin_fmu.scene_from_dict(c.description) for c in (crushing(4, 0.3), tower(16, 4))}
+    yield from around_the_march(scenes)
+    yield from batches((2, 8) if quick else (2, 4, 8, 16))
     yield from whole_windows([crushing(4, 0.1), tower(2, 4), tower(16, 4)])
     yield from memory((4, 16), 4) if quick else memory((2, 4, 8, 16), 6)

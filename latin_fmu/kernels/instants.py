@@ -135,7 +135,7 @@ def first_guess(pools: Any, instant: int) -> None:
         free_motion(pools, instant, w)
         add_made_up(pools, w)
         q[:] = 0.0
-        add_dense(n, n, direction[run.bonds : run.bonds + n * n], 1, w, q)
+        add_dense(n, n, direction[run.bonds : run.bonds + n * n], w, q)
         w[:] = 0.0
         add_made_up(pools, w)
         for j in range(n):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from .products import add_dense, add_rows, add_terms, symmetric_size
-from .splits import dense
+from .products import add_dense, add_dense_members, add_rows, add_terms, symmetric_size
+from .splits import dense, tile_of
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,16 @@ def add_sum(pools: Any, c: int, which: int, instant: int, factor: float, out: Ar
 
 
 @kernel
+def _add_table(pools: Any, c: int, rows: int, columns: int, at: int, x: Array, out: Array) -> None:
+    """out (rows m,) += A x for the dense matrix (rows, columns) at a place of the fixed block."""
+    row, table = pools.classes[c], pools.fixed[at : at + rows * columns]
+    if row.m == 1:
+        add_dense(rows, columns, table, x, out)
+        return
+    add_dense_members(rows, columns, table, row.m, x, out, tile_of(row, pools.moving))
+
+
+@kernel
 def add_trace(pools: Any, c: int, x: Array, out: Array, normal: bool) -> None:
     """out (c m,) += T x for x (g m,); ``normal``: a dense T is taken at its normal channels alone."""
     row = pools.classes[c]
@@ -73,13 +83,12 @@ def add_trace(pools: Any, c: int, x: Array, out: Array, normal: bool) -> None:
         add_matrix(pools, row.n_channel, row.trace_starts, row.trace_columns, row.trace_values, row.m, x, out)
         return
     if not normal:
-        table = pools.fixed[row.trace_table : row.trace_table + row.n_channel * row.n_inner]
-        add_dense(row.n_channel, row.n_inner, table, row.m, x, out)
+        _add_table(pools, c, row.n_channel, row.n_inner, row.trace_table, x, out)
         return
     n, m = row.n_normal, row.m
     normals = pools.moving[row.answers : row.answers + n * m]
     normals[:] = 0.0
-    add_dense(n, row.n_inner, pools.fixed[row.normal_table : row.normal_table + n * row.n_inner], m, x, normals)
+    _add_table(pools, c, n, row.n_inner, row.normal_table, x, normals)
     at = pools.fixed_int[row.measured : row.measured + n]
     for i in range(n):
         for j in range(m):
@@ -91,8 +100,7 @@ def add_spread(pools: Any, c: int, x: Array, out: Array) -> None:
     """out (g m,) += T^T x for x (c m,)."""
     row = pools.classes[c]
     if row.dense_trace == 1:
-        table = pools.fixed[row.spread_table : row.spread_table + row.n_inner * row.n_channel]
-        add_dense(row.n_inner, row.n_channel, table, row.m, x, out)
+        _add_table(pools, c, row.n_inner, row.n_channel, row.spread_table, x, out)
         return
     add_matrix(pools, row.n_inner, row.spread_starts, row.spread_columns, row.spread_values, row.m, x, out)
 

@@ -83,21 +83,30 @@ def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m:
 
 
 @kernel
-def add_dense(rows: int, columns: int, table: Array, m: int, x: Array, out: Array) -> None:
-    """out (rows m,) += A x for a dense A (rows, columns)."""
-    if m == 1:
-        for i in range(rows):
-            line, total = table[i * columns : (i + 1) * columns], 0.0
-            for k in range(columns):
-                total += line[k] * x[k]
-            out[i] += total
-        return
+def add_dense(rows: int, columns: int, table: Array, x: Array, out: Array) -> None:
+    """out (rows,) += A x for a dense A (rows, columns)."""
     for i in range(rows):
-        line, into = table[i * columns : (i + 1) * columns], out[i * m : i * m + m]
+        line, total = table[i * columns : (i + 1) * columns], 0.0
         for k in range(columns):
-            value, own = line[k], x[k * m : k * m + m]
-            for j in range(m):
-                into[j] += value * own[j]
+            total += line[k] * x[k]
+        out[i] += total
+
+
+@kernel
+def add_dense_members(rows: int, columns: int, table: Array, m: int, x: Array, out: Array, scratch: Array) -> None:
+    """out (rows m,) += A x for a dense A (rows, columns); scratch ((max(rows, columns) + 4) 8,)."""
+    if m >= TILED:
+        for first in range(0, m, LANES):
+            add_dense_tile(rows, columns, table, m, first, x, out, scratch)
+        return
+    own, total = scratch[:columns], scratch[columns : columns + rows]
+    for j in range(m):
+        for i in range(columns):
+            own[i] = x[i * m + j]
+        total[:] = 0.0
+        add_dense(rows, columns, table, own, total)
+        for i in range(rows):
+            out[i * m + j] += total[i]
 
 
 @kernel
@@ -276,18 +285,30 @@ def dense_product(n: int, matrix: Array, m: int, x: Array, out: Array, tile: Arr
 @kernel
 def dense_tile(n: int, matrix: Array, m: int, first: int, x: Array, out: Array, tile: Array) -> None:
     """``dense_product`` for the tile that begins with the member ``first``."""
-    answer, lanes = tile[n * LANES : (n + SPARE) * LANES], min(m - first, LANES)
-    gather(n, m, first, x, tile)
+    for i in range(n):
+        for j in range(first, min(m, first + LANES)):
+            out[i * m + j] = 0.0
+    add_dense_tile(n, n, matrix, m, first, x, out, tile)
+
+
+@kernel
+def add_dense_tile(
+    rows: int, columns: int, matrix: Array, m: int, first: int, x: Array, out: Array, tile: Array
+) -> None:
+    """out (rows m,) += A x for A (rows, columns) and the tile that begins with the member ``first``; tile
+    ((columns + 4) 8,) is scratch."""
+    answer, lanes = tile[columns * LANES : (columns + SPARE) * LANES], min(m - first, LANES)
+    gather(columns, m, first, x, tile)
     i = 0
-    while i < n:
-        together = 4 if i + 4 <= n else 1
+    while i < rows:
+        together = 4 if i + 4 <= rows else 1
         if together == 4:
-            four_rows(matrix[i * n :], n, n, tile, answer)
+            four_rows(matrix[i * columns :], columns, columns, tile, answer)
         else:
-            one_row(matrix[i * n :], n, tile, answer)
+            one_row(matrix[i * columns :], columns, tile, answer)
         for r in range(together):
             for j in range(lanes):
-                out[(i + r) * m + first + j] = answer[r * LANES + j]
+                out[(i + r) * m + first + j] += answer[r * LANES + j]
         i += together
 
 

@@ -352,23 +352,27 @@ class Assembly:
         starts = (field for state in self.ground_start.values() for field in state if field is not None)
         return not any(field.any() for field in (*self.ground.values(), *starts))
 
-    def ground_tables(self) -> tuple[Index, Array, Array, Array]:
-        """Channels of the ground (n,), their velocities, displacements and accelerations (n_time, n) at all
-        instants."""
+    @property
+    def ground_channels(self) -> Index:
+        """Channels of the ground (n,)."""
+        return np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(where.ravel() for where, _ in self._ground_frames.values())]
+        )
+
+    def ground_tables(self) -> tuple[Array, Array, Array]:
+        """Velocities, displacements and accelerations (n_time, n) of the channels of the ground at all instants."""
         n_time = len(self.time)
-        channels = [np.zeros(0, dtype=np.int64)]
         tables = [[np.zeros((n_time, 0))] for _ in range(3)]
-        for i, (where, frames) in self._ground_frames.items():
-            channels.append(where.ravel())
+        for i, (_, frames) in self._ground_frames.items():
             displacement = self.ground_start[i].displacement + self._travel[i]
-            acceleration = np.stack([self._ground_acceleration(i, t) for t in range(n_time)])
             v = self.ground[i]
+            acceleration = np.concatenate([[self._ground_acceleration(i, 0)], (v[1:] - v[:-1]) / self.dt])
             w = self.scheme.interface_velocity(displacement[:-1], displacement[1:], v[1:], self.dt)
             velocity = np.concatenate([v[:1], w])
             for table, vectors in zip(tables, (velocity, displacement, acceleration), strict=True):
                 table.append(np.einsum("pci,ti->tpc", frames, vectors).reshape(n_time, -1))
         velocity, displacement, acceleration = (np.concatenate(table, axis=1) for table in tables)
-        return np.concatenate(channels), velocity, displacement, acceleration
+        return velocity, displacement, acceleration
 
     def ground_end(self, instant: int) -> dict[int, GroundState]:
         """State of the ground at an instant, for the next segment."""

@@ -1,4 +1,5 @@
-"""What a run keeps of its substructures at every instant: sliding without friction, sensors, reactions, bolts.
+"""What a run keeps of its substructures at every instant: sliding without friction, sensors, reactions, bolts, and
+the fields of small substructures where they are stored.
 
 The rows of all go into the image of the run, so that the march of many instants in one call keeps them too.
 """
@@ -13,6 +14,7 @@ import scipy.sparse as sp
 
 from ..fem.location import Location
 from ..propagator.image import Image
+from ..propagator.model import SubstructureModel
 from .assembly import Array, Assembly
 from .outcome import BoltHistory, SensorHistory
 from .reactions import Support, SupportProbes
@@ -42,6 +44,11 @@ class SensorPlace:
         nodes, weights = self.location.nodes, self.location.weights
         row = sp.coo_array((weights, (np.zeros(len(nodes), dtype=np.int64), nodes)), shape=(1, n_node))
         return sp.csr_array(sp.kron(row, sp.eye_array(3), format="csr"))
+
+
+def nodes_of(model: SubstructureModel) -> sp.csr_array:
+    """Matrix (3 n_node, n_dof) from the dofs of a substructure to the vectors at its nodes."""
+    return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
 
 
 class SensorProbes:
@@ -180,7 +187,7 @@ class Probes:
     Parameters
     ----------
     sliding : numbers of the interfaces without tangential unknowns. places : of the sensors. supports : whose reactions
-        are kept. bolts : whose tensions are kept.
+        are kept. bolts : whose tensions are kept. whole : whether all nodes are among the rows, for ``fields``.
 
     Attributes
     ----------
@@ -195,11 +202,14 @@ class Probes:
         places: Mapping[str, SensorPlace],
         supports: Mapping[str, Support],
         bolts: Mapping[str, BoltPlace],
+        whole: bool = False,
     ) -> None:
         self.slide = SlideProbes(assembly, sliding)
         self.sensors, self.supports = SensorProbes(assembly, places), SupportProbes(assembly, supports)
         self.bolts, self._bolts = BoltProbes(assembly, bolts), bolts
-        every = zip(self.sensors.rows, self.supports.rows, self.bolts.rows, strict=True)
+        self._propagators, self.whole = assembly.propagators, whole
+        self._nodes = [nodes_of(p.members[0]) if whole else sp.csr_array((0, p.n_dof)) for p in self._propagators]
+        every = zip(self.sensors.rows, self.supports.rows, self.bolts.rows, self._nodes, strict=True)
         stacked = [sp.csr_array(sp.vstack(rows)) for rows in every]
         self.rows = [rows if rows.shape[0] else None for rows in stacked]
 
@@ -222,13 +232,27 @@ class Probes:
             if matrix is not None:
                 kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
                 kept = kept.reshape(len(kept), 3, matrix.shape[0], -1)
-                ends = np.cumsum([self.sensors.rows[c].shape[0], self.supports.rows[c].shape[0]])
-                own[c], others[c], last[c] = np.split(kept, ends, axis=2)
+                ends = np.cumsum([part.rows[c].shape[0] for part in (self.sensors, self.supports, self.bolts)])
+                own[c], others[c], last[c], _ = np.split(kept, ends, axis=2)
         self.sensors.read(assembly, own, instants, motions)
         self.bolts.read(assembly, last, instants, self._bolts, tensions)
         if forces:
             tractions = image.field("history_f", image.rows, image.n_flat)[rows]
             self.supports.read(assembly, others, tractions, instants, forces)
+
+    def fields(self, image: Image, c: int, member: int, kind: int, rows: slice, instants: Sequence[int]) -> Array:
+        """Displacements (``kind`` 0, m) or velocities (1, m s-1) of all nodes of a member, (n, n_node, 3), in ``rows``
+        of the output, those at ``instants``; where they are kept ``whole``."""
+        propagator, matrix = self._propagators[c], self.rows[c]
+        assert matrix is not None
+        kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
+        nodes = self._nodes[c].shape[0]
+        values = kept.reshape(len(kept), 3, matrix.shape[0], -1)[:, kind, -nodes:, member]
+        values = values.copy().reshape(len(kept), -1, 3)  # the next call of the kernels writes there
+        if not propagator.forcing.moves:
+            return values
+        imposed = (propagator.forcing.imposed_u, propagator.forcing.imposed_v)[kind]
+        return values + np.stack([propagator.members[member].node_values(imposed(t)[:, member]) for t in instants])
 
 
 class SlideProbes:

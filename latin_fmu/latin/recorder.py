@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream
 from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 from .part import Part
-from .probes import BoltPlace, Probes, SensorPlace
+from .probes import BoltPlace, Probes, SensorPlace, nodes_of
 from .reactions import Support, reaction_histories
+
+_SMALL: Final = 2000  # dofs of all nodes up to which the kernels keep the fields of many instants
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class Recorder:
         self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
         self._tensions = {name: np.zeros(n_time) for name in request.bolts}
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
+        self._probes: Probes | None = None
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -93,11 +96,15 @@ class Recorder:
         """Interfaces whose tangential velocities come from the substructures."""
         return sorted(self.rows.slide)
 
-    @property
-    def probed(self) -> bool:
-        """Whether anything is read from the substructures beside their energies and fields."""
+    def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
+        """What an image keeps of the substructures for this recorder beside their energies, None where that is nothing;
+        ``fields`` : those that are stored, too, where the substructures are small."""
         request = self._request
-        return bool(self.rows.slide or request.sensors or request.supports or request.bolts)
+        whole = fields and self._stores
+        whole = whole and sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
+        if not (whole or self.rows.slide or request.sensors or request.supports or request.bolts):
+            return None
+        return Probes(assembly, self.sliding, request.sensors, request.supports, request.bolts, whole)
 
     @property
     def places(self) -> Mapping[str, SensorPlace]:
@@ -128,27 +135,37 @@ class Recorder:
                 kept[now] = image.output(c, "energies", len(TERMS))[rows]
             self._drift_work[now] = image.field("history_works", image.rows)[rows]
         self.n_kept += n
-        if self._stores and (self.n_kept - 1) % self._request.every == 0:
-            self._keep_fields(assembly)
+        if self._stores:
+            self._keep_fields(assembly, image, now, row)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
-        if self._stores:
+        if self._stores and not (self._probes is not None and self._probes.whole):
             return self._request.every - (self.n_kept - 1) % self._request.every
         return self.rows.every * len(self.rows.table)
 
-    def _keep_fields(self, assembly: Assembly) -> None:
-        """Keep the requested fields of the present state of the substructures."""
-        self._field_times.append(float(assembly.time[self.n_kept - 1]))
+    def _keep_fields(self, assembly: Assembly, image: Image, now: slice, row: int) -> None:
+        """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
+        output from ``row`` on, else of the present state, that of the last of them."""
+        every, whole = self._request.every, self._probes if self._probes is not None and self._probes.whole else None
+        first = now.stop - 1 if whole is None else now.start
+        instants = range(-(-first // every) * every, now.stop, every)
+        if not instants:
+            return
+        self._field_times += assembly.time[instants].tolist()
+        rows = slice(row + instants[0] - now.start, row + now.stop - now.start, every)
         for name, (c, member) in self._places.items():
-            propagator, fields = assembly.propagators[c], self._fields[name]
-            u = propagator.full_displacement(member)
+            propagator, kept = assembly.propagators[c], self._fields[name]
+            if whole is None:
+                motion: list[Any] = [[propagator.full_displacement(member)], [propagator.full_velocity(member)]]
+            else:
+                motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
             if self._request.fields:
-                fields.setdefault("displacement", []).append(u)
-                fields.setdefault("velocity", []).append(propagator.full_velocity(member))
+                kept.setdefault("displacement", []).extend(motion[0])
+                kept.setdefault("velocity", []).extend(motion[1])
             recover = self._info[name].stress
             if self._request.stress and recover is not None:
-                fields.setdefault("stress", []).append(recover(u))
+                kept.setdefault("stress", []).extend(map(recover, motion[0]))
 
     # -- parts of the histories -------------------------------------------------------------------------------------
     def _views(self, first: int) -> dict[str, Array]:

@@ -72,7 +72,7 @@ def make_image(
     layout, static, depth = assembly.layout, assembly.quasi_static, settings.anderson_depth
     sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
     segments = [(first.flat[0], second.flat[0], first.size) for first, second in sides]
-    ground = assembly.ground_tables()[0]
+    ground = assembly.ground_channels
     run: dict[str, Any] = {
         "n_interface": len(assembly.interfaces),
         "n_ground": len(ground),
@@ -190,7 +190,7 @@ def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Ar
         rest = np.zeros((n_time, assembly.n_ground))
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return {**dict.fromkeys(names, rest), "continuation": share}
-    _, velocity, displacement, acceleration = assembly.ground_tables()
+    velocity, displacement, acceleration = assembly.ground_tables()
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))

@@ -94,7 +94,6 @@ class Team:
         self._pool: ThreadPoolExecutor | None = None
         costs = [_cost(image.row(c)) for c in range(len(image.propagators))]
         if count == 1 or PLAIN or sum(costs) < _IDLE:
-            image.use_threads(1, [])
             return
         rows = [image.row(c) for c in range(len(costs))]
         large = [c for c, row in enumerate(rows) if row["n_piece"] or row["m"] == 2 or row["m"] > LANES]
@@ -182,10 +181,8 @@ class RunState:
         self._bonds: PerfectInterfaceSolve | None = None
         one = self.direction(1)
         one.bind()
-        recorder = self.recorder
-        self._probes: Probes | None = None
-        if recorder.probed:
-            self._probes = Probes(self.held, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
+        # communication steps have signals of all that is probed: there fields are read instant by instant
+        self._probes: Probes | None = self.recorder.probes(self.held, fields=not self._communication)
         part = self.part if assembly.interfaces else None
         if part is not None:
             with part.processes.agreed():

@@ -102,6 +102,7 @@ class Image:
             "reuse": -1.0,
             "rest_traction": -1.0,
             "relaxation": 1.0,
+            "threads": 1,
             "longest_step": np.inf,
             **coefficients(first.scheme, first.dt),
             **self._placed(run or {}, fixed),
@@ -111,7 +112,7 @@ class Image:
         per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
         self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
         for row, some_elsewhere in zip(self._rows, divided or none, strict=True):
-            row["divided"] = int(bool(some_elsewhere))
+            row |= {"divided": int(bool(some_elsewhere)), "split": 1}
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
@@ -155,28 +156,26 @@ class Image:
         run["n_point"] = points
         chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
         tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
-        per_row, self.rows = 0, 1
-        for arrays, some in ((layout.CLASS, self._rows), (layout.RUN, [run])):
-            for record in some:
-                sizes = self._sizes(record, tasks)
-                per_row += sum(array.size(sizes) for array in arrays if array.pool == "output")
+        tables = (layout.CLASS, self._rows), (layout.GROUP, self._groups), (layout.RUN, [run])
+        records = [(arrays, record) for arrays, some in tables for record in some]
+        sized = [
+            (arrays, record, layout.sizes_of(record, run, 1, len(self._rows), tasks)) for arrays, record in records
+        ]
+        per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
         self.rows = COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
         for pool in layout.POOLS:
-            for row in self._rows:
-                layout.place(block, layout.CLASS, pool, row, self._sizes(row, tasks))
-                if pool == "state":
-                    row["state"], row["energy"] = row["rest"], row["totals"]
-                    row["n_state"], row["n_energy"] = row["totals"] - row["rest"], block.size - row["totals"]
-            for group in self._groups:
-                layout.place(block, layout.GROUP, pool, group, self._sizes(group, tasks))
-            layout.place(block, layout.RUN, pool, run, self._sizes(run, tasks))
+            for arrays, record, sizes in sized:
+                sizes["R"] = self.rows
+                arrays[pool].place(block, record, sizes)
+                if pool == "state" and arrays is layout.CLASS:
+                    record["state"], record["energy"] = record["rest"], record["totals"]
+                    own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
+                    record |= own
+                    sizes |= own  # of copies of the state
             if pool == "state":
                 self._n_state = block.size
         self._tail = block.size
-
-    def _sizes(self, record: Fields, tasks: int) -> Mapping[str, Any]:
-        return layout.sizes_of(record, self._run, self.rows, len(self._rows), tasks)
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""

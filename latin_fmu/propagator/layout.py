@@ -8,12 +8,10 @@ and conditions are expressions of the sizes of the record, of the run, and of th
 from __future__ import annotations
 
 import re
-from collections import ChainMap
-from collections.abc import Iterable, Mapping, MutableMapping
+from collections.abc import Iterable, MutableMapping, Sequence
 from dataclasses import dataclass
 from math import isqrt, prod
-from types import CodeType
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from ..cholesky.substitution import LANES, SPARE, TILED
 from ..kernels import records
@@ -31,7 +29,7 @@ _PLACE = re.compile(
 )
 _KNOWN: Final[dict[str, Any]] = {
     "__builtins__": {},
-    **{"isqrt": isqrt, "max": max, "padded": padded, "STATIC": records.STATIC},
+    **{"isqrt": isqrt, "max": max, "prod": prod, "padded": padded, "STATIC": records.STATIC},
     **{"LANES": LANES, "SPARE": SPARE, "TILED": TILED, "LINE": LINE, "MARKS": MARKS, "PARTS": PARTS},
     **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_TERM": N_TERM, "N_WORK": N_WORK},
     **{"SCRATCH": SCRATCH, "SMALL": SMALL, "VECTORS": VECTORS},
@@ -40,41 +38,52 @@ _KNOWN: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """An array: ``shape`` and ``when`` it is there as compiled expressions, the name of the array whose place it takes
+    """An array: its numbers as an expression, 0 where it is not there, and the name of the array whose place it takes
     ``elsewhere``."""
 
     name: str
-    pool: str
-    shape: CodeType
-    when: CodeType | None
+    size: str
     elsewhere: str | None
 
-    def size(self, sizes: Mapping[str, Any]) -> int:
-        """Its numbers; 0 where it is not there."""
+
+class Arrays:
+    """Arrays of one pool of a record, in their order; one expression gives all their sizes."""
+
+    def __init__(self, arrays: Sequence[Declared]) -> None:
+        self.arrays = tuple(arrays)
+        self._sizes = compile(f"[{', '.join(array.size for array in arrays)}]", "sizes of arrays", "eval")
+
+    def sizes(self, names: dict[str, Any]) -> list[int]:
+        """Numbers of each array."""
         # the expressions are those of this package, never read from outside
-        if self.when is not None and not eval(self.when, _KNOWN, sizes):
-            return 0
-        return prod(eval(self.shape, _KNOWN, sizes))
+        return cast(list[int], eval(self._sizes, _KNOWN, names))
+
+    def place(self, block: Any, record: MutableMapping[str, Any], names: dict[str, Any]) -> None:
+        """Reserve the arrays in a block, one after the other, and set their places in the record."""
+        for array, size in zip(self.arrays, self.sizes(names), strict=True):
+            here = size > 0 or array.elsewhere is None
+            record[array.name] = block.reserve(size) if here else record[str(array.elsewhere)]
 
 
-def declared(fields: Iterable[records.Field]) -> tuple[Declared, ...]:
-    """The arrays of the pools POOLS among the fields of a record.
+def declared(fields: Iterable[records.Field]) -> dict[str, Arrays]:
+    """The arrays of the pools POOLS among the fields of a record, by pool.
 
     Raises
     ------
     ValueError : a declaration that cannot be read.
     """
-    found = []
+    found: dict[str, list[Declared]] = {pool: [] for pool in POOLS}
     for name, meaning in fields:
         if not meaning.startswith(tuple(f"{pool}{end}" for pool in POOLS for end in (" (", ","))):
             continue
         place = _PLACE.fullmatch(meaning.partition(":")[0])
         if place is None:
             raise ValueError(f"{name}: pool, shape and condition cannot be read: {meaning!r}")
-        when, shape = place["when"], f"({place['shape']})"
-        condition = compile(when, name, "eval") if when else None
-        found.append(Declared(name, place["pool"], compile(shape, name, "eval"), condition, place["at"]))
-    return tuple(found)
+        size = f"prod(({place['shape']}))"
+        found[place["pool"]].append(
+            Declared(name, f"{size} if {place['when']} else 0" if place["when"] else size, place["at"])
+        )
+    return {pool: Arrays(arrays) for pool, arrays in found.items()}
 
 
 CLASS: Final = declared(records.CLASS_FIELDS)
@@ -87,23 +96,11 @@ _NOTHING: Final = {name: 0 for table in _TABLES for name, _ in table}
 
 def sizes_of(
     record: dict[str, Any], run: dict[str, Any], rows: int, classes: int = 0, tasks: int = 0
-) -> Mapping[str, Any]:
+) -> dict[str, Any]:
     """Names that the declarations of a class, of a group or of the run itself may use; sizes that were not set are 0.
 
     rows : R of the output. classes : of this process. tasks : that the threads share at most.
     """
     letters = {letter: record[name] for letter, name in _LETTERS.items() if name in record}
     letters |= {"N": run["n_flat"], "w": run["longest_window"], "R": rows, "classes": classes, "tasks": tasks}
-    return ChainMap(letters, record, run, _NOTHING)
-
-
-def place(
-    block: Any, arrays: Iterable[Declared], pool: str, record: MutableMapping[str, Any], sizes: Mapping[str, Any]
-) -> None:
-    """Reserve the arrays of a pool in a block, one after the other, and set their places in the record."""
-    for array in arrays:
-        if array.pool != pool:
-            continue
-        size = array.size(sizes)
-        here = size > 0 or array.elsewhere is None
-        record[array.name] = block.reserve(size) if here else record[str(array.elsewhere)]
+    return _NOTHING | run | record | letters

@@ -12,7 +12,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
-from latin_fmu.latin import windows
+from latin_fmu.latin import recorder, windows
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
@@ -400,6 +400,30 @@ def test_the_length_of_a_call_changes_nothing(
     for name, history in outcomes[0].interfaces.items():
         for other in outcomes[1:]:
             np.testing.assert_array_equal(history.traction, other.interfaces[name].traction)
+
+
+@pytest.mark.parametrize("kind", ["direct", "explicit", "reduced"])
+@pytest.mark.parametrize("window", [1, 4])
+def test_fields_of_many_instants_are_those_read_at_each(
+    kind: str, window: int, bars_scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = bars_scene(output={"fields": True, "stress": True, "every": 5}, time={"end": 2.4, "instants": 96})
+    tables["solver"] = {"propagator": {"type": kind}, "window": window}
+    law = {"type": "table", "times": [0.0, 2.4], "values": [0.0, 1.0]}
+    tables["boundary"]["held"] = {"type": "velocity", "face": "c.zmax", "components": ["z"]}
+    tables["boundary"]["held"] |= {"value": [0.05], "law": law}
+    found = []
+    for small in (recorder._SMALL, -1):
+        monkeypatch.setattr(recorder, "_SMALL", small)
+        found.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome.substructures)
+    assert np.abs(found[1]["c"].displacement[-1]).max() > 0.05
+    for name, bar in found[1].items():
+        np.testing.assert_array_equal(found[0][name].time, bar.time)
+        for field in ("displacement", "velocity", "stress"):
+            expected = getattr(bar, field)
+            assert len(expected) == 20
+            close = 1e-13 * np.abs(expected).max()
+            np.testing.assert_allclose(getattr(found[0][name], field), expected, rtol=0.0, atol=close)
 
 
 def test_an_instant_that_needs_a_fall_back_is_solved_from_python(python_driver: Callable[[], None]) -> None:

@@ -97,7 +97,11 @@ def test_products_of_rows(m: int) -> None:
     x = RNG.normal(size=(19, m))
     out, dense = np.ones((13, m)), np.ones((13, m))
     products.add_rows(13, *form, 0.7, m, x.ravel(), out.reshape(-1))
-    products.add_dense(13, 19, a.toarray().ravel(), m, x.ravel(), dense.reshape(-1))
+    table = a.toarray().ravel()
+    if m == 1:
+        products.add_dense(13, 19, table, x.ravel(), dense.reshape(-1))
+    else:
+        products.add_dense_members(13, 19, table, m, x.ravel(), dense.reshape(-1), np.full((19 + 4) * 8, np.nan))
     np.testing.assert_allclose(out, 1.0 + 0.7 * (a @ x), rtol=0, atol=1e-13)
     np.testing.assert_allclose(dense, 1.0 + a @ x, rtol=0, atol=1e-13)
 

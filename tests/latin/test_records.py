@@ -186,10 +186,10 @@ def arrays(image: Any) -> Iterator[tuple[str, str, int, int]]:
     parts += [(f"group {g}", layout.GROUP, plainly(group)) for g, group in enumerate(image.groups)]
     for who, fields, record in parts:
         sizes = layout.sizes_of(record, run, image.rows, len(image.classes), tasks)
-        for field in fields:
-            size = field.size(sizes)
-            if size or field.elsewhere is None:
-                yield f"{who}: {field.name}", field.pool, int(record[field.name]), size
+        for pool, some in fields.items():
+            for field, size in zip(some.arrays, some.sizes(sizes), strict=True):
+                if size or field.elsewhere is None:
+                    yield f"{who}: {field.name}", pool, int(record[field.name]), size
 
 
 def plainly(record: Any) -> dict[str, Any]:
@@ -198,7 +198,8 @@ def plainly(record: Any) -> dict[str, Any]:
 
 
 def test_declarations_that_cannot_be_read_are_refused() -> None:
-    assert [field.name for field in layout.declared([("a", "work (3,): b"), ("n", "number")])] == ["a"]
+    found = layout.declared([("a", "work (3,): b"), ("n", "number")])
+    assert [(pool, field.name) for pool, some in found.items() for field in some.arrays] == [("work", "a")]
     for meaning in ("work (3: b", "state, int32 (3,): b", "output (3,) where n: b"):
         with pytest.raises(ValueError, match="cannot be read"):
             layout.declared([("a", meaning)])
@@ -207,13 +208,13 @@ def test_declarations_that_cannot_be_read_are_refused() -> None:
 def test_shapes_conditions_and_places_elsewhere() -> None:
     fields = layout.declared(
         [("a", "work (2, p): b"), ("b", "work (N,) if shared else a: b"), ("c", "work (w,) if shared: d")]
-    )
+    )["work"]
     run: dict[str, Any] = {"n_flat": 5, "longest_window": 7, "n_point": 3}
     for shared, expected in ((0, [6, 0, 0]), (1, [6, 5, 7])):
         sizes = layout.sizes_of(run | {"shared": shared}, run, 1)
-        assert [field.size(sizes) for field in fields] == expected
+        assert fields.sizes(sizes) == expected
         record: dict[str, Any] = {}
-        layout.place(Block(), fields, "work", record, sizes)
+        fields.place(Block(), record, sizes)
         assert (record["b"] == record["a"]) == (shared == 0)
 
 
