@@ -138,7 +138,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
         at_once=solved_at_once(scene, units),
         fields=output.keeps_fields,
         stress=output.stress,
-        energy=output.energy or not scene.time.quasi_static,
+        energy=output.energy,
         every=output.every,
         unbalanced=_unbalanced(scene),
         increments=start.increments if start.type == "static" else 0,

@@ -44,6 +44,7 @@ from .energy_parts import (
     whole_field,
     whole_product,
 )
+from .matrices import LOADS, add_sum
 from .records import EXPLICIT, STATIC
 from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 
@@ -82,7 +83,7 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         add_product(pools, c, MASS, 1.0, v[:size], mass_v)
     state_energies(pools, c, u, v, mass_v, now[:wide], image)
-    if row.kind == EXPLICIT:
+    if row.kind == EXPLICIT and row.loads_only == 0:
         _open_explicit(pools, c, u, v)
         _write(pools, c, instant)
         return
@@ -112,7 +113,9 @@ def account(pools: Any, c: int, instant: int, flat: Array, marched: bool) -> Non
     row = pools.classes[c]
     if row.accounted == 0:
         return
-    if marched and row.kind == EXPLICIT:
+    if marched and row.loads_only == 1:
+        _account_loads(pools, c, instant)
+    elif marched and row.kind == EXPLICIT:
         _account_explicit(pools, c, instant, flat)
     elif marched:
         _account_weighted(pools, c, instant, flat)
@@ -281,6 +284,28 @@ def _open_explicit(pools: Any, c: int, u: Array, v: Array) -> None:
     copied(v, past[_V * wide : (_V + 1) * wide])
     whole_product(pools, c, STIFFNESS, v, past[_K_V * wide : (_K_V + 1) * wide])
     whole_product(pools, c, MASS, v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
+
+
+@kernel
+def _account_loads(pools: Any, c: int, instant: int) -> None:
+    """Du.f_w of the step alone, of a class without prescribed motions; u and loads in their places of ``past``."""
+    row, run, state = pools.classes[c], pools.run[0], pools.moving
+    m, size, turn = row.m, row.n * row.m, int(state[row.turn])
+    past, step = state[row.past : row.past + FIELDS * size], state[row.extended : row.extended + size]
+    new = past[(_RING + 4 * turn + 2) * size :][:size]
+    earlier = past[(_RING + 4 * ((turn + 1) % 3) + 2) * size :][:size]
+    then = past[(_RING + 4 * ((turn + 2) % 3) + 2) * size :][:size]
+    state[row.turn] = (turn + 1) % 3
+    copied(state[row.work_loads : row.work_loads + size], new)
+    add_sum(pools, c, LOADS, instant, 1.0, new)
+    u = state[row.u : row.u + size]
+    for i in range(size):
+        step[i] = u[i] - past[i]
+    weights = run.energy_before, run.energy_old, run.energy_new
+    if row.kind == EXPLICIT:
+        weights = 0.0, 0.5, 0.5
+    add_work(m, weights, step, earlier, then, new, state[row.totals + WORK_OF_LOADS * m :][:m])
+    copied(u, past[:size])
 
 
 @kernel

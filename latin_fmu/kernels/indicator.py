@@ -8,9 +8,8 @@ equilibrium F_0 that the motion starts from (static start, preload), and the vel
 common motion, which are [W] = W' - W with Z_r = Z Z' / (Z + Z'), Z where the other side is ground. Neither a preload
 nor a ride of the whole assembly loosens the measure. Without inertia the denominator leaves out the velocities: a body
 may travel far under next to no force. By E+, F_hat - F = r/2 and W_hat - W = r/(2k) with the residual
-r = (F_hat + k W_hat) - q; the part of the velocities counts with the larger impedance of both sides. Changes below
-STILL of the tractions are resolved as one of that size; a residual below NOTHING of the whole tractions and velocities
-is round-off.
+r = (F_hat + k W_hat) - q. Changes below STILL of the tractions are resolved as one of that size; a residual below
+NOTHING of the whole tractions and velocities is round-off.
 
 The indicator alone weights shear and the soft side of a contrast too little. A window has converged when the indicator,
 the force residual and the work of the error are within their limits. The force residual is the norm sqrt(f . C f) of

@@ -83,6 +83,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("grouped", "1 where four rows of a panel are taken at a time (factor within the cache)"),
     ("driven", "1 where constant forces or prescribed motions drive the class, and for STATIC classes"),
     ("accounted", "1 where energies are accounted for"),
+    ("loads_only", "1 where of the energies the work of the loads alone is followed"),
     ("damped", "1 where C is more than the viscosity of the contact layer"),
     ("dense_trace", "1 where the trace is a dense matrix"),
     ("swept", "1 where the factor holds all dofs and interfaces are solved with by substitution on the face alone"),

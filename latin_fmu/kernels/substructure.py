@@ -404,7 +404,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
             u[i] = u_free[i] + solved[i]
             v[i] = solved[i] / dt
         return
-    if run.one_step == 1.0 and row.accounted == 1:
+    if run.one_step == 1.0 and row.accounted == 1 and row.loads_only == 0:
         weighted, old, new = work[row.weighted_v : row.weighted_v + size], run.force_old, run.force_weight
         for i in range(size):
             weighted[i] = old * v[i] + new * (v_free[i] + gain_v * solved[i])
@@ -428,7 +428,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
             at = massless[e] * m + j
             v[at] = solved[at]
             a[at] = 0.0
-    if run.memory_weight == 0.0 and run.force_old == 0.0 and row.accounted == 0:
+    if run.memory_weight == 0.0 and run.force_old == 0.0 and (row.accounted == 0 or row.loads_only == 1):
         return
     keep_memory(pools, c, instant)
 

@@ -242,7 +242,7 @@ class RunState:
     def account(self) -> Account | None:
         """The account of energies since the start, which sums up to round-off; None where it is not kept, or is
         distributed over processes."""
-        if self.part is not None or not all(p.energy for p in self.held.propagators):
+        if self.part is not None or not all(p.energy and not p.loads_only for p in self.held.propagators):
             return None
         works, total = self.image.field("works", N_WORK), np.zeros(N_TERM)
         for c, propagator in enumerate(self.held.propagators):

@@ -265,14 +265,13 @@ class Direction:
         impedance = np.where(self.assembly.impedance > 0, self.assembly.impedance, 1.0)
         f_weight, w_weight = area / impedance, area * impedance
         moving = 0.0 if self.assembly.quasi_static else 1.0
-        relative, stiffer = np.zeros_like(w_weight), w_weight.copy()
+        relative = np.zeros_like(w_weight)
         for group in layout.groups:
             first, second = group.block(w_weight)
             held = np.minimum(first, second) <= 0.0  # by the ground
             both = np.divide(first * second, first + second, out=np.maximum(first, second), where=~held)
             group.block(relative)[:] = both
-            group.block(stiffer)[:] = np.maximum(first, second)
-        weights = 0.25 * (f_weight + stiffer * self.z * self.z), f_weight, moving * w_weight, moving * relative
+        weights = 0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight, moving * relative
         return np.stack(weights)
 
     @property

@@ -93,6 +93,7 @@ class Propagator(ABC):
         self.members = list(members)
         self.names = [m.name for m in members]
         self.scheme, self.energy, self.swept = scheme, energy, members[0].swept
+        self.loads_only = False  # of the energies the work of the loads alone is followed
         self.forcing = Forcing(members, scheme)
         self._kept: list[tuple[float, Any]] = [] if kept is None else kept
         self._image: Image | None = None

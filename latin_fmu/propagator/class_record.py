@@ -200,6 +200,7 @@ def constants(
         "n_motion": motions,
         "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
         "accounted": int(propagator.energy),
+        "loads_only": int(propagator.loads_only),
     }
     _factor(block, row, factor)
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)

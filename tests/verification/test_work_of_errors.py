@@ -17,7 +17,12 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import Solution
+from latin_fmu.assembly.build import build
+from latin_fmu.kernels.energy_parts import N_WORK, PUT_IN
+from latin_fmu.latin.outcome import Timings
+from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.status import BALANCED, ERRORS
+from latin_fmu.latin.windows import Run
 from latin_fmu.stability.scenes import Box, Material, column
 from tests.hard_cases import random_scenes
 
@@ -86,6 +91,49 @@ def test_shipped_models(model: str) -> None:
     solution = latin_fmu.solve(scene)
     assert solution.converged
     assert share(solution) <= ERRORS
+
+
+def pressed(account: bool, **choices: str) -> Run:
+    """Two blocks that are pushed by a ramp and meet in short steps."""
+    blocks = {name: Box(Material(210e9, 7800.0, 0.3), (0.1, 0.1, 0.1), (3, 3, 3)) for name in ("low", "up")}
+    tables = copy.deepcopy(column(blocks, {"meet": {"friction_coefficient": 0.2}}, {"end": 1e-4, "instants": 100}))
+    tables["boundary"] = {"foot": {"type": "fixed", "face": "low.zmin"}}
+    ramp = {"type": "table", "times": [0.0, 3e-5, 1e-4], "values": [0.0, 1.0, 0.4]}
+    tables["load"] = {"push": {"face": "up.zmax", "traction": [2e6, 0.0, -1e7], "law": ramp}}
+    tables["output"] = {"energy": account}
+    for table, key in (("time", "scheme"), ("solver", "propagator")):
+        tables.setdefault(table, {})
+        tables[table] |= {key: choices[key]} if key in choices else {}
+    problem = build(latin_fmu.scene_from_dict(tables))
+    run = Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
+    run.all()
+    return run
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"scheme": "hht"},
+        {"scheme": "newmark"},
+        {"scheme": "generalized_alpha"},
+        {"scheme": "massless_contact"},
+        {"propagator": "explicit"},
+        {"propagator": "reduced"},
+    ],
+    ids=str,
+)
+def test_the_account_changes_nothing(choices: dict[str, str]) -> None:
+    """The stopping test needs the work of the loads; where it alone is followed it is that of the whole account."""
+    short, whole = pressed(False, **choices), pressed(True, **choices)
+    assert all(p.loads_only for p in short.assembly.propagators)
+    assert not any(p.loads_only for p in whole.assembly.propagators)
+    put_in = [float(run.image.field("works", N_WORK)[PUT_IN]) for run in (short, whole)]
+    assert put_in[0] > 0.0
+    assert put_in[0] == pytest.approx(put_in[1], rel=1e-14)
+    last = [run.image.field("history_f", run.image.rows, run.image.n_flat)[-1] for run in (short, whole)]
+    assert np.array_equal(*last)
+    assert short.account() is None
+    assert whole.account() is not None
 
 
 def energy_kept(solution: Solution) -> float:
