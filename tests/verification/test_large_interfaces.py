@@ -187,7 +187,7 @@ def test_newton_steps_by_products_at_several_interfaces() -> None:
     """The same where one body has two interfaces, perfect or with friction, and classes have several members."""
     tables = stack(5, time={"end": 1e-3, "instants": 10, "scheme": "hht"})
     bonded(tables)
-    tables["solver"] |= {"newton": True, "tolerance": 1e-4, "force_tolerance": 1e-4}
+    tables["solver"] |= {"newton": True, "tolerance": 1e-5, "force_tolerance": 1e-5}
     tables["load"]["press"]["law"] = half_sine(1e-3)
     exact, dense = solved(tables, "exact"), solved(tables, "dense")
     assert exact.converged
@@ -274,7 +274,7 @@ def test_an_instant_starts_alike_in_every_form() -> None:
     exact, dense = (solved(tables, form) for form in ("exact", "dense"))
     counts = [[w.iterations for w in s.windows] for s in (exact, dense)]
     assert counts[0] == counts[1]
-    assert np.mean(counts[1]) < 4.2
+    assert np.mean(counts[1]) < 4.4
 
 
 @pytest.mark.parametrize(
