@@ -49,9 +49,9 @@ TANGENTIAL_FLOOR = 1e-2
 """Smallest scale of tangential forces over that of normal ones."""
 FLYING_FLOOR = 0.1
 """Smallest scale of normal forces over the root of the size of the fields (both are roots of a power)."""
-BUDGET, SHARE, SHARE_OF_WINDOW = 2e-5, 0.03, 0.5
-"""Share of the energy put in that errors may do as work, a fifth of what a run promises: to make them up later takes as
-many times the work as the pressure has risen; share of what is left of it for an instant, for a window of several."""
+BUDGET, SHARE, SHARE_OF_WINDOW = 1e-4, 0.03, 0.5
+"""Share of the energy put in that errors may do as work; share of what is left of it for an instant, for a window of
+several."""
 LEAST = 0.1
 """Share of this that an instant may always do."""
 STILL, NOTHING = 1e-9, 1e-12

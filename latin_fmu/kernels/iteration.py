@@ -52,10 +52,9 @@ by up to ten times; share of the tolerances that ends it then; tolerance from wh
 PRECISE, IDLE = 0.03, 1e-7
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
 iterate. Tolerance up to which it never does: of bodies at rest it is round-off there."""
-MOST, LONG = 6, 10.0
-"""Newton steps of an instant after which the work of the error does not count. Where steps are long they are made for
-it from LONG times its limit on: they gain a factor of two each there, and the scheme takes most of the energy of an
-instant anyway."""
+MOST = 6
+"""Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
+it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
 
@@ -230,7 +229,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         allowed = CLOSER
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
-    if numbers[8] > (1.0 if run.from_last == 1 or steps == 0.0 else LONG) and steps <= MOST:  # the work of the error
+    if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
         share = precise(run.tolerance)
         met = error <= share * run.tolerance and forces <= share * run.force_tolerance
     work[run.course + LAST] = float(iteration)

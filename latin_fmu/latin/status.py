@@ -15,9 +15,9 @@ from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
 from .settings import Settings
 
-ERRORS, BALANCED = 1e-4, 1e-3
-"""Work of the errors of a run over the energy put in, up to which it has converged; of windows of several instants, and
-of a run of these."""
+BALANCED = 1e-3
+"""Work of the errors of a run, or of a window of several instants, over the energy put in, up to which it has
+converged."""
 ROUND_OFF = 1e-9
 """Share of the work of the largest tractions on the velocities they give, over a time step, that is round-off."""
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
@@ -58,19 +58,17 @@ def status(
 
 def with_work(sentence: str, work: float, put_in: float, settings: Settings) -> tuple[bool, str]:
     """The status of a run whose windows have all converged: it has not where the errors that they left had done more
-    work at the interfaces by any instant, ``work`` in J, than a share ERRORS of the energy put in (BALANCED in windows
-    of several instants).
+    work at the interfaces by any instant, ``work`` in J, than a share BALANCED of the energy put in.
 
     The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
     the next, to make that error up takes as many times the work.
     """
-    allowed = ERRORS if settings.window == 1 else BALANCED
-    if not work > allowed * put_in:
+    if not work > BALANCED * put_in:
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (
         f"not converged: the errors of the iteration did {work:.2g} J of work against the laws of the interfaces, "
-        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {allowed:g}). Lower solver.tolerance, as to "
+        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {BALANCED:g}). Lower solver.tolerance, as to "
         f"{0.1 * settings.tolerance:g}"
     )
 
@@ -150,7 +148,7 @@ def _excess(settings: Settings, window: WindowRecord) -> str:
     if window.imbalance > 0.0:
         allowed = f"(allowed {BALANCED:g})"
         return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in {allowed}"
-    return "work against the laws of the interfaces above its share of the energy put in"
+    return "work against the laws of the interfaces above its share of 1e-4 of the energy put in"
 
 
 def _where(assembly: Assembly, interface_indicator: Array | None) -> str:

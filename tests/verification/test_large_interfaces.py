@@ -190,8 +190,8 @@ def test_newton_steps_by_products_at_several_interfaces() -> None:
     tables["solver"] |= {"newton": True, "tolerance": 1e-4, "force_tolerance": 1e-4}
     tables["load"]["press"]["law"] = half_sine(1e-3)
     exact, dense = solved(tables, "exact"), solved(tables, "dense")
-    # the stack falls over: instant by instant, for the work of the errors exceeds that of a run to be trusted
-    assert all(w.converged for s in (exact, dense) for w in s.windows)
+    assert exact.converged
+    assert dense.converged
     assert sum(w.newton_steps for w in exact.windows) > 0
     assert apart(exact, dense, "traction") < 5e-3
 
@@ -274,7 +274,7 @@ def test_an_instant_starts_alike_in_every_form() -> None:
     exact, dense = (solved(tables, form) for form in ("exact", "dense"))
     counts = [[w.iterations for w in s.windows] for s in (exact, dense)]
     assert counts[0] == counts[1]
-    assert np.mean(counts[1]) < 4.4
+    assert np.mean(counts[1]) < 4.2
 
 
 @pytest.mark.parametrize(
