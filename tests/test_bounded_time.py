@@ -148,10 +148,12 @@ def test_fall_backs_that_have_failed_are_not_repeated() -> None:
     assert windows[1].fallbacks
 
 
-def test_an_instant_that_does_not_converge_costs_at_most_fifty_that_do() -> None:
+def test_instants_that_do_not_converge_take_a_bounded_number_of_iterations() -> None:
+    """9.2 times those of a run that converges; 20 with all fall-backs at every instant."""
     failing, converging = (latin_fmu.solve(latin_fmu.scene_from_dict(thrown(100, **s))) for s in (NEVER, {}))
     assert converging.converged
-    assert failing.timings.march <= 50.0 * converging.timings.march
+    taken = [sum(w.iterations for w in s.windows) for s in (failing, converging)]
+    assert taken[0] <= 12 * taken[1]
 
 
 def test_fall_backs_that_help_are_taken_at_every_instant() -> None:
