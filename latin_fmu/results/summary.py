@@ -160,7 +160,8 @@ def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:
     landed, sunk = (readable(value, units.label("m"), 3) for value in (outcome.landed(), outcome.sunk()))
-    return f"{landed} where points landed, {sunk} more where they stayed closed"
+    closed = f", {sunk} more where they stayed closed" if outcome.sunk() > 0.0 else ""
+    return f"{landed} where points landed{closed}"
 
 
 def _iterations(outcome: Outcome) -> str:
