@@ -41,7 +41,7 @@ from .run_image import LawsInPython, Stages, all_in_kernels, histories, law_of, 
 from .search_direction import Direction
 from .settings import Settings
 from .shared_stages import SharedStages
-from .status import ROUND_OFF, Account, WindowList, round_off, status, with_energy, with_work
+from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
@@ -428,7 +428,9 @@ class RunState:
             work = max(float(works[LARGEST]), abs(float(works[OF_DRIFT])) if alone else 0.0)
             # residuals below NOTHING of the tractions are accepted, as of bodies that rest under a preload
             work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
-            converged, sentence = with_work(sentence, work, put_in, self.settings)
+            short = self.settings.window == 1 and self.direction(1).short
+            allowed = allowed_work(float(works[INSTANTS]), short)
+            converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:
             return converged, sentence
         return with_energy(converged, sentence, self.assembly.time, energy, stored, negligible)

@@ -236,7 +236,7 @@ class Direction:
         self.tables: list[dict[str, Table]] | None = None
 
     @property
-    def _short(self) -> bool:
+    def short(self) -> bool:
         """Whether windows have one instant, in which a force reaches little beyond its point."""
         return self._n == 1 and not self.assembly.quasi_static and not self._long_steps
 
@@ -245,7 +245,7 @@ class Direction:
         """Whether the iteration may take factors in single precision, read in half the time: the motion is marched with
         the others, so that the contact laws alone are met to some 1e-6 of what changes within an instant."""
         tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
-        return self._short and self.assembly.swept and tolerance >= ROUGH
+        return self.short and self.assembly.swept and tolerance >= ROUGH
 
     def _of_long_range(self) -> bool:
         """Whether steps are so long that the iteration alone is slow."""
@@ -288,7 +288,7 @@ class Direction:
             return
         for propagator, channels in zip(self.assembly.propagators, self.assembly.channels, strict=True):
             propagator.bind(self.k[channels[:, 0]], self._single)
-        if self._short and self.assembly.swept:
+        if self.short and self.assembly.swept:
             self.tables = self._made_tables() if self.tables is None else self.tables
             for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
                 propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
@@ -324,7 +324,7 @@ class Direction:
             proximal /= _WIDENING  # the same share of z
         sparse = any("y" in p.tables for p in self.whole.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
-        fields["from_last"] = int(self._short)
+        fields["from_last"] = int(self.short)
         fields["newton_z"] = self.newton_z
         by_price = self.newton and not self.assembly.quasi_static and not self.relative.get("krylov")
         fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0

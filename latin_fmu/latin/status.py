@@ -15,9 +15,9 @@ from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
 from .settings import Settings
 
-BALANCED = 1e-3
-"""Work of the errors of a run, or of a window of several instants, over the energy put in, up to which it has
-converged."""
+ERRORS, BALANCED = 1e-4, 1e-3
+"""Work of the errors over the energy put in, up to which a run has converged: ERRORS a thousand instants, BALANCED in
+all, at once where steps are longer than waves take through an element; and of a window of several instants."""
 ROUND_OFF = 1e-9
 """Share of the work of the largest tractions on the velocities they give, over a time step, that is round-off."""
 _GAIN = 0.5  # of the energy put in: more than that gained, a run is not called converged
@@ -56,20 +56,26 @@ def status(
     return False, sentence + f". {_remedy(assembly, settings, failed)}"
 
 
-def with_work(sentence: str, work: float, put_in: float, settings: Settings) -> tuple[bool, str]:
+def allowed_work(instants: float, short: bool) -> float:
+    """Share of the energy put in that errors may do as work in so many instants; ``short``: of single instants that
+    resolve waves. An instant may always do a little, and energy that swings to and fro is put in once."""
+    return min(BALANCED, ERRORS * max(1.0, instants / 1000.0)) if short else BALANCED
+
+
+def with_work(sentence: str, work: float, put_in: float, allowed: float, tolerance: float) -> tuple[bool, str]:
     """The status of a run whose windows have all converged: it has not where the errors that they left had done more
-    work at the interfaces by any instant, ``work`` in J, than a share BALANCED of the energy put in.
+    work at the interfaces by any instant, ``work`` in J, than the share ``allowed`` of the energy put in.
 
     The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
     the next, to make that error up takes as many times the work.
     """
-    if not work > BALANCED * put_in:
+    if not work > allowed * put_in:
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (
         f"not converged: the errors of the iteration did {work:.2g} J of work against the laws of the interfaces, "
-        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {BALANCED:g}). Lower solver.tolerance, as to "
-        f"{0.1 * settings.tolerance:g}"
+        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {allowed:g}). Lower solver.tolerance, as to "
+        f"{0.1 * tolerance:g}"
     )
 
 
@@ -148,7 +154,7 @@ def _excess(settings: Settings, window: WindowRecord) -> str:
     if window.imbalance > 0.0:
         allowed = f"(allowed {BALANCED:g})"
         return f"work against the laws of the interfaces {window.imbalance:.2e} of the energy put in {allowed}"
-    return "work against the laws of the interfaces above its share of 1e-4 of the energy put in"
+    return "work against the laws of the interfaces above its share of the energy put in"
 
 
 def _where(assembly: Assembly, interface_indicator: Array | None) -> str:

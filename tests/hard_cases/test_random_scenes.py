@@ -38,10 +38,10 @@ def test_found_seeds(seed):
 
 
 def test_most_converge():
-    """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) six in seven converge, with
-    their balance of energy."""
+    """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) five in six converge, with
+    their balance of energy and, in short steps, work against the laws below 1e-4."""
     outcomes = [outcome(seed) for seed in range(30)]
-    assert outcomes.count("converged") >= 26
+    assert outcomes.count("converged") >= 25
 
 
 @pytest.mark.parametrize("seed", range(24))

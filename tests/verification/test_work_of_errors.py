@@ -1,8 +1,9 @@
 """Work that the laws of the interfaces do not allow: what the errors of the iteration add to or take from the energy.
 
-The stopping test bounds it instant by instant (``kernels.indicator.work_of_error``), and a run in which it exceeds 1e-3
-of the energy put in has not converged. A ball that bounces and thrown bars show the same by an account that knows
-nothing of it: the energy after against that of a run at a tight tolerance.
+The stopping test bounds it instant by instant (``kernels.indicator.work_of_error``), and a run in which it exceeds 1e-4
+of the energy put in a thousand instants has not converged, 1e-3 where steps are too long for waves and in windows of
+several instants. A ball that bounces and thrown bars show the same by an account that knows nothing of it: the energy
+after against that of a run at a tight tolerance.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from latin_fmu.assembly.build import build
 from latin_fmu.kernels.energy_parts import N_WORK, PUT_IN
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
-from latin_fmu.latin.status import BALANCED
+from latin_fmu.latin.status import BALANCED, ERRORS
 from latin_fmu.latin.windows import Run
 from latin_fmu.stability.scenes import Box, Material, column
 from tests.hard_cases import random_scenes
@@ -28,7 +29,6 @@ from tests.hard_cases import random_scenes
 from .test_ball_impact import ball
 
 MODELS = Path(__file__).parents[2] / "models"
-BUDGET = 1e-4
 
 
 def share(solution: Solution) -> float:
@@ -40,45 +40,54 @@ def share(solution: Solution) -> float:
     return float(np.abs(energy["drift_work"]).max()) / largest if largest > 0.0 else 0.0
 
 
-def randomly(seed: int, window: int | str) -> Solution:
+def set_up(scene: latin_fmu.Scene) -> Run:
+    problem = build(scene)
+    return Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
+
+
+def randomly(seed: int, window: int | str) -> tuple[Solution, bool]:
+    """A random scene's solution, and whether its steps resolve waves."""
     described = random_scenes.scene(seed)
     described["solver"]["window"] = window
-    return latin_fmu.solve(latin_fmu.scene_from_dict(described))
+    scene = latin_fmu.scene_from_dict(described)
+    return latin_fmu.solve(scene), window == 1 and set_up(scene).direction(1).short
 
 
-def converged_shares(seeds: range, window: int | str) -> np.ndarray:
-    """Shares of the runs that have converged; NaN for the others."""
-    runs = [randomly(seed, window) for seed in seeds]
-    return np.array([share(run) if run.converged else np.nan for run in runs])
-
-
-def check(shares: np.ndarray, converged: float, within: float) -> None:
-    kept = shares[np.isfinite(shares)]
-    assert len(kept) >= converged * len(shares), f"{len(kept)} of {len(shares)} runs have converged"
-    assert kept.max() <= 1.1 * BALANCED  # the run compares with the largest energy put in up to its end
-    assert np.mean(kept <= BUDGET) >= within, np.sort(kept)[-5:]
+def check(seeds: range, window: int | str) -> None:
+    """Nine tenths of the scenes have converged, all of them with the work that is allowed for their steps; instant by
+    instant, four in five of them with that of short ones."""
+    shares: dict[float, list[float]] = {ERRORS: [], BALANCED: []}
+    for seed in seeds:
+        solution, short = randomly(seed, window)
+        if solution.converged:
+            shares[ERRORS if short else BALANCED].append(share(solution))
+    assert sum(map(len, shares.values())) >= 0.9 * len(seeds)
+    for allowed, kept in shares.items():
+        assert max(kept, default=0.0) <= 1.1 * allowed, allowed  # the largest energy put in is that up to the end
+    if window == 1:
+        kept = [*shares[ERRORS], *shares[BALANCED]]
+        assert np.mean(np.array(kept) <= ERRORS) >= 0.8, np.sort(kept)[-5:]
 
 
 def test_random_scenes() -> None:
-    """Instant by instant, the default: most within the budget of the stopping test, the others told above 1e-3."""
-    check(converged_shares(range(2000, 2024), 1), converged=0.9, within=0.8)
+    check(range(2000, 2024), 1)
 
 
 @pytest.mark.slow
 def test_hundred_random_scenes() -> None:
-    check(converged_shares(range(2100, 2200), 1), converged=0.9, within=0.8)
+    check(range(2100, 2200), 1)
 
 
 @pytest.mark.parametrize("window", [2, 5, 20, "whole"])
 def test_longer_windows(window: int | str) -> None:
     """Windows of several instants balance or have not converged."""
-    check(converged_shares(range(2000, 2006), window), converged=0.6, within=0.0)
+    check(range(2000, 2010), window)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("window", [2, 5, 20, "whole"])
 def test_longer_windows_of_fifty_scenes(window: int | str) -> None:
-    check(converged_shares(range(2200, 2250), window), converged=0.9, within=0.0)
+    check(range(2200, 2250), window)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +97,7 @@ def test_shipped_models(model: str) -> None:
     scene = latin_fmu.load_scene(MODELS / model / "scene.toml", ["output.energy=true"])
     solution = latin_fmu.solve(scene)
     assert solution.converged
-    assert share(solution) <= BUDGET
+    assert share(solution) <= ERRORS
 
 
 def pressed(account: bool, **choices: str) -> Run:
@@ -102,8 +111,7 @@ def pressed(account: bool, **choices: str) -> Run:
     for table, key in (("time", "scheme"), ("solver", "propagator")):
         tables.setdefault(table, {})
         tables[table] |= {key: choices[key]} if key in choices else {}
-    problem = build(latin_fmu.scene_from_dict(tables))
-    run = Run(problem.assembly, problem.settings, Recorder(problem.assembly, problem.output, problem.info), Timings())
+    run = set_up(latin_fmu.scene_from_dict(tables))
     run.all()
     return run
 
