@@ -23,7 +23,7 @@ from typing import Any, Final
 from ..compiled import kernel
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
-from .outputs import gather, keep_outputs, move, set_ratios
+from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
 
 HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 """Rules of interpolation."""
@@ -62,6 +62,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
         set_histories(pools, i, before + i, made + i, whole, rule)
     done = march_instants(pools, 1, n)
     for i in range(1, done + 1):
+        count_iterations(pools, i - 1)
         keep_outputs(pools, i, before + i, made + i)
     moving[run.progress] = made + done
     if done > 0:
@@ -268,6 +269,14 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     move(pools, z + n_x, z + n_x + n_s, n_s)
     open_accounts(pools)
     read_start(pools)
+    open_outputs(pools)
+    return 0
+
+
+@kernel
+def open_outputs(pools: Any) -> None:
+    """Outputs of row 0, in which a simulation begins."""
+    run, moving = pools.run[0], pools.moving
     moving[run.impulse : run.impulse + 3 * run.n_interface] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
@@ -275,7 +284,24 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
     set_ratios(pools, 0)
     move(pools, run.output, run.present, run.n_output)
-    return 0
+
+
+@kernel
+def follow(pools: Any, row: int, n: int, made: int) -> None:
+    """Outputs of n rows from ``row`` on, whose fields and drives the caller has filled; ``made`` time steps lie before
+    the first of them. The last one is row 0 of the next call. From row 0 on: the start of a simulation, or with n = 0
+    the present state."""
+    run = pools.run[0]
+    if row == 0 and n > 0:
+        open_outputs(pools)
+    elif n > 0:
+        for i in range(n):
+            keep_outputs(pools, row + i, made + i + 1, made + i + 1)
+        last = row + n - 1
+        move(pools, run.output + last * run.n_output, run.present, run.n_output)
+        move(pools, run.drive + last * run.n_drive, run.motion_state, run.n_motion_state)
+    row_of_state(pools)
+    set_ratios(pools, 0)
 
 
 @kernel
@@ -330,13 +356,7 @@ def _write_opening(pools: Any, e: int, passed: int, size: int, to: int) -> int:
 def put_back(pools: Any) -> None:
     """Row 0 of outputs, fields, drives and prescribed motions from the state."""
     run = pools.run[0]
-    move(pools, run.present, run.output, run.n_output)
-    move(pools, run.f_hat, run.history_f, run.n_flat)
-    move(pools, run.w_hat, run.history_w, run.n_flat)
-    for g in range(len(pools.groups)):
-        group = pools.groups[g]
-        move(pools, group.gap, run.history_gap + group.first_point, group.n_point)
-    move(pools, run.motion_state, run.drive, run.n_motion_state)
+    row_of_state(pools)
     at = run.motion_state
     for c in range(len(pools.classes)):
         row = pools.classes[c]
@@ -344,3 +364,16 @@ def put_back(pools: Any) -> None:
         for kind in range(3):
             move(pools, at, row.motions + kind * run.n_time * size, size)
             at += size
+
+
+@kernel
+def row_of_state(pools: Any) -> None:
+    """Row 0 of outputs, fields and drives from the state."""
+    run = pools.run[0]
+    move(pools, run.present, run.output, run.n_output)
+    move(pools, run.f_hat, run.history_f, run.n_flat)
+    move(pools, run.w_hat, run.history_w, run.n_flat)
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        move(pools, group.gap, run.history_gap + group.first_point, group.n_point)
+    move(pools, run.motion_state, run.drive, run.n_motion_state)
