@@ -175,8 +175,7 @@ class Derivatives:
                 loads.set(name, value + change, rate)
             else:  # that of the causal line where none was set
                 loads.set(name, value, loads.rates(mode.rule)[name] + change)
-        amplitudes = loads.amplitudes(step.h, step.n, mode.rule)
-        driving = loads.driving(amplitudes, step.h / step.n)
+        driving = loads.driving(step.h / step.n, step.n, mode.rule)
         return mode.advance(step.end, step.n, driving, solve)
 
     def _row(self, segment: Segment) -> Array:

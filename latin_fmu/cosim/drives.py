@@ -17,7 +17,8 @@ import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun
 from ..assembly.supports import Motion
-from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION, WAVE
+from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
+from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
@@ -27,7 +28,6 @@ from ..scene.boundaries import Driven
 from ..scene.laws import ConstantLaw, InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from .loads import Loads
-from .variable import is_motion, is_wave
 from .variables import inputs_of
 
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
@@ -58,10 +58,9 @@ class Sources:
         time, laws = np.linspace(0.0, scene.time.end, scene.time.n_step + 1), _own_laws(scene)
         own = {name: sample(time) for name, (_, sample) in laws.items()}
         varies = any(not isinstance(law, ConstantLaw) for law, _ in laws.values())
-        kinds = [_kind_of(name, loads) for name in given]
         start = np.array([law.start_value for law in given.values()], dtype=float)
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
-        return cls(tuple(given), tuple(own), tuple(kinds), start, table, len(time) - 1 if varies else -1)
+        return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
 
     @staticmethod
     def own_laws(scene: Scene, time: Array) -> dict[str, Array]:
@@ -101,12 +100,6 @@ def _own_laws(scene: Scene) -> dict[str, tuple[TimeLaw, Callable[[Array], Array]
             if source not in given:
                 own[source] = port.law(component), port.law(component).sample
     return own
-
-
-def _kind_of(name: str, loads: Loads) -> int:
-    if name in loads.starts():
-        return DISPLACEMENT
-    return MOTION if is_motion(name) else WAVE if is_wave(name) else LOAD
 
 
 class Drives:

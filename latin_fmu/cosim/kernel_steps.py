@@ -14,6 +14,7 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
+from ..kernels.inputs import SLOPE
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
@@ -28,7 +29,6 @@ from .outputs import counts
 from .variables import ENERGIES
 
 _SAME_STEP, _ON_GRID = 1e-9, 1e-6  # of a time step: differences that are round-off
-_MEMORY: Final = ("reached", "slope", "before", "held", "rated")  # of ``Loads.memory``
 _WORK: Final = list(ENERGIES).index("interface_work")
 _CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
 _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
@@ -141,7 +141,7 @@ class KernelSteps:
     def _lay_out(self, loads: Loads, end: float, n: int) -> None:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, h = self._run, end - self._run.time
-        given = loads.driving(loads.amplitudes(h, n, self._rule), h / n)
+        given = loads.driving(h / n, n, self._rule)
         rows, own, made = np.ones((COMMUNICATION_ROWS, len(self.sources))), self.sources.table, self._made(run.time)
         for e, name in enumerate(self.sources.inputs):
             rows[:2, e] = given[name][:2]
@@ -158,10 +158,8 @@ class KernelSteps:
     def _write(self, loads: Loads) -> None:
         """Write what the Python driver keeps elsewhere."""
         image = self._image
-        (memory, span), inputs = loads.memory(), self.sources.inputs
-        for name, kept in zip(_MEMORY, memory, strict=True):
-            image.field(name, len(inputs))[:] = [kept[e] for e in inputs]
-        image.field("progress", 8)[3] = span
+        image.field("inputs", *loads.memory.shape)[:] = loads.memory
+        image.field("progress", 8)[3] = loads.span
         if self._gaps is not None:
             for own, values in zip(self._gap_fields(), self._gaps, strict=True):
                 own[:] = values  # read from the displacements of a moving ground they differ by round-off
@@ -251,7 +249,7 @@ class KernelSteps:
                 self._marched(step, run)
 
         h = step.end - step.time
-        driving = given.driving(given.amplitudes(h, step.n, self._rule), h / step.n)
+        driving = given.driving(h / step.n, step.n, self._rule)
         with np.errstate(all="ignore"):
             return self._run.advance(step.end, step.n, driving, solve=solve)
 
@@ -321,7 +319,8 @@ class KernelSteps:
         return state[at : at + prod(shape)].reshape(shape)
 
     def _give(self, loads: Loads, state: Array, time: float, unrecorded: bool) -> None:
-        run, at, slopes = self._run, 0, self._give_memory(loads, state)
+        self._give_memory(loads, state)
+        run, at, slopes = self._run, 0, loads.memory[SLOPE].tolist()
         moved = self._part(state, "motion_state", int(self._image.run[0]["n_motion_state"]))
         motions: list[list[MotionState]] = []
         for propagator in run.problem.assembly.propagators:
@@ -341,11 +340,10 @@ class KernelSteps:
                 losses["contact_dissipation"] = -float(work) - friction
         run.go_on(time, motions, ground, losses)
 
-    def _give_memory(self, loads: Loads, state: Array) -> list[float]:
-        """Give the loads what steps before have left; the rates of their amplitudes reached, 1/s."""
-        memory: list[list[float]] = [self._part(state, name, len(self.sources.inputs)).tolist() for name in _MEMORY]
-        loads.set_memory(memory, float(self._part(state, "progress", 8)[3]))
-        return memory[1]
+    def _give_memory(self, loads: Loads, state: Array) -> None:
+        """Give the loads what steps before have left."""
+        loads.memory = self._part(state, "inputs", *loads.memory.shape).copy()
+        loads.span = float(self._part(state, "progress", 8)[3])
 
     def _ground_acceleration(self, interface: int, slopes: list[float], time: float) -> Array:
         """Acceleration (3,) of the ground of an interface over the last time step, m s-2."""

@@ -170,20 +170,19 @@ class Windowed:
         self._give_back(loads)
         self._kernels.leave()
         before, given = self.run.keep_state(), loads.copy()
-        amplitudes = loads.amplitudes(h, n, self.rule)
-        dt, early_end = h / n, None
-        segment = self.advance(t + h - t0, n, loads.driving(amplitudes, dt))
+        dt, whole, early_end = h / n, n, None
+        driving = loads.driving(dt, n, self.rule)
+        segment = self.advance(t + h - t0, n, driving)
         if early and n > 1 and segment.accepted:
             assert isinstance(segment.recorder, OutputRecorder)
             event = segment.recorder.event
             if event is not None and event < n:
                 before()
                 h, n, early_end = event * dt, event, t + event * dt
-                amplitudes = {name: line[: n + 1] for name, line in amplitudes.items()}
-                segment = self.advance(early_end - t0, n, loads.driving(amplitudes, dt))
+                segment = self.advance(early_end - t0, n, {name: line[: n + 1] for name, line in driving.items()})
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
-        loads.accept(amplitudes, h, n)
+        loads.accept(dt, n, whole, self.rule)
         end = (t + h if early_end is None else early_end) - t0
         self._last_step = LastStep(before, given, end, h, n)
         if early_end is not None and self.rule == LINE:

@@ -114,7 +114,7 @@ def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
     session.initialize()
     session.set_load("press", 0.5, 0.25 / H)
-    amplitude = session._loads.amplitudes(H, 4, session.settings.interpolation)["press"]
+    amplitude = session._loads.driving(H / 4, 4, session.settings.interpolation)["press"]
     assert amplitude[[0, -1]] == pytest.approx(expected)
     assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
 
@@ -126,7 +126,7 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    assert session._loads.amplitudes(H, 2, session.settings.interpolation)["press"] == pytest.approx([0.5, 0.3, 0.1])
+    assert session._loads.driving(H / 2, 2, session.settings.interpolation)["press"] == pytest.approx([0.5, 0.3, 0.1])
 
 
 @pytest.mark.parametrize(
