@@ -25,7 +25,7 @@ from ..propagator.image import COMMUNICATION_ROWS, Image
 from ..scene.schema import Scene
 from .loads import Loads
 from .output_rows import OutputRows
-from .outputs import counts
+from .outputs import first_event
 from .variables import ENERGIES
 
 _SAME_STEP, _ON_GRID = 1e-9, 1e-6  # of a time step: differences that are round-off
@@ -219,8 +219,8 @@ class KernelSteps:
     def has_event(self, row: Array) -> bool:
         """Whether there was a contact event in the last ``march``, whose outputs are ``row``."""
         assert self.origin is not None
-        before, first = self._part(self.origin.state, "present", self._outputs.n), self._outputs.of_event
-        return bool((counts(row[None, first:]) != counts(before[None, first:])).any())
+        before = self._part(self.origin.state, "present", self._outputs.n)
+        return first_event(np.stack([before, row])[:, self._outputs.of_event :]) is not None
 
     def recorded(self, loads: Loads) -> Segment:
         """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""

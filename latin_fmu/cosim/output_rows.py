@@ -23,7 +23,7 @@ from ..machine import one_thread
 from ..propagator.image import Image
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields
-from .outputs import COLUMNS, counts
+from .outputs import COLUMNS
 from .signals import Signals
 from .variables import ENERGIES, opening_interfaces, scalar_table
 
@@ -79,7 +79,7 @@ class OutputRows:
             table = [given[name] for name in self.sources.inputs] + [own[name] for name in self.sources.laws]
             amplitudes = np.stack(table, axis=1) if table else np.zeros((len(assembly.time), 0))
             drives, opens = self._drives.rows(amplitudes), self._run.run is None
-            return OutputRecorder(assembly, request, info, drives, (self.n, self.of_event), opens, every)
+            return OutputRecorder(assembly, request, info, drives, self.n, opens, every)
 
         return made
 
@@ -109,13 +109,12 @@ class OutputRecorder(Recorder):
 
     Parameters
     ----------
-    drives : (n_time, n_drive). sizes : number of outputs, and place of those of the events. opens : whether the segment
-        begins a simulation. every : keep the rows of all instants.
+    drives : (n_time, n_drive). n_output : number of outputs. opens : whether the segment begins a simulation.
+    every : keep the rows of all instants.
 
     Attributes
     ----------
-    rows : outputs at the instants kept so far (n, n_output), with ``every``. event : index of the first instant at
-    which the events are not those of the instant before; None where there is none.
+    outputs : outputs at the instants kept so far (n, n_output), with ``every``.
     """
 
     rows_before = 1
@@ -126,16 +125,13 @@ class OutputRecorder(Recorder):
         request: OutputRequest,
         info: dict[str, SubstructureInfo],
         drives: Array,
-        sizes: tuple[int, int],
+        n_output: int,
         opens: bool,
         every: bool,
     ) -> None:
         super().__init__(assembly, request, info)
         self._drives, self._opens, self._start = drives, opens, float(assembly.time[0])
-        self._n_output, self._of_event = sizes
-        self._table = np.zeros((len(drives) if every else 0, self._n_output))
-        self._counts = np.zeros(0)
-        self.event: int | None = None
+        self._table = np.zeros((len(drives) if every else 0, n_output))
 
     @property
     def outputs(self) -> Array:
@@ -155,15 +151,5 @@ class OutputRecorder(Recorder):
             image.call(entries.FOLLOW, 0, int(self._opens))
         else:
             image.call(entries.FOLLOW, row, n, first - 1)
-        outputs = image.field("output", image.rows, self._n_output)[row : row + n]
         if len(self._table):
-            self._table[first : first + n] = outputs
-        self._find_event(counts(outputs[:, self._of_event :]), first)
-
-    def _find_event(self, seen: Array, first: int) -> None:
-        """Look for the first event among the counts (n, n_event) from the instant ``first`` on."""
-        known = seen[:1] if first == 0 else self._counts[None]
-        changed = np.flatnonzero((seen != np.concatenate([known, seen[:-1]])).any(axis=1))
-        if self.event is None and len(changed):
-            self.event = first + int(changed[0])
-        self._counts = seen[-1].copy()
+            self._table[first : first + n] = image.field("output", image.rows, self._table.shape[1])[row : row + n]

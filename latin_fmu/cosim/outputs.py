@@ -1,4 +1,7 @@
-"""Outputs of a co-simulation: resultants of interfaces, sensors, bolts, contact events; rows and arrays of the table.
+"""Outputs of a co-simulation: resultants of interfaces, arrays of the table, contact events.
+
+``kernels.outputs`` makes the rows of scalar outputs, with coefficients that are read from ``InterfaceSeries``
+(``signals``), and follows the contact events.
 
 Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
 an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
@@ -115,9 +118,6 @@ def _at_points(history: InterfaceHistory, quantity: str) -> Any:
     return field
 
 
-# -- rows of scalar outputs ---------------------------------------------------------------------------------------
-
-
 def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
     """Resultants of every interface at the instants of its history."""
     return {name: InterfaceSeries.of(h.points_over_time, *faces_of(h)) for name, h in interfaces.items()}
@@ -128,15 +128,11 @@ def faces_of(history: InterfaceHistory) -> tuple[Array, Array, Array]:
     return history.areas, history.areas / history.areas.sum(), history.normals
 
 
-def counts(events: Array) -> Array:
-    """Counts among outputs of the events, (n, n_event)."""
-    return events[:, ::_PAIR]
-
-
 def first_event(rows: Array) -> int | None:
-    """Index of the first instant whose events are not those of the instant before; None where there is none."""
-    seen = counts(rows)
-    changed = np.flatnonzero((seen[1:] != seen[:-1]).any(axis=1))
+    """Index of the first instant whose events are not those of the instant before; None where there is none. ``rows`` :
+    outputs of the events."""
+    counts = rows[:, ::_PAIR]
+    changed = np.flatnonzero((counts[1:] != counts[:-1]).any(axis=1))
     return int(changed[0]) + 1 if len(changed) else None
 
 

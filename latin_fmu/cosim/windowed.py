@@ -19,7 +19,7 @@ from ..scene.schema import Scene
 from .kernel_steps import KernelSteps
 from .loads import Loads
 from .output_rows import OutputRecorder, OutputRows
-from .outputs import shifted
+from .outputs import first_event, shifted
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variables import LINE
@@ -172,10 +172,10 @@ class Windowed:
         before, given = self.run.keep_state(), loads.copy()
         dt, whole, early_end = h / n, n, None
         driving = loads.driving(dt, n, self.rule)
-        segment = self.advance(t + h - t0, n, driving)
+        segment = self.advance(t + h - t0, n, driving, every=early)
         if early and n > 1 and segment.accepted:
             assert isinstance(segment.recorder, OutputRecorder)
-            event = segment.recorder.event
+            event = first_event(segment.recorder.outputs[:, self._outputs.of_event :])
             if event is not None and event < n:
                 before()
                 h, n, early_end = event * dt, event, t + event * dt
@@ -193,13 +193,18 @@ class Windowed:
         return StepReport(True, "", n, segment.iterations, segment.error_indicator, early=early_end)
 
     def advance(
-        self, end: float, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all
+        self,
+        end: float,
+        n: int,
+        loads: Mapping[str, Array],
+        solve: Callable[[Run], None] = Run.all,
+        every: bool = False,
     ) -> Segment:
         """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted. ``solve`` : as for
-        ``SegmentedRun.advance``."""
+        ``SegmentedRun.advance``. ``every`` : as for ``OutputRows.recorder``."""
         try:
             with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                return self.run.advance(end, n, loads, solve=solve, recorder=self._outputs.recorder(loads))
+                return self.run.advance(end, n, loads, solve=solve, recorder=self._outputs.recorder(loads, every))
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
