@@ -159,34 +159,13 @@ def port_supports(
 
 
 # -- outputs ----------------------------------------------------------------------------------------------------------
-def port_columns(scene: Scene, assembly: Assembly, recorder: Recorder) -> list[Array]:
-    """Outputs of all ports over the kept instants, (n, k) each, in the order of ``cosim.variables``: displacement and
-    velocity, rotation and angular velocity where a rotation is connected; force and moment, reflected waves."""
-    motions, reactions = recorder.port_motions(assembly), recorder.port_reactions(assembly)
-    columns: list[Array] = []
+def moved_face_forces(scene: Scene, assembly: Assembly, recorder: Recorder) -> Array:
+    """Forces and moments that bodies exert through the faces that ports move, over the kept instants, (n, k): those of
+    one port after the other, in the order of its components."""
+    reactions, columns = recorder.port_reactions(assembly), [np.zeros((recorder.n_kept, 0))]
     for name, port in scene.port.items():
-        if port.causality == "motion_in":
-            both = [reactions[key].force for key in (port_key(name), port_key(name, True)) if key in reactions]
-            columns.append(-np.concatenate(both, axis=1)[:, _places(port)])
-            continue
-        measured = [motions[key] for key in (port_key(name), port_key(name, True)) if key in motions]
-        for motion in measured:
-            columns += [motion.displacement, motion.velocity]
-        if port.causality == "wave":
-            speed = np.concatenate([motion.velocity for motion in measured], axis=1)[:, _places(port)]
-            incident = np.stack([_amplitude(assembly, port.body, n, len(speed)) for n in port.inputs(name)], axis=1)
-            braked = speed * np.asarray(port.impedance)
-            columns += [incident - braked, 2.0 * braked - incident]
-    return columns
-
-
-def _places(port: Port) -> list[int]:
-    return [COMPONENTS.index(component) for component in port.components]
-
-
-def _amplitude(assembly: Assembly, substructure: str, load: str, n: int) -> Array:
-    """Amplitude (n,) of a load of a substructure at the first n instants."""
-    propagator = next(p for p in assembly.propagators if substructure in p.names)
-    member = propagator.names.index(substructure)
-    number = [term.name for term in propagator.members[member].loads].index(load)
-    return propagator.forcing.amplitudes[member][number][:n]
+        keys = [key for key in (port_key(name), port_key(name, True)) if key in reactions]
+        if keys:
+            both = np.concatenate([reactions[key].force for key in keys], axis=1)
+            columns.append(-both[:, [COMPONENTS.index(component) for component in port.components]])
+    return np.concatenate(columns, axis=1)

@@ -24,7 +24,6 @@ from ..propagator.image import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
-from .ports import port_columns
 
 _SAME_STEP, _STEPS_KEPT = 1e-9, 8
 _OWN_SIZES = ("start", "running", "steps")  # entries of a snapshot whose size depends on the run
@@ -43,7 +42,6 @@ class Segment:
     time : (n + 1,), s. interfaces, substructures, sensors, reactions, bolts, windows : as in a whole run; histories are
         made from the ``recorder`` when they are read.
     converged, status : whether every window converged, and a sentence. accepted : whether the state moved on.
-    ports : outputs of the ports at the instants (``port_columns``).
     energy : terms of the assembly at the instants, accumulated since t = 0; None unless the scene requests them.
     """
 
@@ -57,7 +55,6 @@ class Segment:
     reactions: dict[str, ReactionHistory]
     bolts: dict[str, BoltHistory]
     recorder: Recorder
-    ports: list[Array]
 
     @cached_property
     def interfaces(self) -> dict[str, InterfaceHistory]:
@@ -92,6 +89,7 @@ class SegmentedRun:
     ----------
     dt : time step of the scene, s. run : windows of the present segment, None before the first. running : energies
     (J) that the interfaces have dissipated so far, by kind. ground : state of the moving ground by interface.
+    communication : fields of the record of the run in a co-simulation, for the present ``problem``.
 
     Raises
     ------
@@ -120,6 +118,7 @@ class SegmentedRun:
         self.ground = dict(self.problem.assembly.ground_start)
         self._stored: float | None = None  # energy at t = 0
         self._steps: list[float] = []
+        self.communication: Callable[[], Mapping[str, Any]] | None = None
         self.dt = self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
@@ -153,6 +152,7 @@ class SegmentedRun:
         loads: Mapping[str, Array] | None = None,
         accept: bool = False,
         solve: Callable[[Run], None] = Run.all,
+        recorder: Callable[..., Recorder] = Recorder,
     ) -> Segment:
         """Solve n steps from the present time to ``end``.
 
@@ -160,13 +160,13 @@ class SegmentedRun:
         ----------
         end : s, > present time. n : number of steps. loads : amplitude (n + 1,) of loads by name.
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
-        solve : solves the windows of the segment.
+        solve : solves the windows of the segment. recorder : makes that of the segment.
         """
         before = self.keep_state()
         time = np.linspace(self.time, end, n + 1) if n > 1 else np.array([self.time, end])
         try:
             with one_thread():
-                segment = self._solve(time, loads or {}, solve)
+                segment = self._solve(time, loads or {}, solve, recorder)
         except Exception:  # of any kind: the state must not be half of the next one
             before()
             raise
@@ -195,20 +195,32 @@ class SegmentedRun:
 
         return return_to
 
-    def _solve(self, time: Array, loads: Mapping[str, Array], solve: Callable[[Run], None]) -> Segment:
+    def begin(self, time: Array, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
+        """Begin a segment at the present time, without solving it.
+
+        time : instants of the segment, s. loads, make : as ``loads`` and ``recorder`` for ``advance``.
+        """
         if self.run is None:
-            self.settle({name: float(values[0]) for name, values in loads.items()})
+            fields = None if self.communication is None else self.communication()
             for propagator in self.problem.assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem, assembly = self.problem, self.problem.assembly
         step = self._known_step(float(time[1] - time[0]))
         problem.timeline.begin(assembly, time, loads, self.ground, step)
-        recorder = Recorder(assembly, problem.output, problem.info)
+        recorder = make(assembly, problem.output, problem.info)
         if self.run is None:
-            self.run = Run(assembly, problem.settings, recorder, self.timings)
+            self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
         else:
             self.run.begin_segment(recorder)
-        run = self.run
+        return self.run
+
+    def _solve(
+        self, time: Array, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
+    ) -> Segment:
+        if self.run is None:
+            self.settle({name: float(values[0]) for name, values in loads.items()})
+        run = self.begin(time, loads, make)
+        assembly, recorder = self.problem.assembly, run.recorder
         solve(run)
         energy = recorder.assembly_energy(assembly)
         if energy is not None:
@@ -230,7 +242,6 @@ class SegmentedRun:
             recorder.reactions(assembly),
             recorder.bolt_histories(),
             recorder,
-            port_columns(self.scene, assembly, recorder),
         )
 
     def _known_step(self, dt: float) -> float:
@@ -248,11 +259,10 @@ class SegmentedRun:
         """Kinetic and elastic energy at t = 0, J; 0 where it is not accounted for."""
         return 0.0 if self._stored is None else self._stored
 
-    def lay_out(self, amplitudes: Mapping[str, Array], communication: Mapping[str, Any]) -> Run:
+    def lay_out(self, amplitudes: Mapping[str, Array]) -> Run:
         """Begin a segment of time steps of the scene that the kernels drive, after the first segment.
 
-        amplitudes : (n,) by name, of all that drives; the first two are those of the next time step. communication : as
-        for ``Run``.
+        amplitudes : (n,) by name, of all that drives; the first two are those of the next time step.
         """
         assert self.run is not None
         problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
@@ -260,7 +270,7 @@ class SegmentedRun:
         with one_thread():
             problem.timeline.begin(problem.assembly, time, amplitudes, self.ground, self.dt)
             recorder = Recorder(problem.assembly, problem.output, problem.info, n)
-            self.run.begin_segment(recorder, communication)
+            self.run.begin_segment(recorder)
             self.run.open_bonds()
         return self.run
 
@@ -319,11 +329,8 @@ class SegmentedRun:
             self._check_opening(tree)
         self.settle(tree["start"] or {})
         if self.run is None:  # not started yet: histories and a run must exist
-            assembly = self.problem.assembly
-            recorder = Recorder(assembly, self.problem.output, self.problem.info)
             with one_thread():
-                self.problem.timeline.begin(assembly, assembly.time, {}, self.ground)
-                self.run = Run(assembly, self.problem.settings, recorder, self.timings)
+                self.begin(self.problem.assembly.time, {})
         if check:
             check_like(tree, self._tree(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self._resume(tree)

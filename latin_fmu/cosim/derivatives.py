@@ -175,13 +175,12 @@ class Derivatives:
                 loads.set(name, value + change, rate)
             else:  # that of the causal line where none was set
                 loads.set(name, value, loads.rates(mode.rule)[name] + change)
-        amplitudes = loads.amplitudes(step.h, step.n, mode.rule)
-        driving = loads.driving(amplitudes, step.h / step.n)
-        return mode.run.advance(step.end, step.n, driving, solve=solve)
+        driving = loads.driving(step.h / step.n, step.n, mode.rule)
+        return mode.advance(step.end, step.n, driving, solve)
 
     def _row(self, segment: Segment) -> Array:
         """Scalar outputs at the end of a linearised step."""
-        row, *_ = self._mode.outputs_of(segment, self._step.impulse)
+        row = self._mode.outputs_of(segment)
         points = segment.recorder.points()
         for name, point in self._lowest.items():
             gap = points[name].gap

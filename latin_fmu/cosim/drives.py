@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,17 @@ import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun
 from ..assembly.supports import Motion
-from ..kernels.communication import BY_BOTH, BY_VALUE, DISPLACEMENT, FREE, LOAD, MOTION, WAVE
+from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
+from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
 from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
 from ..latin.run_image import histories
 from ..propagator.forcing import SUMS
 from ..scene.boundaries import Driven
-from ..scene.laws import ConstantLaw, InputLaw, sampled
+from ..scene.laws import ConstantLaw, InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from .loads import Loads
-from .variable import is_motion, is_wave
 from .variables import inputs_of
 
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
@@ -54,29 +55,17 @@ class Sources:
     def of(cls, scene: Scene) -> Sources:
         """The sources of a scene."""
         given, loads = inputs_of(scene), Loads(scene)
-        time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
-        laws = {n: law for n, law in scene.force_laws.items() if not isinstance(law, InputLaw | ConstantLaw)}
-        own = {name: sampled(law, time) for name, law in laws.items()}
-        varies = bool(own)
-        for name, boundary in scene.boundary.items():
-            if isinstance(boundary, Driven) and f"boundary.{name}" not in given:
-                law, motion = boundary.law, Motion(boundary.law, 1.0, boundary.type)
-                of_rate = motion.step_velocity if scene.time.quasi_static else motion.velocity
-                own[f"boundary.{name}"] = of_rate(time) if boundary.type == "displacement" else law.sample(time)
-                varies |= not isinstance(law, ConstantLaw)
-        for name, interface in scene.joints.items():
-            if interface.ground_velocity is not None and f"ground.{name}" not in given:
-                own[f"ground.{name}"] = interface.ground_velocity.law.sample(time)
-                varies |= not isinstance(interface.ground_velocity.law, ConstantLaw)
-        for name, port in scene.port.items():
-            for source, component in port.inputs(name).items() if port.causality == "motion_in" else ():
-                if source not in given:
-                    own[source] = port.law(component).sample(time)
-                    varies |= not isinstance(port.law(component), ConstantLaw)
-        kinds = [_kind_of(name, loads) for name in given]
+        time, laws = np.linspace(0.0, scene.time.end, scene.time.n_step + 1), _own_laws(scene)
+        own = {name: sample(time) for name, (_, sample) in laws.items()}
+        varies = any(not isinstance(law, ConstantLaw) for law, _ in laws.values())
         start = np.array([law.start_value for law in given.values()], dtype=float)
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
-        return cls(tuple(given), tuple(own), tuple(kinds), start, table, len(time) - 1 if varies else -1)
+        return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
+
+    @staticmethod
+    def own_laws(scene: Scene, time: Array) -> dict[str, Array]:
+        """Amplitudes of the own laws at other instants, (n,) by name."""
+        return {name: sample(time) for name, (_, sample) in _own_laws(scene).items()}
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.laws)
@@ -92,10 +81,25 @@ class Sources:
         return dict(zip((*self.inputs, *self.laws), amplitudes.T, strict=True))
 
 
-def _kind_of(name: str, loads: Loads) -> int:
-    if name in loads.starts():
-        return DISPLACEMENT
-    return MOTION if is_motion(name) else WAVE if is_wave(name) else LOAD
+def _own_laws(scene: Scene) -> dict[str, tuple[TimeLaw, Callable[[Array], Array]]]:
+    """Laws of the scene that vary or move, and what samples what they drive the run by, by source."""
+    given, own = inputs_of(scene), dict[str, tuple[TimeLaw, Callable[[Array], Array]]]()
+    for name, force in scene.force_laws.items():
+        if not isinstance(force, InputLaw | ConstantLaw):
+            own[name] = force, partial(sampled, force)
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, Driven) and f"boundary.{name}" not in given:
+            motion = Motion(boundary.law, 1.0, boundary.type)
+            of_rate = motion.step_velocity if scene.time.quasi_static else motion.velocity
+            own[f"boundary.{name}"] = boundary.law, of_rate if boundary.type == "displacement" else boundary.law.sample
+    for name, interface in scene.joints.items():
+        if interface.ground_velocity is not None and f"ground.{name}" not in given:
+            own[f"ground.{name}"] = interface.ground_velocity.law, interface.ground_velocity.law.sample
+    for name, port in scene.port.items():
+        for source, component in port.inputs(name).items() if port.causality == "motion_in" else ():
+            if source not in given:
+                own[source] = port.law(component), port.law(component).sample
+    return own
 
 
 class Drives:
@@ -151,6 +155,17 @@ class Drives:
                 parts.append(propagator.forcing.motion_table()[:, instant].ravel())
         ground = self.assembly.ground_end(instant)
         return np.concatenate([*parts, *(ground[i].displacement for i in self._grounds)])
+
+    def rows(self, amplitudes: Array) -> Array:
+        """Drives (n_time, n_drive) at the instants of a segment that the assembly has begun, with the amplitudes
+        (n_time, n_source) that it has begun with."""
+        n, parts = len(amplitudes), [np.zeros((len(amplitudes), 0))]
+        for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
+            if k:
+                parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
+        parts += [self.assembly.ground_start[i].displacement + self.assembly.ground_path(i) for i in self._grounds]
+        before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
+        return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
     def opening(self) -> list[Array]:
         """Initial state: u, v, a and residual of the classes, f_hat and w_hat."""

@@ -1,8 +1,8 @@
 """Communication steps of a session in one call of the kernels each (``kernels.communication``).
 
-The image of the run serves both drivers: displacements, velocities, tractions and gaps are in the same places. What the
-kernels keep beside them (inputs, prescribed motions, impulses, contact events, the present outputs) is written into the
-image after a step of the Python driver, and read from it before the next one.
+The image of the run serves both drivers: displacements, velocities, tractions, gaps, outputs and what the next ones
+follow from are in the same places. Inputs are written into the image after a step of the Python driver, and read from
+it, with the prescribed motions, before the next one.
 """
 
 from __future__ import annotations
@@ -14,39 +14,24 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
+from ..kernels.inputs import SLOPE
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
-from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like
 from ..latin.windows import Run
-from ..machine import one_thread
 from ..propagator.forcing import MotionState
 from ..propagator.image import COMMUNICATION_ROWS, Image
 from ..scene.schema import Scene
-from .drives import Drives, Sources, history_fields
 from .loads import Loads
-from .outputs import COLUMNS
-from .signals import Signals
-from .variables import ENERGIES, opening_interfaces
+from .output_rows import OutputRows
+from .outputs import first_event
+from .variables import ENERGIES
 
-LARGEST: Final = 10_000
-"""Interface channels of a run up to which steps are made in kernels alone: from there on a step costs so much that
-nothing is gained."""
 _SAME_STEP, _ON_GRID = 1e-9, 1e-6  # of a time step: differences that are round-off
-_MEMORY: Final = ("reached", "slope", "before", "held", "rated")  # of ``Loads.memory``
 _WORK: Final = list(ENERGIES).index("interface_work")
 _CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
 _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
-
-
-class Carried(NamedTuple):
-    """Present outputs without those of the events, impulses (n_interface, 3), and state of the events
-    (``ContactEvents``): the next outputs continue from them."""
-
-    row: Array
-    impulse: Array
-    events: Array
 
 
 class Origin(NamedTuple):
@@ -66,23 +51,19 @@ class KernelSteps:
 
     Parameters
     ----------
-    scene, run : what is solved. rule : of interpolation.
+    scene, run, outputs : what is solved, and its outputs. rule : of interpolation.
 
     Attributes
     ----------
-    valid : whether the image holds the present state of inputs, motions and outputs, too. must_record : whether a step
+    valid : whether the image holds the present state of inputs, too. must_record : whether a step
     has to be recorded, because its energies do not follow from the outputs. origin : of the last step, None where the
     Python driver made it.
     """
 
-    def __init__(self, scene: Scene, rule: int, run: SegmentedRun) -> None:
+    def __init__(self, scene: Scene, rule: int, run: SegmentedRun, outputs: OutputRows) -> None:
         self._scene, self._rule, self._run = scene, rule, run
-        self.sources = Sources.of(scene)
-        opens = opening_interfaces(scene)
-        self._opening = [i for i, name in enumerate(scene.joints) if name in opens]
+        self.sources, self._outputs = outputs.sources, outputs
         self._moved = any(port.causality == "motion_in" for port in scene.port.values())
-        self._problem: Any = None  # that the fields are of
-        self._fields: dict[str, Any] = {}
         self._gaps: list[Array] | None = None  # of a state that was restored
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
         self.origin: Origin | None = None
@@ -94,11 +75,6 @@ class KernelSteps:
         self.valid = self._read = self._has_rows = self.must_record = False
         self._room = 0  # time steps that histories are laid out for
         self._gaps, self.origin = gaps, None
-
-    def name_sources(self) -> None:
-        """Give the sums of loads a term for every source, whatever its history is."""
-        for propagator in self._run.problem.assembly.propagators:
-            propagator.forcing.sources = frozenset((*self.sources.inputs, *self.sources.laws))
 
     # -- what the kernels can do ------------------------------------------------------------------------------------
     def fit(self, time: float, end: float, n: int) -> bool:
@@ -115,7 +91,7 @@ class KernelSteps:
     def _compiles(self) -> bool:
         """Whether nothing in a step of this run needs Python."""
         run, problem = self._run.run, self._run.problem
-        if run is None or problem.settings.window != 1 or run.image.n_flat > LARGEST or run.on_threads:
+        if run is None or problem.settings.window != 1 or run.on_threads:
             return False
         return run.compiles() and not (self._moved and problem.assembly.scheme.explicit)
 
@@ -141,19 +117,19 @@ class KernelSteps:
         """Whether a step of n time steps needs no ``take_over``."""
         return self.valid and self._room >= min(n, COMMUNICATION_ROWS - 1)
 
-    def take_over(self, loads: Loads, end: float, n: int, carried: Carried) -> None:
+    def take_over(self, loads: Loads, end: float, n: int) -> None:
         """Write what the kernels need into the image, which the Python driver has left at the present time.
 
         loads, end, n : of the step that is made next.
         """
         if self.valid:
             self.give_back(loads)
-        kept, motions = self._image.state.copy() if self.valid else None, self._motion_state()
+        kept = self._image.state.copy() if self.valid else None
         self._lay_out(loads, end, n)
         if kept is not None:
             self._image.state[:] = kept
         else:
-            self._write(loads, carried, motions)
+            self._write(loads)
             self.time, self._unrecorded = self._run.time, False
         self.valid, self._room, self._read, self._gaps = True, COMMUNICATION_ROWS - 1, False, None
 
@@ -165,59 +141,25 @@ class KernelSteps:
     def _lay_out(self, loads: Loads, end: float, n: int) -> None:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, h = self._run, end - self._run.time
-        if self._problem is not run.problem:
-            self._fields, self._problem = self._made_fields(), run.problem
-        given = loads.driving(loads.amplitudes(h, n, self._rule), h / n)
+        given = loads.driving(h / n, n, self._rule)
         rows, own, made = np.ones((COMMUNICATION_ROWS, len(self.sources))), self.sources.table, self._made(run.time)
         for e, name in enumerate(self.sources.inputs):
             rows[:2, e] = given[name][:2]
         for row in (0, 1):
             rows[row, len(self.sources.inputs) :] = own[min(made + row, len(own) - 1)]
-        image = run.lay_out(self.sources.named(rows), self._fields).image
+        image = run.lay_out(self.sources.named(rows)).image
         image.set({"first_row": 0})
-        self._n_output, self._of_event = int(image.run[0]["n_output"]), int(image.run[0]["of_event"])
-        self._of_solver = int(image.run[0]["of_solver"])
         accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
         self._followed = accounted and self._follows_energy
         self.must_record = accounted and not self._followed
         if len(self._states[0]) != len(image.state):
             self._states = np.empty(len(image.state)), np.empty(len(image.state))
 
-    def _made_fields(self) -> dict[str, Any]:
-        """Fields of the record of the run for communication steps."""
-        run, back = self._run, self._run.keep_state()
-        problem = run.problem
-        with one_thread():
-            drives = Drives(run, self.sources)
-            recorder = Recorder(problem.assembly, problem.output, problem.info, len(problem.assembly.time))
-            fields = Signals(drives, recorder).fields(self._scene) | history_fields(drives)
-        back()
-        return fields
-
-    def _motion_state(self) -> Array:
-        """Prescribed motions of the classes and displacements of the ground, as the Python driver keeps them."""
-        run, parts = self._run, [np.zeros(0)]
-        for propagator in run.problem.assembly.propagators:
-            u, a, v = (np.stack(kind, axis=-1) for kind in zip(*propagator.motions(), strict=True))
-            parts.append(np.stack([u, v, a]).ravel())
-        return np.concatenate([*parts, *(state.displacement for state in run.ground.values())])
-
-    def _write(self, loads: Loads, carried: Carried, motions: Array) -> None:
+    def _write(self, loads: Loads) -> None:
         """Write what the Python driver keeps elsewhere."""
-        image, run = self._image, self._run
-        (memory, span), inputs = loads.memory(), self.sources.inputs
-        for name, kept in zip(_MEMORY, memory, strict=True):
-            image.field(name, len(inputs))[:] = [kept[e] for e in inputs]
-        image.field("motion_state", len(motions))[:] = motions
-        image.field("impulse", carried.impulse.size)[:] = carried.impulse.ravel()
-        present = image.field("present", self._n_output)
-        present[: self._of_event], present[self._of_event :] = carried.row, carried.events[:, :COLUMNS].ravel()
-        rates = image.field("event_rates", len(self._scene.joints), 2)
-        rates[:] = 0.0
-        rates[self._opening] = carried.events[:, COLUMNS:]
-        progress = image.field("progress", 8)
-        progress[:] = 0.0
-        progress[3:6] = span, run.stored, run.running.get("friction_dissipation", 0.0)
+        image = self._image
+        image.field("inputs", *loads.memory.shape)[:] = loads.memory
+        image.field("progress", 8)[3] = loads.span
         if self._gaps is not None:
             for own, values in zip(self._gap_fields(), self._gaps, strict=True):
                 own[:] = values  # read from the displacements of a moving ground they differ by round-off
@@ -277,8 +219,8 @@ class KernelSteps:
     def has_event(self, row: Array) -> bool:
         """Whether there was a contact event in the last ``march``, whose outputs are ``row``."""
         assert self.origin is not None
-        before, first = self._part(self.origin.state, "present", self._n_output), self._of_event
-        return bool((row[first::2] != before[first::2]).any())
+        before = self._part(self.origin.state, "present", self._outputs.n)
+        return first_event(np.stack([before, row])[:, self._outputs.of_event :]) is not None
 
     def recorded(self, loads: Loads) -> Segment:
         """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""
@@ -293,7 +235,7 @@ class KernelSteps:
         """The last step from its origin on; the state afterwards is that of now. ``loads`` : as for ``at_origin``."""
         assert self.origin is not None
         step, after, has_rows = self.origin, self._image.state.copy(), self._has_rows
-        given, _ = self.at_origin(loads)
+        given = self.at_origin(loads)
         self.return_to_origin()
         self.leave()
 
@@ -307,7 +249,7 @@ class KernelSteps:
                 self._marched(step, run)
 
         h = step.end - step.time
-        driving = given.driving(given.amplitudes(h, step.n, self._rule), h / step.n)
+        driving = given.driving(h / step.n, step.n, self._rule)
         with np.errstate(all="ignore"):
             return self._run.advance(step.end, step.n, driving, solve=solve)
 
@@ -331,31 +273,31 @@ class KernelSteps:
             if run is not None:
                 run.keep_marched(done + 1, some, 1)
             done += some
-        outputs: Array = image.field("output", image.rows, self._n_output)[some].copy()
+        outputs: Array = image.field("output", image.rows, self._outputs.n)[some].copy()
         return outputs
 
     def _gains_energy(self, row: Array) -> bool:
         """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
-        first = self._of_solver + 4
+        first = self._outputs.of_solver + 4
         _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
         put_in = self._run.stored + max(of_loads, 0.0) + _CANCELLED * abs(work)
         return not work - damping - landing - scheme <= _SAFE * put_in
 
     def iterations(self, row: Array) -> tuple[int, float]:
         """Iterations and largest error indicator of the step with these outputs."""
-        return int(row[self._of_solver]), float(row[self._of_solver + 1])
+        first = self._outputs.of_solver
+        return int(row[first]), float(row[first + 1])
 
     # -- to the Python driver -------------------------------------------------------------------------------------
     def leave(self) -> None:
         """Mark the image as one that the Python driver changes next."""
         self._room, self._has_rows = 0, False
 
-    def give_back(self, loads: Loads) -> Carried:
-        """Give inputs, motions and times to the Python driver; the state that the next outputs continue from."""
+    def give_back(self, loads: Loads) -> None:
+        """Give inputs, motions and times to the Python driver."""
         if not self._read:
             self._give(loads, self._image.state, self.time, self._unrecorded)
             self._read, self._unrecorded = True, False
-        return self._carried(self._image.state)
 
     def return_to_origin(self) -> None:
         """Return to before the last step, for the Python driver."""
@@ -363,28 +305,22 @@ class KernelSteps:
         self._image.state[:] = self.origin.state
         self._give(Loads(self._scene), self.origin.state, self.origin.time, self._undo[-1])
 
-    def at_origin(self, loads: Loads) -> tuple[Loads, Array]:
-        """Loads as they were before the last step, and impulses (n_interface, 3); ``loads`` : those of now."""
+    def at_origin(self, loads: Loads) -> Loads:
+        """Loads as they were before the last step; ``loads`` : those of now."""
         assert self.origin is not None
         given = loads.copy()
         given.value, given.rate = dict(self.origin.value), dict(self.origin.rate)
         self._give_memory(given, self.origin.state)
-        return given, self._carried(self.origin.state).impulse
+        return given
 
     def _part(self, state: Array, name: str, *shape: int) -> Array:
         """A field of the state of the image, a view."""
         at = int(self._image.run[0][name])
         return state[at : at + prod(shape)].reshape(shape)
 
-    def _carried(self, state: Array) -> Carried:
-        present, interfaces = self._part(state, "present", self._n_output), len(self._scene.joints)
-        rates = self._part(state, "event_rates", interfaces, 2)[self._opening]
-        events = np.concatenate([present[self._of_event :].reshape(-1, COLUMNS), rates], axis=1)
-        impulse = self._part(state, "impulse", interfaces, 3)
-        return Carried(present[: self._of_event].copy(), impulse.copy(), events)
-
     def _give(self, loads: Loads, state: Array, time: float, unrecorded: bool) -> None:
-        run, at, slopes = self._run, 0, self._give_memory(loads, state)
+        self._give_memory(loads, state)
+        run, at, slopes = self._run, 0, loads.memory[SLOPE].tolist()
         moved = self._part(state, "motion_state", int(self._image.run[0]["n_motion_state"]))
         motions: list[list[MotionState]] = []
         for propagator in run.problem.assembly.propagators:
@@ -400,15 +336,14 @@ class KernelSteps:
         if run.problem.output.energy:
             friction = losses["friction_dissipation"] = float(self._part(state, "progress", 8)[5])
             if self._followed and unrecorded:  # the interfaces dissipate the work that the bodies do on them
-                work = self._part(state, "present", self._n_output)[self._of_solver + 4 + _WORK]
+                work = self._part(state, "present", self._outputs.n)[self._outputs.of_solver + 4 + _WORK]
                 losses["contact_dissipation"] = -float(work) - friction
         run.go_on(time, motions, ground, losses)
 
-    def _give_memory(self, loads: Loads, state: Array) -> list[float]:
-        """Give the loads what steps before have left; the rates of their amplitudes reached, 1/s."""
-        memory: list[list[float]] = [self._part(state, name, len(self.sources.inputs)).tolist() for name in _MEMORY]
-        loads.set_memory(memory, float(self._part(state, "progress", 8)[3]))
-        return memory[1]
+    def _give_memory(self, loads: Loads, state: Array) -> None:
+        """Give the loads what steps before have left."""
+        loads.memory = self._part(state, "inputs", *loads.memory.shape).copy()
+        loads.span = float(self._part(state, "progress", 8)[3])
 
     def _ground_acceleration(self, interface: int, slopes: list[float], time: float) -> Array:
         """Acceleration (3,) of the ground of an interface over the last time step, m s-2."""

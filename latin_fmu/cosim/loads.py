@@ -22,12 +22,13 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..file_digest import is_damaged
+from ..kernels import inputs
 from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
 from .variable import input_variable, is_motion, is_wave, variable_of
-from .variables import CAUSAL, HOLD, LINE, inputs_of
+from .variables import HOLD, LINE, inputs_of
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
@@ -50,6 +51,7 @@ class Loads:
     Attributes
     ----------
     value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : of prescribed mode.
+    memory, span : what the steps so far have left (``kernels.inputs``). kinds : of the loads, as there.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -59,19 +61,22 @@ class Loads:
             for name in self._start
             if name.startswith("boundary.") and scene.boundary[name[9:]].type == "displacement"
         }
+        self.kinds = np.array([self._kind(name) for name in self._start], dtype=np.int64)
         self._static = scene.time.quasi_static
         self.reset()
+
+    def _kind(self, name: str) -> int:
+        if name in self._displacements:
+            return inputs.DISPLACEMENT
+        return inputs.MOTION if is_motion(name) else inputs.WAVE if is_wave(name) else inputs.LOAD
 
     def reset(self) -> None:
         """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
-        self._reached = dict(self._start)  # at the end of the last step
-        self._slope = dict.fromkeys(self._start, 0.0)  # there
-        self._before = dict(self._start)  # at the start of the last step
-        self._span = 0.0  # length of the last step, s; 0 before the first
-        self._still = dict.fromkeys(self._start, 0.0)  # 1: the last step began with the value of the one before it
-        self._rated = dict.fromkeys(self._start, 0.0)  # 1: a rate other than 0 was set: rates count
+        self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
+        self.memory[[inputs.REACHED, inputs.BEFORE]] = list(self._start.values())
+        self.span = 0.0
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
 
@@ -113,9 +118,8 @@ class Loads:
     # -- over a simulation ----------------------------------------------------------------------------------------
     def begin(self) -> None:
         """Start a simulation with the present values."""
-        self._reached, self._slope = dict(self.value), dict(self.rate)
-        self._span = 0.0
-        self._still, self._rated = (dict.fromkeys(self._start, 0.0) for _ in range(2))
+        self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
+        self.memory[[inputs.HELD, inputs.RATED]], self.span = 0.0, 0.0
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
@@ -144,20 +148,17 @@ class Loads:
         held = {name: np.full(n, value) for name, value in self.value.items()}
         return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
 
-    def amplitudes(self, h: float, n: int, rule: int) -> dict[str, Array]:
-        """Amplitudes (n + 1,) over a step of h, s, in n parts. rule : HOLD, RATE, LINE or CAUSAL."""
-        rates = self.rates(rule)
-        lines = {name: self._amplitude(name, h, n, rule, rate) for name, rate in rates.items()}
-        for name, line in lines.items():
-            if is_motion(name):
-                line[0] = self._reached[name]
-        return lines
+    def _given(self) -> tuple[Array, Array]:
+        """Values and rates that are set, in the order of the loads."""
+        return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
 
-    def driving(self, amplitudes: Mapping[str, Array], dt: float) -> dict[str, Array]:
-        """What drives the run: amplitudes; of displacements their rates, 1/s, over the steps that end at the
-        instants."""
-        rates = {n: np.concatenate([[self._slope[n]], np.diff(amplitudes[n]) / dt]) for n in self._displacements}
-        return {**amplitudes, **rates}
+    def driving(self, dt: float, n: int, rule: int) -> dict[str, Array]:
+        """What drives the run over a step in n parts of dt, s: amplitudes (n + 1,); of displacements their rates, 1/s,
+        over the parts that end at the instants. rule : HOLD, RATE, LINE or CAUSAL."""
+        lines = np.zeros((len(self._start), n + 1))
+        if self._start:
+            inputs.interpolate(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, lines)
+        return dict(zip(self._start, lines, strict=True))
 
     def over(self, instants: Array) -> dict[str, Array]:
         """What drives a run at given instants: histories, else the present values; of displacements their rates, by
@@ -177,52 +178,24 @@ class Loads:
             driving[name] = (at(name, after) - at(name, before)) / span
         return driving
 
-    def _amplitude(self, name: str, h: float, n: int, rule: int, rate: float) -> Array:
-        value = self.value[name]
-        rule = rule_of(name, rule, self.rate[name])
-        if rule == HOLD:
-            return np.full(n + 1, value)
-        if rule == LINE:
-            return np.linspace(self._reached[name], value, n + 1)
-        line: Array = value + rate * (np.linspace(0.0, h, n + 1) if n > 1 else np.array([0.0, h]))
-        return line
-
     def rates(self, rule: int) -> dict[str, float]:
         """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,
         that of the causal line."""
-        if rule != CAUSAL:
-            return dict(self.rate)
-        known = {n for n, rate in self.rate.items() if rate or self._rated[n] or is_wave(n)}
-        return {n: rate if n in known else self._causal_rate(n) for n, rate in self.rate.items()}
+        rates = np.zeros(len(self._start))
+        if self._start:
+            inputs.rates(*self._given(), self.memory.reshape(-1), self.kinds, self.span, rule, rates)
+        return dict(zip(self._start, rates.tolist(), strict=True))
 
-    def _causal_rate(self, name: str) -> float:
-        change = self.value[name] - self._before[name]
-        return 0.0 if self._span == 0.0 or self._still[name] else change / self._span
-
-    def accept(self, amplitudes: Mapping[str, Array], h: float, n: int) -> None:
-        """Keep the amplitudes and their rates at the end of an accepted step of h, s, in n parts."""
-        dt = h / n
-        self._still = {m: float(self._span > 0.0 and v == self._before[m]) for m, v in self.value.items()}
-        self._rated = {m: float(self._rated[m] or rate != 0.0) for m, rate in self.rate.items()}
-        self._before, self._span = dict(self.value), h
-        self._reached = {name: float(a[-1]) for name, a in amplitudes.items()}
-        self._slope = {name: float(a[-1] - a[-2]) / dt for name, a in amplitudes.items()}
-
-    def memory(self) -> tuple[list[dict[str, float]], float]:
-        """State after the steps so far, by load: amplitude reached and its rate, value at the start of the last step, 1
-        where that was held and where rates count; length of the last step, s (as ``set_memory`` takes them)."""
-        return [self._reached, self._slope, self._before, self._still, self._rated], self._span
-
-    def set_memory(self, rows: Sequence[Sequence[float]], span: float) -> None:
-        """Set what ``memory`` returned, the values in the order of the loads."""
-        tables = [dict(zip(self._start, row, strict=True)) for row in rows]
-        self._reached, self._slope, self._before, self._still, self._rated = tables
-        self._span = span
+    def accept(self, dt: float, done: int, n: int, rule: int) -> None:
+        """End a step in n parts of dt, s, after ``done`` of them."""
+        if self._start:
+            inputs.accept(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, done, n)
+        self.span = done * dt
 
     def copy(self) -> Loads:
         """The same loads, independent of these."""
         twin = copy(self)
-        twin.value, twin.rate = dict(self.value), dict(self.rate)
+        twin.value, twin.rate, twin.memory = dict(self.value), dict(self.rate), self.memory.copy()
         return twin
 
     # -- state ----------------------------------------------------------------------------------------------------
@@ -231,12 +204,8 @@ class Loads:
         return {
             "value": self.value,
             "rate": self.rate,
-            "reached": self._reached,
-            "slope": self._slope,
-            "before": self._before,
-            "span": self._span,
-            "still": self._still,
-            "rated": self._rated,
+            "memory": self.memory,
+            "span": self.span,
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
@@ -258,9 +227,7 @@ class Loads:
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what ``get_state`` returned."""
         self.value, self.rate = state["value"], state["rate"]
-        self._reached, self._slope = state["reached"], state["slope"]
-        self._before, self._span = state["before"], state["span"]
-        self._still, self._rated = state["still"], state["rated"]
+        self.memory, self.span = np.array(state["memory"]), state["span"]
         self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
         self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
 

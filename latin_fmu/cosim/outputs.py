@@ -1,4 +1,7 @@
-"""Outputs of a co-simulation: resultants of interfaces, sensors, bolts, contact events; rows and arrays of the table.
+"""Outputs of a co-simulation: resultants of interfaces, arrays of the table, contact events.
+
+``kernels.outputs`` makes the rows of scalar outputs, with coefficients that are read from ``InterfaceSeries``
+(``signals``), and follows the contact events.
 
 Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
 an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
@@ -19,17 +22,16 @@ step where g, N or q are smooth before the event. Where the line does not reach 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from ..interface.laws import SEPARATION, SLIP, STICK
-from ..latin.outcome import Array, BoltHistory, InterfaceHistory, PointFields, SensorHistory
-from .variables import ENERGIES, EVENTS
+from ..latin.outcome import Array, InterfaceHistory, PointFields
+from .variables import EVENTS
 
-_TOUCH, _SEPARATION = 0, 1  # of EVENTS, before slip
 _PAIR: Final = 2  # columns of an event: how many, instant of the last one
 COLUMNS: Final = _PAIR * len(EVENTS)  # of an interface
 
@@ -72,11 +74,6 @@ class InterfaceSeries:
             smallest,
             shares,
         )
-
-    def last(self) -> InterfaceSeries:
-        """The last instant only."""
-        cut = (None if v is None else v[-1:] for v in (self.gap, self.smallest_gap, self.shares))
-        return InterfaceSeries(self.force[-1:], self.velocity[-1:], self.normal_force[-1:], *cut)
 
     def columns(self, impulse: Array) -> list[Array]:
         """Scalar outputs (n, ...) of the interface in the order of the variable table.
@@ -121,9 +118,6 @@ def _at_points(history: InterfaceHistory, quantity: str) -> Any:
     return field
 
 
-# -- rows of scalar outputs ---------------------------------------------------------------------------------------
-
-
 def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
     """Resultants of every interface at the instants of its history."""
     return {name: InterfaceSeries.of(h.points_over_time, *faces_of(h)) for name, h in interfaces.items()}
@@ -134,93 +128,9 @@ def faces_of(history: InterfaceHistory) -> tuple[Array, Array, Array]:
     return history.areas, history.areas / history.areas.sum(), history.normals
 
 
-def impulses(series: Mapping[str, InterfaceSeries], dt: float, start: Array) -> Array:
-    """Running impulses (n, n_interface, 3), N s; ``start`` (n_interface, 3) at the first instant."""
-    if not series:
-        return np.zeros((1, 0, 3))
-    total = np.empty((len(next(iter(series.values())).force), len(series), 3))
-    for i, s in enumerate(series.values()):
-        total[0, i] = 0.0
-        np.cumsum(0.5 * dt * (s.force[1:] + s.force[:-1]), axis=0, out=total[1:, i])  # trapezoidal rule
-    total += start
-    return total
-
-
-def output_rows(
-    series: Mapping[str, InterfaceSeries],
-    impulse: Array,
-    sensors: Mapping[str, SensorHistory],
-    ports: Sequence[Array],
-    bolts: Mapping[str, BoltHistory],
-    solver: Sequence[float],
-    energy: Mapping[str, Array] | None,
-    n: int,
-) -> Array:
-    """Scalar outputs in the order of the variable table, (n, n_output), one row per instant.
-
-    impulse : (n, n_interface, 3). sensors, ports, bolts : histories (ports: columns (n, k)) whose last n
-    instants are taken.
-    solver : iterations, indicator, converged, instants of the interval.
-    energy : terms (n,), None where the scene requests none.
-    """
-    parts = [column for i, s in enumerate(series.values()) for column in s.columns(impulse[:, i])]
-    for sensor in sensors.values():
-        parts += [sensor.displacement[-n:], sensor.velocity[-n:]]
-    parts += [columns[-n:] for columns in ports]
-    parts += [bolt.force[-n:, None] for bolt in bolts.values()]
-    parts.append(np.array([tuple(solver)] * n))
-    if energy is not None:
-        parts += [energy[term][:, None] for term in ENERGIES]
-    return np.concatenate(parts, axis=1)
-
-
-class ContactEvents:
-    """Events of the interfaces that can open, followed from step to step.
-
-    Parameters
-    ----------
-    names : of these interfaces.
-
-    Attributes
-    ----------
-    state : (n_interface, ``COLUMNS`` + 2) what the next step needs: counts and instants, rates of N (N/s) and q (1/s)
-        over the last time step.
-    """
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the start of a simulation: no event so far."""
-        self.state: Array = np.zeros((len(self._names), COLUMNS + 2))
-
-    @property
-    def row(self) -> Array:
-        """Outputs of the events now, (``COLUMNS`` n_interface,)."""
-        return self.state[:, :COLUMNS].ravel()
-
-    def follow(
-        self,
-        time: Array,
-        points: Mapping[str, PointFields],
-        series: Mapping[str, InterfaceSeries],
-        faces: Mapping[str, tuple[Array, Array, Array]],
-    ) -> tuple[Array, Array]:
-        """Outputs of the events at instants (n + 1, ``COLUMNS`` n_interface), the first of which is the present one,
-        and the state at the last; nothing is changed.
-
-        points, series, faces : fields at these instants, their resultants, areas and normals (``faces_of``).
-        """
-        rows, states = [], np.empty_like(self.state)
-        for i, name in enumerate(self._names):
-            following, states[i] = _follow(time, points[name], series[name], faces[name], self.state[i])
-            rows.append(following)
-        return np.concatenate(rows, axis=1) if rows else np.zeros((len(time), 0)), states
-
-
 def first_event(rows: Array) -> int | None:
-    """Index of the first instant whose events are not those of the instant before; None where there is none."""
+    """Index of the first instant whose events are not those of the instant before; None where there is none. ``rows`` :
+    outputs of the events."""
     counts = rows[:, ::_PAIR]
     changed = np.flatnonzero((counts[1:] != counts[:-1]).any(axis=1))
     return int(changed[0]) + 1 if len(changed) else None
@@ -237,65 +147,3 @@ def shifted(row: Array, start: float) -> Array:
     late = row.copy()
     late[1::_PAIR] += np.where(row[::_PAIR] > 0.0, start, 0.0)
     return late
-
-
-def _follow(
-    time: Array, fields: PointFields, series: InterfaceSeries, face: tuple[Array, Array, Array], before: Array
-) -> tuple[Array, Array]:
-    """Outputs (n + 1, ``COLUMNS``) of one interface, and its state at the last instant."""
-    assert series.shares is not None
-    closed, sticks = series.shares.T[:2] > 0.0
-    if not ((closed[1:] != closed[:-1]) | (sticks[:-1] > sticks[1:])).any():
-        state = before.copy()
-        state[COLUMNS:] = _rates(time, fields, series, face, slice(-2, None))[-1] if closed[-1] else 0.0
-        return before[None, :COLUMNS].repeat(len(time), axis=0), state
-    began = (  # in the order of EVENTS
-        closed[1:] & ~closed[:-1],
-        closed[:-1] & ~closed[1:],
-        closed[:-1] & sticks[:-1] & closed[1:] & ~sticks[1:],
-    )
-    rates = _rates(time, fields, series, face, slice(None))
-    earlier, steps = np.concatenate([before[None, COLUMNS:], rates[:-1]]), np.diff(time)
-    rows = before[None, :COLUMNS].repeat(len(time), axis=0)
-    for event, where in enumerate(began):
-        for j in np.flatnonzero(where).tolist():
-            if event == _TOUCH:
-                after = _time_to_touch(fields, face[2], j)
-            elif event == _SEPARATION:
-                after = _ratio(series.normal_force[j], -earlier[j, 0])
-            else:
-                after = _ratio(rates[j, 1] * steps[j], earlier[j, 1])
-            rows[j + 1 :, _PAIR * event] += 1.0
-            rows[j + 1 :, _PAIR * event + 1] = time[j] + after if after < steps[j] else time[j + 1]
-    last = rates[-1] if closed[-1] else np.zeros(2)
-    return rows, np.concatenate([rows[-1], last])
-
-
-def _rates(
-    time: Array, fields: PointFields, series: InterfaceSeries, face: tuple[Array, Array, Array], part: slice
-) -> Array:
-    """Rates (n, 2) of N (N/s) and of q = |T| / N (1/s), 0 without pressure, over the time steps of a part."""
-    areas, _, normals = face
-    force, pressing = series.force[part], series.normal_force[part]
-    normal = (fields.traction[part] * normals).sum(axis=2) * areas
-    tangential = force - normal @ normals
-    values = np.zeros((2, len(force)))
-    values[0] = pressing
-    np.divide(np.sqrt((tangential**2).sum(axis=1)), pressing, out=values[1], where=pressing > 0.0)
-    times = time[part]
-    rates: Array = ((values[:, 1:] - values[:, :-1]) / (times[1:] - times[:-1])).T
-    return rates
-
-
-def _ratio(way: float, speed: float) -> float:
-    """Time in which a speed covers a way; infinite where it leads elsewhere."""
-    return max(float(way), 0.0) / float(speed) if speed > 0.0 else np.inf
-
-
-def _time_to_touch(fields: PointFields, normals: Array, j: int) -> float:
-    """Time from instant j until the first of the points that touch at the next instant has no gap."""
-    assert fields.gap is not None
-    assert fields.contact_status is not None
-    touched = fields.contact_status[j + 1] != 0
-    closing = np.einsum("pc,pc->p", fields.velocity[j, 0] - fields.velocity[j, 1], normals)
-    return min((_ratio(g, v) for g, v in zip(fields.gap[j][touched], closing[touched], strict=True)), default=np.inf)

@@ -14,7 +14,8 @@ from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_numbers, encode
 from ..scene.schema import Scene
 from .loads import Loads
-from .outputs import COLUMNS, ContactEvents, between, faces_of, first_event, impulses, output_rows, series_of, shifted
+from .output_rows import OutputRecorder, OutputRows
+from .outputs import COLUMNS, between, first_event, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
 from .variables import opening_interfaces, scalar_table
@@ -54,22 +55,23 @@ class Prescribed:
     def _solve(self, loads: Loads) -> None:
         """Solve for these loads, histories or constants, unless the present solution is theirs."""
         histories = {name: list(pair) for name, pair in loads.histories.items()}
-        given = {"value": loads.initial_values(), "history": histories}
-        key = hashlib.sha256(encode(given, "histories")).hexdigest()
+        key = hashlib.sha256(encode({"value": loads.initial_values(), "history": histories}, "histories")).hexdigest()
         if key == self._solved_for:
             return
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)
             end, n = self._scene.time.end, self._scene.time.n_step
-            instants = np.linspace(0.0, end, n + 1)
+            given, outputs = loads.over(np.linspace(0.0, end, n + 1)), OutputRows(self._scene, run)
             with np.errstate(all="ignore"):
-                segment = run.advance(end, n, loads.over(instants))
+                segment = run.advance(end, n, given, recorder=outputs.recorder(given, every=True))
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot continue: {error}") from error
         if not segment.converged:
             raise SolverError(segment.status)
-        self._table = _rows(segment, n, ContactEvents(opening_interfaces(self._scene)))
+        assert isinstance(segment.recorder, OutputRecorder)
+        self._table = segment.recorder.outputs
+        outputs.complete(self._table, segment)
         self.run, self.segment, self._solved_for = run, segment, key
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
@@ -159,15 +161,3 @@ class Prescribed:
             check_numbers(state["row"], "state.row", np.zeros(self._n_output))
         self._solve(loads)
         self.row = state["row"]
-
-
-def _rows(segment: Segment, n: int, events: ContactEvents) -> Array:
-    """Scalar outputs at every instant, (n + 1, n_output); ``events`` : none so far."""
-    series = series_of(segment.interfaces)
-    impulse = [history.impulse(segment.time) for history in segment.interfaces.values()]
-    running = np.stack(impulse, axis=1) if impulse else impulses(series, 0.0, np.zeros((0, 3)))
-    solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-    rows = output_rows(series, running, segment.sensors, segment.ports, segment.bolts, solver, segment.energy, n + 1)
-    points = {name: history.points_over_time for name, history in segment.interfaces.items()}
-    faces = {name: faces_of(history) for name, history in segment.interfaces.items()}
-    return np.concatenate([rows, events.follow(segment.time, points, series, faces)[0]], axis=1)

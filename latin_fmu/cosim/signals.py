@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from ..assembly.ports import port_key
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
-from ..latin.outcome import Array
+from ..latin.outcome import Array, PointFields
 from ..latin.probes import Probes
 from ..latin.recorder import Recorder
 from ..scene.ports import COMPONENTS
@@ -23,7 +23,16 @@ from .drives import Drives
 from .outputs import COLUMNS, InterfaceSeries
 from .variables import scalar_table
 
-_UNITS = 256  # unit fields that are read at a time
+_POINTS = 32  # points whose unit fields are read at a time
+
+
+def _apart(values: Any) -> Any:
+    """Fields (n, n_point, ...) of all points as fields (n n_point, n_point, ...) of one point each."""
+    n, n_point = values.shape[:2]
+    apart = np.zeros((n, n_point, *values.shape[1:]), values.dtype)
+    each = np.arange(n_point)
+    apart[:, each, each] = values
+    return apart.reshape(n * n_point, *values.shape[1:])
 
 
 class Signals:
@@ -104,22 +113,37 @@ class Signals:
     def _interface_rows(self, i: int, kept: sp.csr_array) -> tuple[sp.csr_array, list[int]]:
         """Outputs of an interface from the signals, and the numbers of columns of its parts."""
         assembly, width = self._assembly, kept.shape[0]
-        own = self._unknowns(i, width).ravel()
-        unit = assembly.interfaces[i]
-        faces = (unit.geometry.areas, unit.geometry.areas / unit.geometry.areas.sum(), unit.geometry.frames[:, 0])
-        blocks, sizes = [], list[int]()
-        for start in range(0, len(own), _UNITS):
-            part = own[start : start + _UNITS]
-            rows = np.zeros((len(part), width))
-            rows[np.arange(len(part)), part] = 1.0
-            fields = InterfaceRows(assembly, rows).fields_of(i, len(part))
-            columns = InterfaceSeries.of(fields, *faces).columns(np.zeros((len(part), 3)))
+        own, geometry = self._unknowns(i, width), assembly.interfaces[i].geometry
+        faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
+        every = self._unit_fields(i, width)
+        blocks, sizes, order = [], list[int](), list[Any]()
+        for start in range(0, geometry.n_point, _POINTS):
+            some = slice(start, start + _POINTS)
+            fields = PointFields(
+                _apart(every.traction[:, some]),
+                _apart(every.velocity.transpose(0, 2, 1, 3)[:, some]).transpose(0, 2, 1, 3),
+                None if every.gap is None else _apart(every.gap[:, some]),
+                None if every.contact_status is None else _apart(every.contact_status[:, some]),
+            )
+            columns = InterfaceSeries.of(fields, *(values[some] for values in faces)).columns(
+                np.zeros((len(fields.traction), 3))
+            )
             sizes = [column.shape[1] for column in columns]
             if len(columns) > 6:  # read point by point
                 columns[7][:], columns[8][:] = 0.0, 0.0
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
+            order.append(own[:, some].ravel())
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
-        return sp.csr_array(picked @ kept[own]), sizes
+        return sp.csr_array(picked @ kept[np.concatenate(order)]), sizes
+
+    def _unit_fields(self, i: int, width: int) -> PointFields:
+        """Fields of an interface whose points all have one of their unknowns 1, (n_unknown, ...): a point depends on
+        its own unknowns alone."""
+        own = self._unknowns(i, width)
+        rows = np.zeros((len(own), width))
+        for row, unknowns in zip(rows, own, strict=True):
+            row[unknowns] = 1.0
+        return InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
 
     def _shear_rows(self, i: int) -> sp.csr_array:
         """Tangential resultant (3, n) of an interface on its first side."""
@@ -137,11 +161,7 @@ class Signals:
         status = np.full(len(self._assembly.interfaces), -1, dtype=np.int64)
         for i, unit in enumerate(self._assembly.interfaces):
             n = unit.geometry.n_point
-            own = self._unknowns(i, kept.shape[0])  # a point depends on its own unknowns alone
-            rows = np.zeros((len(own), kept.shape[0]))
-            for row, unknowns in zip(rows, own, strict=True):
-                row[unknowns] = 1.0
-            fields = InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
+            own, fields = self._unknowns(i, kept.shape[0]), self._unit_fields(i, kept.shape[0])
             parts = [fields.traction.reshape(-1, 1, n, 3), fields.velocity]
             parts += [] if fields.gap is None else [fields.gap.reshape(-1, 1, n, 1)]
             for values in parts:
@@ -192,7 +212,7 @@ class Signals:
         return first + names.index(name) if name in names else None
 
     def _port_rows(self, scene: Scene) -> Iterator[sp.csr_array]:
-        """Outputs of the ports, in the order of ``assembly.ports.port_columns``."""
+        """Outputs of the ports, in the order of ``variables.scalar_table``."""
         for name, port in scene.port.items():
             chosen, keys = [COMPONENTS.index(c) for c in port.components], [port_key(name)]
             keys += [port_key(name, turned=True)] if port.rotates else []

@@ -218,7 +218,7 @@ def _port_inputs(name: str, law: InputLaw) -> Iterator[Variable]:
 
 
 def _port(name: str, port: Port, depends: tuple[str, ...]) -> Iterator[Variable]:
-    """Outputs of a port, in the order of ``assembly.ports.port_columns``, and its impedances."""
+    """Outputs of a port, and its impedances."""
 
     def chosen(words: tuple[str, str], exerted: bool = False) -> Iterator[Variable]:
         for component in port.components:

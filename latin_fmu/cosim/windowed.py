@@ -9,35 +9,33 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ..assembly.ports import port_columns
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
-from ..latin.outcome import Array, InterfaceHistory, Timings
-from ..latin.recorder import Recorder
+from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
-from .kernel_steps import Carried, KernelSteps
+from .kernel_steps import KernelSteps
 from .loads import Loads
-from .outputs import ContactEvents, InterfaceSeries, faces_of, first_event, impulses, output_rows, series_of, shifted
+from .output_rows import OutputRecorder, OutputRows
+from .outputs import first_event, shifted
 from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
-from .variables import LINE, opening_interfaces
+from .variables import LINE
 
-_ENTRIES: Final = ("run", "impulse", "events", "row", "time", "gaps", "fields")  # of a state
+_ENTRIES: Final = ("run", "row", "time", "gaps", "fields")  # of a state
 
 
 class LastStep(NamedTuple):
-    """Start of the last step: a function that returns to the state, the loads, impulses (n_interface, 3); and of the
-    step its ``end``, s, ``h``, s, and number of time steps."""
+    """Start of the last step: a function that returns to the state, and the loads; and of the step its ``end``, s,
+    ``h``, s, and number of time steps."""
 
     before: Callable[[], None]
     loads: Loads
     end: float
     h: float
     n: int
-    impulse: Array
 
 
 class Windowed:
@@ -55,14 +53,12 @@ class Windowed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self.rule, self._time_step, self._keeps = settings.interpolation, settings.step_of(scene), settings.keep
-        self._kernels = KernelSteps(scene, self.rule, self.run)
-        self._impulse = np.zeros((len(scene.joints), 3))
-        self._events = ContactEvents(opening_interfaces(scene))
+        self._outputs = OutputRows(scene, self.run)
+        self._kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
         self.row = np.zeros(0)
         self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step
         self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
-        self._faces: dict[str, tuple[Array, Array, Array]] = {}  # ``faces_of`` each interface
         self._loads: Loads | None = None  # of the last step
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
@@ -94,25 +90,14 @@ class Windowed:
 
     def _outputs_now(self, loads: Loads) -> None:
         self.run.settle(loads.value)
-        problem = self.run.problem
-        assembly = problem.assembly
-        self._kernels.name_sources()
-        problem.timeline.begin(assembly, assembly.time, loads.at_rest(len(assembly.time)), assembly.ground_start)
-        recorder = Recorder(assembly, problem.output, problem.info)
+        time = self.run.problem.assembly.time
+        given = loads.at_rest(len(time))
+        self.run.reset()
         with one_thread():
-            Run(assembly, problem.settings, recorder, Timings())
-        self._interfaces = recorder.interfaces()
-        self._known = self._interfaces
-        self._faces = {name: faces_of(history) for name, history in self._known.items()}
+            run = self.run.begin(time, given, self._outputs.recorder(given))
+        self._interfaces = self._known = run.recorder.interfaces()
         self._instants, self.segment = np.zeros(1), None
-        self._impulse = np.zeros_like(self._impulse)
-        self._events.reset()
-        series, sensors = series_of(self.interfaces), recorder.sensors(assembly)
-        energy = recorder.assembly_energy(assembly)
-        bolts = recorder.bolt_histories()
-        ports = port_columns(self.run.scene, assembly, recorder)
-        rows = output_rows(series, self._impulse[None], sensors, ports, bolts, (0.0, 0.0, 1.0, 0.0), energy, 1)
-        self.row = np.concatenate([rows[0], self._events.row])
+        self.row = self._outputs.present.copy()
         self.reset()
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
@@ -142,7 +127,7 @@ class Windowed:
         if not kernels.fit(now, end, n):
             return None
         if not kernels.ready(n):
-            kernels.take_over(loads, end, n, self._carried())
+            kernels.take_over(loads, end, n)
         segment, row = None, kernels.march(loads, end, n)
         if row is None:
             return None
@@ -158,12 +143,9 @@ class Windowed:
         self.row = row if t0 == 0.0 else self._with_start(row, t0)
         return StepReport(True, "", n, *kernels.iterations(row))
 
-    def _carried(self) -> Carried:
-        return Carried(self.row[: len(self.row) - self._events.row.size], self._impulse, self._events.state)
-
     def _with_start(self, row: Array, t0: float) -> Array:
         """Outputs with the instants of events counted from a zero that is ``t0``, s, earlier."""
-        k = len(row) - self._events.row.size
+        k = self._outputs.of_event
         return np.concatenate([row[:k], shifted(row[k:], t0)])
 
     def rates(self, loads: Loads) -> dict[str, float]:
@@ -175,7 +157,7 @@ class Windowed:
     def _give_back(self, loads: Loads) -> None:
         """Give the present state to the Python driver."""
         if self._kernels.valid:
-            _, self._impulse, self._events.state = self._kernels.give_back(loads)
+            self._kernels.give_back(loads)
 
     def keep_state(self) -> Callable[[], None]:
         """A function that returns to the present state, for steps of ``run``."""
@@ -188,69 +170,56 @@ class Windowed:
         self._give_back(loads)
         self._kernels.leave()
         before, given = self.run.keep_state(), loads.copy()
-        amplitudes = loads.amplitudes(h, n, self.rule)
-        dt, early_end = h / n, None
-        segment = self._advance(t + h - t0, n, loads.driving(amplitudes, dt))
+        dt, whole, early_end = h / n, n, None
+        driving = loads.driving(dt, n, self.rule)
+        segment = self.advance(t + h - t0, n, driving, every=early)
         if early and n > 1 and segment.accepted:
-            event = first_event(self._resultants(segment)[1])
+            assert isinstance(segment.recorder, OutputRecorder)
+            event = first_event(segment.recorder.outputs[:, self._outputs.of_event :])
             if event is not None and event < n:
                 before()
                 h, n, early_end = event * dt, event, t + event * dt
-                amplitudes = {name: line[: n + 1] for name, line in amplitudes.items()}
-                segment = self._advance(early_end - t0, n, loads.driving(amplitudes, dt))
+                segment = self.advance(early_end - t0, n, {name: line[: n + 1] for name, line in driving.items()})
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
-        loads.accept(amplitudes, h, n)
+        loads.accept(dt, n, whole, self.rule)
         end = (t + h if early_end is None else early_end) - t0
-        self._last_step = LastStep(before, given, end, h, n, self._impulse)
+        self._last_step = LastStep(before, given, end, h, n)
         if early_end is not None and self.rule == LINE:
             self._last_step = None  # these loads over this step are other lines
         self._kernels.reset()
-        self._take_outputs(segment, t0)
+        self.row = self._with_start(self.outputs_of(segment), t0)
+        self._instants, self.segment, self._interfaces = segment.time, segment, None
         return StepReport(True, "", n, segment.iterations, segment.error_indicator, early=early_end)
 
-    def _advance(self, end: float, n: int, loads: Mapping[str, Array]) -> Segment:
-        """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted."""
+    def advance(
+        self,
+        end: float,
+        n: int,
+        loads: Mapping[str, Array],
+        solve: Callable[[Run], None] = Run.all,
+        every: bool = False,
+    ) -> Segment:
+        """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted. ``solve`` : as for
+        ``SegmentedRun.advance``. ``every`` : as for ``OutputRows.recorder``."""
         try:
             with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                return self.run.advance(end, n, loads)
+                return self.run.advance(end, n, loads, solve=solve, recorder=self._outputs.recorder(loads, every))
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
-    def _take_outputs(self, segment: Segment, t0: float) -> None:
-        row, self._impulse, self._events.state = self.outputs_of(segment, self._impulse)
-        self.row = self._with_start(row, t0)
-        self._instants, self.segment, self._interfaces = segment.time, segment, None
-
-    def outputs_of(self, segment: Segment, start: Array) -> tuple[Array, Array, Array]:
-        """Scalar outputs (n_output,), impulses (n_interface, 3) and state of the events at the end of a segment.
-
-        start : impulses before. The instants of events are counted from the start of the simulation.
-        """
-        n = len(segment.time) - 1
-        dt = (segment.time[-1] - segment.time[0]) / n
-        series, events, state = self._resultants(segment)
-        impulse = impulses(series, float(dt), start)
-        energy = None if segment.energy is None else {k: v[-1:] for k, v in segment.energy.items()}
-        solver = (segment.iterations, segment.error_indicator, float(segment.converged), n)
-        last = {name: s.last() for name, s in series.items()}
-        row = output_rows(last, impulse[-1:], segment.sensors, segment.ports, segment.bolts, solver, energy, 1)[0]
-        return np.concatenate([row, events[-1]]), impulse[-1], state
-
-    def _resultants(self, segment: Segment) -> tuple[dict[str, InterfaceSeries], Array, Array]:
-        """Resultants over a segment, outputs of the events at its instants, and their state at its end."""
-        points = segment.recorder.points()
-        series = {name: InterfaceSeries.of(points[name], *given) for name, given in self._faces.items()}
-        return series, *self._events.follow(segment.time, points, series, self._faces)
+    def outputs_of(self, segment: Segment) -> Array:
+        """Scalar outputs (n_output,) at the end of a segment that ``advance`` has just made; the instants of events are
+        counted from the start of the simulation."""
+        return self._outputs.at_end(segment)
 
     @property
     def last_step(self) -> LastStep | None:
         """What the last step started from; None before the first, and after a state was restored."""
         step = self._kernels.origin
         if self._last_step is None and step is not None and self._loads is not None:
-            given, impulse = self._kernels.at_origin(self._loads)
             before, h = self._kernels.return_to_origin, step.end - step.time
-            self._last_step = LastStep(before, given, step.end, h, step.n, impulse)
+            self._last_step = LastStep(before, self._kernels.at_origin(self._loads), step.end, h, step.n)
         return self._last_step
 
     def instant(self, _time: float) -> int:
@@ -272,8 +241,6 @@ class Windowed:
         self._give_back(loads)
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
-            "impulse": self._impulse,
-            "events": self._events.state,
             "row": self.row,
             "time": self.time,
             "gaps": self._kernels.gaps if self._kernels.valid else None,
@@ -290,9 +257,7 @@ class Windowed:
         if check:
             self._check(state)
         self.run.restore(state["run"].tobytes(), check)
-        self._kernels.name_sources()
-        self._impulse, self.row, self._instants = state["impulse"], state["row"], state["time"]
-        self._events.state = state["events"]
+        self.row, self._instants = state["row"], state["time"]
         if check:
             self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
             self._kernels.check(state["gaps"])
@@ -304,8 +269,6 @@ class Windowed:
         """Compare a state that came from outside with this run. Raises InputError."""
         time = state.get("time")
         check_like(state, dict.fromkeys(_ENTRIES), "state", free=_ENTRIES)
-        check_numbers(state["impulse"], "state.impulse", self._impulse)
-        check_numbers(state["events"], "state.events", self._events.state)
         check_numbers(state["row"], "state.row", self.row)
         check_numbers(time, "state.time")
         if not isinstance(time, np.ndarray) or time.ndim != 1 or not len(time) or (np.diff(time) <= 0.0).any():

@@ -6,10 +6,7 @@ state x before it, the amplitudes s of the sources before it and at its end, and
 
     z_t = (x_{t-1}, s_{t-1}, s_t, 1),   columns_t = column z_t,   x_t = motion z_t
 
-Amplitudes over a communication step of n time steps from value V, rate r
-and the amplitude p reached before: HOLD V; RATE V + r t; LINE from p to V; CAUSAL as RATE, with the rate of the causal
-line (``cosim.loads``) where none was set. A motion starts at p by every rule, a displacement drives by its rate over
-the time step.
+Amplitudes of the inputs over a communication step: ``inputs``.
 
 ``progress``: 0 time steps made; 1, 2 iterations and largest indicator of the communication step; 3 length of the last
 one, s; 4 kinetic and elastic energy at t = 0, J; 5 energy dissipated by friction, J; 6 time of the start, s, that
@@ -21,14 +18,11 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import kernel
+from .inputs import DISPLACEMENT, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
-from .outputs import gather, keep_outputs, move, set_ratios
+from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
 
-HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
-"""Rules of interpolation."""
-LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
-"""Kinds of inputs."""
 FREE, BY_VALUE, BY_BOTH = 0, 1, 2
 """Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
 BEYOND_LAWS: Final = -1
@@ -62,6 +56,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
         set_histories(pools, i, before + i, made + i, whole, rule)
     done = march_instants(pools, 1, n)
     for i in range(1, done + 1):
+        count_iterations(pools, i - 1)
         keep_outputs(pools, i, before + i, made + i)
     moving[run.progress] = made + done
     if done > 0:
@@ -80,58 +75,36 @@ def present(pools: Any) -> int:
     if moving[run.progress] > 0.0:
         put_back(pools)
         return 0
-    move(pools, run.input_value, run.reached, run.n_input)
-    move(pools, run.input_rate, run.slope, run.n_input)
+    move(pools, run.input_value, run.inputs + REACHED * run.n_input, run.n_input)
+    move(pools, run.input_rate, run.inputs + SLOPE * run.n_input, run.n_input)
     return open_run(pools, HOLD, 1)
 
 
 # -- inputs -------------------------------------------------------------------------------------------------------
 @kernel
-def amplitude(pools: Any, e: int, j: int, whole: int, rule: int) -> float:
-    """Amplitude of an input after j of the time steps of the communication step."""
-    run, moving = pools.run[0], pools.moving
-    value, reached, kind = moving[run.input_value + e], moving[run.reached + e], pools.fixed_int[run.input_kind + e]
-    if kind == WAVE and rule != HOLD and moving[run.input_rate + e] == 0.0:
-        rule = LINE  # as if it had travelled for the step
-    if j == 0 and (rule == LINE or kind not in (LOAD, WAVE)):
-        return float(reached)
-    if rule == HOLD:
-        return float(value)
-    if rule == LINE:
-        return float(value if j == whole else j * ((value - reached) / whole) + reached)
-    rate = moving[run.input_rate + e]
-    if rule == CAUSAL and rate == 0.0 and moving[run.rated + e] == 0.0:
-        span = moving[run.progress + 3]
-        held = span == 0.0 or moving[run.held + e] == 1.0
-        rate = 0.0 if held else (value - moving[run.before + e]) / span
-    return float(value + rate * (j * run.dt))
+def given_of(pools: Any) -> tuple[Any, Any]:
+    """Values and rates of the inputs, views."""
+    run, n = pools.run[0], pools.run[0].n_input
+    return pools.moving[run.input_value : run.input_value + n], pools.moving[run.input_rate : run.input_rate + n]
 
 
 @kernel
 def keep_inputs(pools: Any, whole: int, rule: int) -> None:
-    """End a communication step: amplitudes and slopes reached, and what the causal line goes on from."""
-    run, moving = pools.run[0], pools.moving
-    for e in range(run.n_input):
-        last, old = amplitude(pools, e, whole, whole, rule), amplitude(pools, e, whole - 1, whole, rule)
-        moving[run.slope + e], moving[run.reached + e] = (last - old) / run.dt, last
-        same = moving[run.progress + 3] > 0.0 and moving[run.input_value + e] == moving[run.before + e]
-        moving[run.held + e] = 1.0 if same else 0.0
-        if moving[run.input_rate + e] != 0.0:
-            moving[run.rated + e] = 1.0
-    move(pools, run.input_value, run.before, run.n_input)
+    """End a communication step: what the next one goes on from."""
+    run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
+    memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
+    keep(given_of(pools), memory, kinds, moving[run.progress + 3], whole, whole, rule, run.dt)
     moving[run.progress + 3] = whole * run.dt
 
 
 @kernel
 def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -> None:
     """Amplitudes of the sources after j of the time steps, ``made`` since the start, into the moving block."""
-    run, moving = pools.run[0], pools.moving
-    for e in range(run.n_input):
-        now = amplitude(pools, e, j, whole, rule)
-        if pools.fixed_int[run.input_kind + e] == DISPLACEMENT:
-            old = amplitude(pools, e, max(j - 1, 0), whole, rule)
-            now = moving[run.slope + e] if j == 0 else (now - old) / run.dt
-        moving[to + e] = now
+    run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
+    memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
+    given, span = given_of(pools), moving[run.progress + 3]
+    for e in range(n):
+        moving[to + e] = drive(given, memory, kinds, e, span, j, whole, rule, run.dt)
     own = run.n_source - run.n_input
     row = run.law_table + own * min(made, max(run.law_end, 0))
     for e in range(own):
@@ -268,6 +241,14 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     move(pools, z + n_x, z + n_x + n_s, n_s)
     open_accounts(pools)
     read_start(pools)
+    open_outputs(pools)
+    return 0
+
+
+@kernel
+def open_outputs(pools: Any) -> None:
+    """Outputs of row 0, in which a simulation begins."""
+    run, moving = pools.run[0], pools.moving
     moving[run.impulse : run.impulse + 3 * run.n_interface] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
@@ -275,7 +256,24 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
     set_ratios(pools, 0)
     move(pools, run.output, run.present, run.n_output)
-    return 0
+
+
+@kernel
+def follow(pools: Any, row: int, n: int, made: int) -> None:
+    """Outputs of n rows from ``row`` on, whose fields and drives the caller has filled; ``made`` time steps lie before
+    the first of them. The last one is row 0 of the next call. From row 0 on: the start of a simulation, or with n = 0
+    the present state."""
+    run = pools.run[0]
+    if row == 0 and n > 0:
+        open_outputs(pools)
+    elif n > 0:
+        for i in range(n):
+            keep_outputs(pools, row + i, made + i + 1, made + i + 1)
+        last = row + n - 1
+        move(pools, run.output + last * run.n_output, run.present, run.n_output)
+        move(pools, run.drive + last * run.n_drive, run.motion_state, run.n_motion_state)
+    row_of_state(pools)
+    set_ratios(pools, 0)
 
 
 @kernel
@@ -288,7 +286,7 @@ def departs(pools: Any, e: int) -> bool:
     first, start = run.drive + run.n_motion_state + e, pools.fixed[run.input_start + e]
     if kind == DISPLACEMENT:
         moves = moving[first] != 0.0 or moving[first + run.n_source] != 0.0
-        return bool(moving[run.reached + e] != start or (held == BY_BOTH and moves))
+        return bool(moving[run.inputs + REACHED * run.n_input + e] != start or (held == BY_BOTH and moves))
     return bool(moving[first] != start or (held == BY_BOTH and moving[first + run.n_source] != start))
 
 
@@ -330,13 +328,7 @@ def _write_opening(pools: Any, e: int, passed: int, size: int, to: int) -> int:
 def put_back(pools: Any) -> None:
     """Row 0 of outputs, fields, drives and prescribed motions from the state."""
     run = pools.run[0]
-    move(pools, run.present, run.output, run.n_output)
-    move(pools, run.f_hat, run.history_f, run.n_flat)
-    move(pools, run.w_hat, run.history_w, run.n_flat)
-    for g in range(len(pools.groups)):
-        group = pools.groups[g]
-        move(pools, group.gap, run.history_gap + group.first_point, group.n_point)
-    move(pools, run.motion_state, run.drive, run.n_motion_state)
+    row_of_state(pools)
     at = run.motion_state
     for c in range(len(pools.classes)):
         row = pools.classes[c]
@@ -344,3 +336,16 @@ def put_back(pools: Any) -> None:
         for kind in range(3):
             move(pools, at, row.motions + kind * run.n_time * size, size)
             at += size
+
+
+@kernel
+def row_of_state(pools: Any) -> None:
+    """Row 0 of outputs, fields and drives from the state."""
+    run = pools.run[0]
+    move(pools, run.present, run.output, run.n_output)
+    move(pools, run.f_hat, run.history_f, run.n_flat)
+    move(pools, run.w_hat, run.history_w, run.n_flat)
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        move(pools, group.gap, run.history_gap + group.first_point, group.n_point)
+    move(pools, run.motion_state, run.drive, run.n_motion_state)

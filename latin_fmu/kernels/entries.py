@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .communication import communicate, present
+from .communication import communicate, follow, present
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     correct,
@@ -94,7 +94,8 @@ from .tasks import end_class, serve
     PRESENT,
     FIELDS,
     SERVE,
-) = range(29)
+    FOLLOW,
+) = range(30)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -212,6 +213,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         open_accounts(pools)
     elif action == FORCES:
         force_residual(pools, a)
+    elif action == FOLLOW:
+        follow(pools, a, b, c)
     elif action == FIELDS:
         gather_fields(pools, a)
     elif action == SERVE:

@@ -32,15 +32,20 @@ def move(pools: Any, start: int, to: int, n: int) -> None:
 
 
 @kernel
+def count_iterations(pools: Any, call: int) -> None:
+    """Add iterations and indicator of an instant of the call to those of the communication step."""
+    run, moving = pools.run[0], pools.moving
+    used = pools.moving_int[run.iterations + call]
+    moving[run.progress + 1] += used
+    reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
+    moving[run.progress + 2] = max(moving[run.progress + 2], reached)
+
+
+@kernel
 def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
     """Outputs after a time step of the call, ``row``, which is j of the communication step and ``made`` since the
     start."""
-    run, moving = pools.run[0], pools.moving
-    progress, call = run.progress, row - 1
-    used = pools.moving_int[run.iterations + call]
-    moving[progress + 1] += used
-    reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
-    moving[progress + 2] = max(moving[progress + 2], reached)
+    run, moving, progress = pools.run[0], pools.moving, pools.run[0].progress
     gather(pools, row)
     at = run.output + row * run.n_output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0

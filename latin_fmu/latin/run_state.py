@@ -264,6 +264,7 @@ class RunState:
         """Copies of the fields that the next segment starts from, beside the states of the propagators."""
         n = self.image.n_flat
         sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 4, "works": N_WORK}
+        sizes |= self.image.output_sizes()
         kept = {name: self.image.field(name, size).copy() for name, size in sizes.items()}
         groups = [np.zeros(0), *(self.image.group_field(g, "drift", size) for g, size in self._drifts())]
         return kept | {"drift": np.concatenate(groups)}
@@ -337,17 +338,12 @@ class RunState:
         direction.bind(exact)
         self.image.bind(key, direction.run_fields(), direction.group_fields())
 
-    def begin_segment(self, recorder: Recorder, communication: Mapping[str, Any] | None = None) -> None:
-        """Continue after the assembly has begun a new segment of time.
-
-        communication : as for the run, from here on; None: as before.
-        """
+    def begin_segment(self, recorder: Recorder) -> None:
+        """Continue after the assembly has begun a new segment of time."""
         self.recorder = recorder
         self._clear()
         operators = [p.operators for p in self.assembly.propagators]
-        more = communication is not None and communication is not self._communication
-        self._communication = communication if communication is not None else self._communication
-        if more or any(a is not b for a, b in zip(operators, self._operators, strict=True)):
+        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
             kept = self.get_state()
             self._set_up(kept["f_hat"], kept["w_hat"], kept["scales"])
             self.set_state(kept)
@@ -365,6 +361,14 @@ class RunState:
         if self._exchange is not None:
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
+
+    def _set_first_row(self, instant: int) -> None:
+        """Let the next call of the kernels begin its output with an instant, behind the rows in front of it."""
+        self.image.set({"first_row": instant - self.recorder.rows_before})
+
+    def _record_instant(self, i: int) -> None:
+        """Record instant i of those that the last call of the kernels has marched."""
+        self._record(1, i + self.recorder.rows_before)
 
     def _record(self, n: int, row: int = 0) -> None:
         """Record n accepted instants, rows of the image's output from ``row`` on."""

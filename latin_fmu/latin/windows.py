@@ -237,11 +237,12 @@ class Run(RunState):
         longest = _FIRST if self._max_cpu is None else 1
         if self._per_instant > 0:
             longest = max(1, int(_SECONDS / self._per_instant))
-        n = min(n, image.rows, longest, image.rows if self._sequence is not None else self._until(first))
-        image.set({"first_row": first})
+        rows = image.rows - self.recorder.rows_before
+        n = min(n, rows, longest, rows if self._sequence is not None else self._until(first))
+        self._set_first_row(first)
         done = self._march_instants(first, n)
         if done:
-            self.keep_marched(first, done)
+            self.keep_marched(first, done, self.recorder.rows_before)
         self._refused, self.refusals = done < n, self.refusals + (done < n)
         self._count(cpu)
         self._per_instant = (clock.perf_counter() - wall) / max(done, 1)
@@ -369,9 +370,9 @@ class Run(RunState):
             record.disagreement = stages.disagreement()
             if self._fields is not None and record.converged:
                 self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
-        image.set({"first_row": first})
+        self._set_first_row(first)
         before = self._drift_work()
-        self._march_accepted(stages, lambda i: self._record(1, i))
+        self._march_accepted(stages, self._record_instant)
         if n > 1 and not self.assembly.quasi_static:
             put_in = self._put_in()
             record.imbalance = abs(self._drift_work() - before) / put_in if put_in > 0.0 else 0.0
@@ -399,8 +400,8 @@ class Run(RunState):
 
     def end_instant(self, stages: Stages) -> None:
         """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
-        self.image.set({"first_row": stages.first})
-        self._march_accepted(stages, lambda i: self._record(1, i))
+        self._set_first_row(stages.first)
+        self._march_accepted(stages, self._record_instant)
 
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""
@@ -408,7 +409,7 @@ class Run(RunState):
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
         if stages.n > 1:
             image.call(entries.REWIND)
-        image.set({"first_row": stages.first})
+        self._set_first_row(stages.first)
         self._march_accepted(stages, after)
         image.moving[:] = kept
         image.set({"first_row": row})
@@ -418,14 +419,14 @@ class Run(RunState):
         """March an assembly without any interface."""
         image = self.image
         for instant in range(first, first + n):
-            image.set({"first_row": instant})
+            self._set_first_row(instant)
             for c in range(len(image.propagators)):
                 image.call(entries.PREDICT, c, instant)
                 image.call(entries.END_CLASS, c, instant)
             image.call(entries.END_INSTANT, instant)
             self._set_instant(instant)
             self._sample()
-            self._record(1)
+            self._record_instant(0)
         record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
         self.windows.append(record)
 

@@ -163,7 +163,7 @@ class Image:
         ]
         per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
         self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
-        self.rows = COMMUNICATION_ROWS if run.get("n_output", 0) else self.rows
+        self.rows = max(COMMUNICATION_ROWS, self.window + 1) if run.get("n_output", 0) else self.rows
         for pool in layout.POOLS:
             for arrays, record, sizes in sized:
                 sizes["R"] = self.rows
@@ -394,6 +394,14 @@ class Image:
         """An output (rows, width, m) of a class; ``width`` : a number, or the name of a size."""
         row = self._rows[c]
         return self._of(c, name, self.rows, row[width] if isinstance(width, str) else width, row["m"])
+
+    def output_sizes(self) -> dict[str, int]:
+        """Sizes of what the next outputs of a co-simulation follow from, by name; nothing in another run."""
+        run = self._run
+        if not run.get("n_output", 0):
+            return {}
+        of_interfaces = {"impulse": 3 * run["n_interface"], "event_rates": 2 * run["n_interface"], "progress": 8}
+        return {"present": run["n_output"], "motion_state": run["n_motion_state"], **of_interfaces}
 
     @property
     def state(self) -> Array:

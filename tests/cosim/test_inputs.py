@@ -12,6 +12,7 @@ from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.loads import Loads, given_rows, read_histories
 from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
 from latin_fmu.errors import InputError
+from latin_fmu.kernels.inputs import RATED
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column
 
@@ -29,8 +30,8 @@ def over(values: list[float], spans: list[float], rates: dict[int, float] | None
         loads.set("press", value, (rates or {}).get(i, 0.0))
         if i == 0:
             loads.begin()
-        amplitudes = loads.amplitudes(h, 4, CAUSAL)
-        loads.accept(amplitudes, h, 4)
+        amplitudes = loads.driving(h / 4, 4, CAUSAL)
+        loads.accept(h / 4, 4, 4, CAUSAL)
         ends.append((float(amplitudes["press"][0]), float(amplitudes["press"][-1])))
     return ends
 
@@ -120,7 +121,7 @@ def test_the_values_before_belong_to_the_state() -> None:
     for session in (straight, other, third):
         session.set_load("press", 1.2)
         assert session.step(3 * H, H)
-        assert session._loads.get_state()["rated"] == {"press": 0.0}
+        assert session._loads.memory[RATED].tolist() == [0.0]
     assert straight.snapshot() == other.snapshot() == third.snapshot()
 
 

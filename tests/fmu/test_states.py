@@ -207,7 +207,8 @@ FORGERIES = {
     "negative gap": lambda _, tree: session_of(
         tree, lambda s: s["mode"]["fields"]["crush"].update(gap=s["mode"]["fields"]["crush"]["gap"] - 1e-6)
     ),
-    "impulse": lambda _, tree: session_of(tree, lambda s: shorter(s["mode"], "impulse")),
+    "impulse": lambda _, tree: inside(tree, lambda run: shorter(run["fields"], "impulse")),
+    "outputs": lambda _, tree: inside(tree, lambda run: with_nan(run["fields"], "present")),
     "u cut": lambda _, tree: inside(tree, lambda run: shorter(run["propagators"][0], "u")),
     "v nan": lambda _, tree: inside(tree, lambda run: with_nan(run["propagators"][0], "v")),
     "a body less": lambda _, tree: inside(tree, lambda run: run["propagators"].pop()),

@@ -1,0 +1,155 @@
+"""Rows of outputs over segments that Python marches: the kernels follow them from instant to instant.
+
+What a row follows from (tractions, velocities, gaps, sensors, energies) is in the output of the image after each
+march; the drives of its instants are written beside it (``Drives.rows``). ``kernels.communication.follow`` then makes
+the row from these and from the row before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from ..assembly.ports import moved_face_forces
+from ..assembly.segments import Segment, SegmentedRun
+from ..kernels import entries
+from ..latin.assembly import Assembly
+from ..latin.outcome import Array
+from ..latin.probes import Probes
+from ..latin.recorder import OutputRequest, Recorder, SubstructureInfo
+from ..machine import one_thread
+from ..propagator.image import Image
+from ..scene.schema import Scene
+from .drives import Drives, Sources, history_fields
+from .outputs import COLUMNS
+from .signals import Signals
+from .variables import ENERGIES, opening_interfaces, scalar_table
+
+_SOLVER: Final = 4  # outputs: iterations, indicator, converged, time steps
+
+
+class OutputRows:
+    """Outputs of a run of segments.
+
+    Parameters
+    ----------
+    scene, run : what is solved; what is made of it afterwards holds the numbers that outputs follow from.
+
+    Attributes
+    ----------
+    sources : what drives the run. n : number of outputs. of_event, of_solver : place of those of the events, and of the
+    solver.
+    """
+
+    def __init__(self, scene: Scene, run: SegmentedRun) -> None:
+        self.sources, self._scene, self._run = Sources.of(scene), scene, run
+        names = [v.name for v in scalar_table(scene) if v.causality == "output"]
+        self.n = len(names)
+        self.of_event = self.n - COLUMNS * len(opening_interfaces(scene))
+        self.of_solver = self.of_event - _SOLVER - len(ENERGIES) * scene.output.energy
+        self._moved: list[int] = []  # forces of moved faces that no instant gives alone
+        if run.problem.assembly.scheme.explicit:
+            moved = tuple(f"port.{name}." for name, port in scene.port.items() if port.causality == "motion_in")
+            self._moved = [i for i, name in enumerate(names) if name.startswith(moved)]
+        self._of: Any = None  # problem that the fields are of
+        self._made: dict[str, Any] = {}
+        run.communication = self._fields
+
+    def _fields(self) -> dict[str, Any]:
+        """Fields of the record of the run, for its present problem."""
+        problem = self._run.problem
+        if self._of is not problem:
+            with one_thread():
+                self._drives = Drives(self._run, self.sources)
+                recorder = Recorder(problem.assembly, problem.output, problem.info, len(problem.assembly.time))
+                self._made = Signals(self._drives, recorder).fields(self._scene) | history_fields(self._drives)
+            self._of = problem
+        return self._made
+
+    def recorder(self, given: Mapping[str, Array], every: bool = False) -> Callable[..., OutputRecorder]:
+        """What makes the recorder of a segment, for ``SegmentedRun.advance``.
+
+        given : what drives the inputs, (n_time,) by name. every : keep the rows of all instants.
+        """
+
+        def made(assembly: Assembly, request: OutputRequest, info: dict[str, SubstructureInfo]) -> OutputRecorder:
+            own = self.sources.own_laws(self._scene, assembly.time)
+            table = [given[name] for name in self.sources.inputs] + [own[name] for name in self.sources.laws]
+            amplitudes = np.stack(table, axis=1) if table else np.zeros((len(assembly.time), 0))
+            drives, opens = self._drives.rows(amplitudes), self._run.run is None
+            return OutputRecorder(assembly, request, info, drives, self.n, opens, every)
+
+        return made
+
+    def complete(self, rows: Array, segment: Segment) -> None:
+        """Write what no instant gives alone into the last outputs (n_row, n_output) of a segment."""
+        numbers = segment.iterations, segment.error_indicator, float(segment.converged), len(segment.time) - 1
+        rows[:, self.of_solver : self.of_solver + _SOLVER] = numbers
+        if self._moved:
+            forces = moved_face_forces(self._scene, self._run.problem.assembly, segment.recorder)
+            rows[:, self._moved] = forces[-len(rows) :]
+
+    def at_end(self, segment: Segment) -> Array:
+        """Outputs (n_output,) at the end of a segment that was just made, a copy."""
+        present = self.present
+        self.complete(present[None], segment)
+        return present.copy()
+
+    @property
+    def present(self) -> Array:
+        """Outputs in the present state, a view; instants of events count from the start of the simulation."""
+        assert self._run.run is not None
+        return self._run.run.image.field("present", self.n)
+
+
+class OutputRecorder(Recorder):
+    """Keeps the accepted fields of a segment, and has the kernels follow its outputs.
+
+    Parameters
+    ----------
+    drives : (n_time, n_drive). n_output : number of outputs. opens : whether the segment begins a simulation.
+    every : keep the rows of all instants.
+
+    Attributes
+    ----------
+    outputs : outputs at the instants kept so far (n, n_output), with ``every``.
+    """
+
+    rows_before = 1
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        request: OutputRequest,
+        info: dict[str, SubstructureInfo],
+        drives: Array,
+        n_output: int,
+        opens: bool,
+        every: bool,
+    ) -> None:
+        super().__init__(assembly, request, info)
+        self._drives, self._opens, self._start = drives, opens, float(assembly.time[0])
+        self._table = np.zeros((len(drives) if every else 0, n_output))
+
+    @property
+    def outputs(self) -> Array:
+        """Outputs at the instants kept so far, (n, n_output); none unless ``every``."""
+        return self._table[: self.n_kept]
+
+    def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
+        """Keep the next n instants, and their outputs."""
+        first = self.n_kept
+        super().keep(assembly, image, probes, n, row)
+        drives = image.field("drive", image.rows, self._drives.shape[1])
+        drives[row : row + n] = self._drives[first : first + n]
+        if first == 0:
+            state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
+            state[:] = self._drives[0, : len(state)]
+            image.field("progress", 8)[6] = self._start
+            image.call(entries.FOLLOW, 0, int(self._opens))
+        else:
+            image.call(entries.FOLLOW, row, n, first - 1)
+        if len(self._table):
+            self._table[first : first + n] = image.field("output", image.rows, self._table.shape[1])[row : row + n]
