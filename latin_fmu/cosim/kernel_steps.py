@@ -117,8 +117,7 @@ class KernelSteps:
 
         loads, end, n : of the step that is made next.
         """
-        if self.valid:
-            self.give_back()
+        self.give_back()
         kept, alike = self._image.state.copy(), self._run.step == self._run.dt
         self._lay_out(loads, end, n)
         self._image.state[:] = kept  # gaps read from the displacements of a moving ground would differ by round-off
