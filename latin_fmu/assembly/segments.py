@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -340,7 +340,7 @@ class SegmentedRun:
         """
         state = decode(blob, self._kind)
         if check and state is not None:
-            self._check_opening(state)
+            _check_opening(self._inputs, state)
         if state is not None:
             self.settle(state["start"] or {})
             if self.run is None:  # not started yet: histories and a run must exist
@@ -350,32 +350,8 @@ class SegmentedRun:
                 check_like(state, self.get_state(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self.set_state(state)
         if check and state is not None:
-            self._check_marks()
-
-    def _check_opening(self, tree: Any) -> None:
-        """Compare the entries of a snapshot whose size changes during a run. Raises InputError."""
-        if not isinstance(tree, dict) or not {"time", *_OWN_SIZES} <= set(tree):
-            raise unlike("state", "other entries than here")
-        for name in ("time", *_OWN_SIZES):
-            if tree[name] is not None:
-                check_numbers(tree[name], f"state.{name}")
-        if not isinstance(tree["time"], float) or tree["time"] < 0.0:
-            raise unlike("state.time", "a time before the start")
-        if not isinstance(tree["steps"], list) or any(not h > 0.0 for h in tree["steps"]):
-            raise unlike("state.steps", "a time step that is not positive")
-        for name, known in (("start", self._inputs), ("running", _RUNNING)):
-            if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
-                raise unlike(f"state.{name}", "other entries than here")
-
-    def _check_marks(self) -> None:
-        """Check the numbers of the present state that the kernels decide by. Raises InputError."""
-        assert self.run is not None
-        for c, propagator in enumerate(self.problem.assembly.propagators):
-            image, moves = self.run.image, any(field.any() for field in propagator.state[1:])
-            if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
-                raise unlike("state.state", "a body that moves is marked as one at rest")
-            if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):
-                raise unlike("state.state", "a place of the account of energies that there is not")
+            assert self.run is not None
+            _check_marks(self.run)
 
     def check_gaps(self, stated: Mapping[str, Array]) -> None:
         """Compare the gaps of the present state, and those stated (n_point,) by interface, with the displacements and
@@ -411,3 +387,32 @@ class SegmentedRun:
             propagator.restart()
         self.ground = {i: GroundState(np.zeros(3), None) for i in self.ground}
         self.time, self.running, self._stored, self.run, self.step, self._steps = 0.0, {}, None, None, self.dt, []
+
+
+def _check_opening(inputs: Collection[str], tree: Any) -> None:
+    """Compare the entries of a snapshot whose size changes during a run. ``inputs`` : loads set from outside.
+
+    Raises InputError.
+    """
+    if not isinstance(tree, dict) or not {"time", *_OWN_SIZES} <= set(tree):
+        raise unlike("state", "other entries than here")
+    for name in ("time", *_OWN_SIZES):
+        if tree[name] is not None:
+            check_numbers(tree[name], f"state.{name}")
+    if not isinstance(tree["time"], float) or tree["time"] < 0.0:
+        raise unlike("state.time", "a time before the start")
+    if not isinstance(tree["steps"], list) or any(not h > 0.0 for h in tree["steps"]):
+        raise unlike("state.steps", "a time step that is not positive")
+    for name, known in (("start", inputs), ("running", _RUNNING)):
+        if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
+            raise unlike(f"state.{name}", "other entries than here")
+
+
+def _check_marks(run: Run) -> None:
+    """Check the numbers of the present state that the kernels decide by. Raises InputError."""
+    for c, propagator in enumerate(run.assembly.propagators):
+        image, moves = run.image, any(field.any() for field in propagator.state[1:])
+        if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
+            raise unlike("state.state", "a body that moves is marked as one at rest")
+        if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):
+            raise unlike("state.state", "a place of the account of energies that there is not")

@@ -1,8 +1,8 @@
 """Communication steps of a session in one call of the kernels each (``kernels.communication``).
 
 The image of the run serves both drivers: displacements, velocities, tractions, gaps, outputs and what the next ones
-follow from are in the same places. Inputs are written into the image after a step of the Python driver, and read from
-it, with the prescribed motions, before the next one.
+follow from are in the same places. Inputs are written into it before each step, and what the step leaves of them is
+read. The Python driver is given the prescribed motions before its next step.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
-from ..kernels.inputs import SLOPE
+from ..kernels.inputs import N_MEMORY, SLOPE
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
@@ -34,13 +34,12 @@ _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_en
 
 
 class Origin(NamedTuple):
-    """Start of the last step in kernels: state of the image, time since the start of the simulation, s, values and
-    rates of the inputs; and end of that step, s, and its number of time steps."""
+    """Start of the last step in kernels: state of the image, time since the start of the simulation, s, and loads; and
+    end of that step, s, and its number of time steps."""
 
     state: Array
     time: float
-    value: dict[str, float]
-    rate: dict[str, float]
+    loads: Loads
     end: float
     n: int
 
@@ -118,15 +117,13 @@ class KernelSteps:
 
         loads, end, n : of the step that is made next.
         """
-        if self.valid:
-            self.give_back(loads)
+        self.give_back()
         kept, alike = self._image.state.copy(), self._run.step == self._run.dt
         self._lay_out(loads, end, n)
         self._image.state[:] = kept  # gaps read from the displacements of a moving ground would differ by round-off
         if not alike:  # the jump that layers start from depends on the step
             self._image.call(entries.READ_START)
         if not self.valid:
-            self._write(loads)
             self.time, self._unrecorded = self._run.time, False
         self.valid, self._room, self._read = True, COMMUNICATION_ROWS - 1, False
 
@@ -152,19 +149,13 @@ class KernelSteps:
         if len(self._states[0]) != len(image.state):
             self._states = np.empty(len(image.state)), np.empty(len(image.state))
 
-    def _write(self, loads: Loads) -> None:
-        """Write what the Python driver keeps elsewhere."""
-        image = self._image
-        image.field("inputs", *loads.memory.shape)[:] = loads.memory
-        image.field("progress", 8)[3] = loads.span
-
     # -- steps ----------------------------------------------------------------------------------------------------
     def march(self, loads: Loads, end: float, n: int) -> Array | None:
         """Make a communication step of n time steps up to ``end``, s; outputs at its end, None where one of them did
         not converge: then nothing has changed."""
         now, last = self._states
         np.copyto(now, self._image.state)
-        begun = Origin(now, self.time, dict(loads.value), dict(loads.rate), end, n)
+        begun = Origin(now, self.time, loads.copy(), end, n)
         row = self._marched(begun)
         if row is None or (self._followed and self._gains_energy(row)):
             self._image.state[:] = now
@@ -187,20 +178,19 @@ class KernelSteps:
         before = self._part(self.origin.state, "present", self._outputs.n)
         return first_event(np.stack([before, row])[:, self._outputs.of_event :]) is not None
 
-    def recorded(self, loads: Loads) -> Segment:
+    def recorded(self) -> Segment:
         """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""
-        segment = self._recorded(loads)
+        segment = self._recorded()
         self._read = self._unrecorded = False
         self._room = len(segment.time) - 1
         if not segment.accepted:
             self.take_back()
         return segment
 
-    def _recorded(self, loads: Loads) -> Segment:
-        """The last step from its origin on; the state afterwards is that of now. ``loads`` : as for ``at_origin``."""
+    def _recorded(self) -> Segment:
+        """The last step from its origin on; the state afterwards is that of now."""
         assert self.origin is not None
         step, after, has_rows = self.origin, self._image.state.copy(), self._has_rows
-        given = self.at_origin(loads)
         self.return_to_origin()
         self.leave()
 
@@ -214,7 +204,7 @@ class KernelSteps:
                 self._marched(step, run)
 
         h = step.end - step.time
-        driving = given.driving(h / step.n, step.n, self._rule)
+        driving = step.loads.driving(h / step.n, step.n, self._rule)
         with np.errstate(all="ignore"):
             return self._run.advance(step.end, step.n, driving, solve=solve)
 
@@ -223,11 +213,12 @@ class KernelSteps:
         records the instants."""
         image, inputs, self._has_rows = self._image, self.sources.inputs, False
         if inputs:
-            image.field("input_value", len(inputs))[:] = [step.value[name] for name in inputs]
-            image.field("input_rate", len(inputs))[:] = [step.rate[name] for name in inputs]
+            image.field("input_value", len(inputs))[:] = [step.loads.value[name] for name in inputs]
+            image.field("input_rate", len(inputs))[:] = [step.loads.rate[name] for name in inputs]
+            image.field("inputs", *step.loads.memory.shape)[:] = step.loads.memory
         made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 8)
         off = step.time - made * dt
-        progress[0], progress[6] = made, off if abs(off) > _ON_GRID * dt else 0.0
+        progress[0], progress[3], progress[6] = made, step.loads.span, off if abs(off) > _ON_GRID * dt else 0.0
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         most, done, some = COMMUNICATION_ROWS - 1, 0, 0
         if run is not None and run.recorder.until_fields() < step.n:
@@ -259,34 +250,26 @@ class KernelSteps:
         """Mark the image as one that the Python driver changes next."""
         self._room, self._has_rows = 0, False
 
-    def give_back(self, loads: Loads) -> None:
-        """Give inputs, motions and times to the Python driver."""
-        if not self._read:
-            self._give(loads, self._image.state, self.time, self._unrecorded)
+    def give_back(self) -> None:
+        """Give motions and times to the Python driver."""
+        if self.valid and not self._read:
+            self._give(self._image.state, self.time, self._unrecorded)
             self._read, self._unrecorded = True, False
 
     def return_to_origin(self) -> None:
         """Return to before the last step, for the Python driver."""
         assert self.origin is not None
         self._image.state[:] = self.origin.state
-        self._give(Loads(self._scene), self.origin.state, self.origin.time, self._undo[-1])
-
-    def at_origin(self, loads: Loads) -> Loads:
-        """Loads as they were before the last step; ``loads`` : those of now."""
-        assert self.origin is not None
-        given = loads.copy()
-        given.value, given.rate = dict(self.origin.value), dict(self.origin.rate)
-        self._give_memory(given, self.origin.state)
-        return given
+        self._give(self.origin.state, self.origin.time, self._undo[-1])
 
     def _part(self, state: Array, name: str, *shape: int) -> Array:
         """A field of the state of the image, a view."""
         at = int(self._image.run[0][name])
         return state[at : at + prod(shape)].reshape(shape)
 
-    def _give(self, loads: Loads, state: Array, time: float, unrecorded: bool) -> None:
-        self._give_memory(loads, state)
-        run, at, slopes = self._run, 0, loads.memory[SLOPE].tolist()
+    def _give(self, state: Array, time: float, unrecorded: bool) -> None:
+        run, at = self._run, 0
+        slopes = self._part(state, "inputs", N_MEMORY, len(self.sources.inputs))[SLOPE].tolist()
         moved = self._part(state, "motion_state", int(self._image.run[0]["n_motion_state"]))
         motions: list[list[MotionState]] = []
         for propagator in run.problem.assembly.propagators:
@@ -306,10 +289,10 @@ class KernelSteps:
                 losses["contact_dissipation"] = -float(work) - friction
         run.go_on(time, motions, ground, losses)
 
-    def _give_memory(self, loads: Loads, state: Array) -> None:
-        """Give the loads what steps before have left."""
-        loads.memory = self._part(state, "inputs", *loads.memory.shape).copy()
-        loads.span = float(self._part(state, "progress", 8)[3])
+    def accept(self, loads: Loads) -> None:
+        """Let the loads go on from what the last ``march`` has left of them."""
+        loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
+        loads.span = float(self._image.field("progress", 8)[3])
 
     def _ground_acceleration(self, interface: int, slopes: list[float], time: float) -> Array:
         """Acceleration (3,) of the ground of an interface over the last time step, m s-2."""
@@ -324,7 +307,7 @@ class KernelSteps:
             slope = float(law[made] - law[made - 1]) / self._run.dt if len(law) > 1 else 0.0
         return slope * np.asarray(velocity.vector, dtype=float)
 
-    def histories(self, loads: Loads) -> dict[str, InterfaceHistory]:
+    def histories(self) -> dict[str, InterfaceHistory]:
         """Histories of the interfaces over the instants of the last step."""
         assert self.origin is not None
         run, n = self._run, self.origin.n + 1
@@ -333,8 +316,8 @@ class KernelSteps:
         if self._has_rows and not rows.slide:
             rows.keep(self._image, None, 0, n, 0)
             return rows.histories(n, duration)
-        self.give_back(loads)
+        self.give_back()
         before = run.get_state()
-        segment = self._recorded(loads)
+        segment = self._recorded()
         run.set_state(before)
         return segment.interfaces

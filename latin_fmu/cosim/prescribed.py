@@ -146,7 +146,7 @@ class Prescribed:
     def reset(self) -> None:
         """Return to before ``start``; the solution is kept."""
 
-    def get_state(self, _loads: Loads) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """The present outputs; the solution follows from the loads."""
         return {"row": self.row}
 

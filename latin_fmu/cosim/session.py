@@ -152,7 +152,7 @@ class Session:
             return refused(trouble)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
-        rates = self._rates(mode) if self.settings.keep else {}
+        rates = self._loads.rates(self.settings.interpolation) if self.settings.keep else {}
         try:
             report = mode.step(self._loads, t, h, self._t0, early)
         except LatinError as error:
@@ -162,11 +162,6 @@ class Session:
             if self.settings.keep:
                 self._keep(t, mode, rates)
         return report
-
-    def _rates(self, mode: Windowed | Prescribed) -> dict[str, float]:
-        """Rates of the loads over the next step, 1/s."""
-        rule = self.settings.interpolation
-        return mode.rates(self._loads) if isinstance(mode, Windowed) else self._loads.rates(rule)
 
     def _keep(self, t: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
         segment = mode.segment if isinstance(mode, Windowed) else None
@@ -254,7 +249,7 @@ class Session:
     def snapshot(self) -> bytes:
         """Everything that determines the next steps and the outputs, as bytes, bit for bit."""
         mode = self._mode if self.started else None
-        of_mode = None if mode is None else mode.get_state(self._loads)
+        of_mode = None if mode is None else mode.get_state()
         state: dict[str, Any] = {
             "time": self.time,
             "t0": self._t0,

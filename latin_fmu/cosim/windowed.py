@@ -60,7 +60,6 @@ class Windowed:
         self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
         self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step
         self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
-        self._loads: Loads | None = None  # of the last step
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
 
@@ -81,8 +80,7 @@ class Windowed:
             if self.segment is not None:
                 self._interfaces = self.segment.interfaces
             else:
-                assert self._loads is not None
-                self._interfaces = self._kernels.histories(self._loads)
+                self._interfaces = self._kernels.histories()
         return self._interfaces
 
     def start(self, loads: Loads) -> None:
@@ -136,11 +134,12 @@ class Windowed:
             kernels.take_back()
             return None
         if self._keeps or kernels.must_record:
-            segment = kernels.recorded(loads)
+            segment = kernels.recorded()
             if not segment.accepted:
                 return None
         self._instants, self._interfaces, self.segment = (now, end, n + 1), None, segment
-        self._loads, self._last_step = loads, None
+        self._last_step = None
+        kernels.accept(loads)
         self.row = row if t0 == 0.0 else self._with_start(row, t0)
         return StepReport(True, "", n, *kernels.iterations(row))
 
@@ -149,28 +148,15 @@ class Windowed:
         k = self._outputs.of_event
         return np.concatenate([row[:k], shifted(row[k:], t0)])
 
-    def rates(self, loads: Loads) -> dict[str, float]:
-        """Rates of the loads over the next step, 1/s (``Loads.rates``)."""
-        self._give_back(loads)
-        return loads.rates(self.rule)
-
     # -- the Python driver ----------------------------------------------------------------------------------------
-    def _give_back(self, loads: Loads) -> None:
-        """Give the present state to the Python driver."""
-        if self._kernels.valid:
-            self._kernels.give_back(loads)
-
     def run_state(self) -> dict[str, Any] | None:
         """The present state of ``run``, whose steps follow."""
-        if self._loads is not None:
-            self._give_back(self._loads)
+        self._kernels.give_back()
         self._kernels.leave()
         return self.run.get_state()
 
     def _by_python(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport:
-        self._give_back(loads)
-        self._kernels.leave()
-        before, given = self.run.get_state(), loads.copy()
+        before, given = self.run_state(), loads.copy()
         dt, whole, early_end = h / n, n, None
         driving = loads.driving(dt, n, self.rule)
         segment = self.advance(t + h - t0, n, driving, every=early)
@@ -218,9 +204,9 @@ class Windowed:
     def last_step(self) -> LastStep | None:
         """What the last step started from; None before the first, and after a state was restored."""
         step = self._kernels.origin
-        if self._last_step is None and step is not None and self._loads is not None:
+        if self._last_step is None and step is not None:
             before, h = self._kernels.return_to_origin, step.end - step.time
-            self._last_step = LastStep(before, self._kernels.at_origin(self._loads), step.end, h, step.n)
+            self._last_step = LastStep(before, step.loads, step.end, h, step.n)
         return self._last_step
 
     def instant(self, _time: float) -> int:
@@ -237,9 +223,9 @@ class Windowed:
         self._kernels.reset()
         self._last_step = None
 
-    def get_state(self, loads: Loads) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """Everything that determines the next steps and the present outputs; completes that of the loads."""
-        self._give_back(loads)
+        self._kernels.give_back()
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "row": self.row,
@@ -263,7 +249,7 @@ class Windowed:
             self.run.check_gaps({name: field["gap"][-1] for name, field in fields if field["gap"] is not None})
         self._interfaces = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
         self._kernels.reset()
-        self.segment = self._last_step = self._loads = None
+        self.segment = self._last_step = None
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Compare a state that came from outside with this run. Raises InputError."""
