@@ -87,8 +87,9 @@ class SegmentedRun:
 
     Attributes
     ----------
-    dt : time step of the scene, s. run : windows of the present segment, None before the first. running : energies
-    (J) that the interfaces have dissipated so far, by kind. ground : state of the moving ground by interface.
+    dt, step : time step of the scene, and of the last segment, s. run : windows of the present segment, None before the
+    first. running : energies (J) that the interfaces have dissipated so far, by kind. ground : state of the moving
+    ground by interface.
     communication : fields of the record of the run in a co-simulation, for the present ``problem``.
 
     Raises
@@ -119,7 +120,7 @@ class SegmentedRun:
         self._stored: float | None = None  # energy at t = 0
         self._steps: list[float] = []
         self.communication: Callable[[], Mapping[str, Any]] | None = None
-        self.dt = self.problem.assembly.dt
+        self.dt = self.step = self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
@@ -162,16 +163,16 @@ class SegmentedRun:
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
         solve : solves the windows of the segment. recorder : makes that of the segment.
         """
-        before = self.keep_state()
+        before = self.get_state()
         time = np.linspace(self.time, end, n + 1) if n > 1 else np.array([self.time, end])
         try:
             with one_thread():
                 segment = self._solve(time, loads or {}, solve, recorder)
         except Exception:  # of any kind: the state must not be half of the next one
-            before()
+            self.set_state(before)
             raise
         if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
-            before()
+            self.set_state(before)
             return replace(segment, accepted=False)
         self.time = end
         if segment.energy is not None:
@@ -180,20 +181,6 @@ class SegmentedRun:
                     self.running[term] = float(segment.energy[term][-1])
         self.ground = self.problem.assembly.ground_end(n)
         return segment
-
-    def keep_state(self) -> Callable[[], None]:
-        """A function that returns to the present state."""
-        if self.run is None:
-            return self.reset
-        own = (self.time, self.running.copy(), self.ground, self._stored, list(self._steps), self.run)
-        state = self.run.keep_state()
-
-        def return_to() -> None:
-            self.time, running, self.ground, self._stored, self._steps, self.run = own
-            self.running = dict(running)
-            state()
-
-        return return_to
 
     def begin(self, time: Array, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
         """Begin a segment at the present time, without solving it.
@@ -205,8 +192,8 @@ class SegmentedRun:
             for propagator in self.problem.assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem, assembly = self.problem, self.problem.assembly
-        step = self._known_step(float(time[1] - time[0]))
-        problem.timeline.begin(assembly, time, loads, self.ground, step)
+        self.step = self._known_step(float(time[1] - time[0]))
+        problem.timeline.begin(assembly, time, loads, self.ground, self.step)
         recorder = make(assembly, problem.output, problem.info)
         if self.run is None:
             self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
@@ -267,6 +254,7 @@ class SegmentedRun:
         assert self.run is not None
         problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
         time: Array = self.time + self.dt * np.arange(float(n))
+        self.step = self.dt
         with one_thread():
             problem.timeline.begin(problem.assembly, time, amplitudes, self.ground, self.dt)
             recorder = Recorder(problem.assembly, problem.output, problem.info, n)
@@ -307,10 +295,39 @@ class SegmentedRun:
             (p, p.names.index(substructure)) for p in self.problem.assembly.propagators if substructure in p.names
         )
 
-    # -- snapshots ------------------------------------------------------------------------------------------------
+    # -- states ---------------------------------------------------------------------------------------------------
+    def get_state(self) -> dict[str, Any] | None:
+        """Copy of the state of the image, and what is known beside it: all that determines the next segment to the last
+        bit; None at t = 0."""
+        if self.run is None:
+            return None
+        return {
+            "time": self.time,
+            "start": self._amplitudes,
+            "running": dict(self.running),
+            "stored": self._stored,
+            "step": self.step,
+            "steps": list(self._steps),
+            "ground": {str(i): list(g) for i, g in self.ground.items()},
+            "motions": [[list(motion) for motion in p.motions()] for p in self.problem.assembly.propagators],
+            "state": self.run.image.state.copy(),
+        }
+
+    def set_state(self, state: Mapping[str, Any] | None) -> None:
+        """Return to a state that ``get_state`` returned."""
+        if state is None:
+            self.reset()
+            return
+        assert self.run is not None
+        self.run.image.state[:] = state["state"]
+        self._stored, self.step, self._steps = state["stored"], state["step"], list(state["steps"])
+        self.running = dict(state["running"])
+        ground = {int(i): GroundState(*g) for i, g in state["ground"].items()}
+        self.go_on(state["time"], [[(u, a, v) for u, a, v in m] for m in state["motions"]], ground, {})
+
     def snapshot(self) -> bytes:
-        """State that determines the next segment to the last bit, with a version number."""
-        return encode(None if self.run is None else self._tree(), self._kind)
+        """The state as bytes, with a version number."""
+        return encode(self.get_state(), self._kind)
 
     def restore(self, blob: bytes, check: bool = False) -> None:
         """Back to a snapshot of the same scene, taken by this or another instance.
@@ -321,19 +338,19 @@ class SegmentedRun:
         ------
         InputError : bytes that are no such snapshot; the state is unchanged, but with ``check`` the caller restores.
         """
-        tree = decode(blob, self._kind)
-        if tree is None:
-            self.reset()
-            return
-        if check:
-            self._check_opening(tree)
-        self.settle(tree["start"] or {})
-        if self.run is None:  # not started yet: histories and a run must exist
-            with one_thread():
-                self.begin(self.problem.assembly.time, {})
-        if check:
-            check_like(tree, self._tree(), "state", _OWN_SIZES, _MAY_BE_NONE)
-        self._resume(tree)
+        state = decode(blob, self._kind)
+        if check and state is not None:
+            self._check_opening(state)
+        if state is not None:
+            self.settle(state["start"] or {})
+            if self.run is None:  # not started yet: histories and a run must exist
+                with one_thread():
+                    self.begin(self.problem.assembly.time, {})
+            if check:
+                check_like(state, self.get_state(), "state", _OWN_SIZES, _MAY_BE_NONE)
+        self.set_state(state)
+        if check and state is not None:
+            self._check_marks()
 
     def _check_opening(self, tree: Any) -> None:
         """Compare the entries of a snapshot whose size changes during a run. Raises InputError."""
@@ -350,23 +367,33 @@ class SegmentedRun:
             if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
                 raise unlike(f"state.{name}", "other entries than here")
 
-    def check_gaps(self, stated: Mapping[str, Array | None]) -> None:
-        """Compare the gaps of the present state with those stated (n_point,) by interface, and with the size of the
-        assembly. Raises InputError."""
+    def _check_marks(self) -> None:
+        """Check the numbers of the present state that the kernels decide by. Raises InputError."""
+        assert self.run is not None
+        for c, propagator in enumerate(self.problem.assembly.propagators):
+            image, moves = self.run.image, any(field.any() for field in propagator.state[1:])
+            if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
+                raise unlike("state.state", "a body that moves is marked as one at rest")
+            if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):
+                raise unlike("state.state", "a place of the account of energies that there is not")
+
+    def check_gaps(self, stated: Mapping[str, Array]) -> None:
+        """Compare the gaps of the present state, and those stated (n_point,) by interface, with the displacements and
+        the size of the assembly. Raises InputError."""
         assembly = self.problem.assembly
         if self.run is None:  # at t = 0: the displacements are set when the run starts
             return
         nodes = np.concatenate([about.nodes for about in self.problem.info.values()])
         size = float(np.ptp(nodes, axis=0).max())
-        gaps = assembly.gaps()
+        gaps, own = assembly.gaps(), self.run.gaps()
         for g, group in enumerate(assembly.layout.groups):
             if not group.behaviour.opens:
                 continue
             if not group.behaviour.elastic and (gaps[g] < -_DEEPEST * size).any():
                 raise unlike("state", f"a gap of {gaps[g].min():g} m, which no contact of this scene can have")
             for i, members in group.members.items():
-                known = None if i in assembly.ground_start else stated.get(assembly.interfaces[i].name)
-                if known is not None and (np.abs(known - gaps[g][members]) > _SAME_GAP * size).any():
+                given = () if i in assembly.ground_start else (stated[assembly.interfaces[i].name], own[g][members])
+                if any((np.abs(known - gaps[g][members]) > _SAME_GAP * size).any() for known in given):
                     raise unlike("state", "gaps that do not follow from its displacements")
 
     def close(self) -> None:
@@ -383,26 +410,4 @@ class SegmentedRun:
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
         self.ground = {i: GroundState(np.zeros(3), None) for i in self.ground}
-        self.time, self.running, self._stored, self.run, self._steps = 0.0, {}, None, None, []
-
-    def _tree(self) -> dict[str, Any]:
-        assert self.run is not None
-        return {
-            "time": self.time,
-            "start": self._amplitudes,
-            "running": dict(self.running),
-            "fields": self.run.get_state(),
-            "stored": self._stored,
-            "steps": self._steps,
-            "ground": {str(i): list(g) for i, g in self.ground.items()},
-            "propagators": [p.get_state() for p in self.problem.assembly.propagators],
-        }
-
-    def _resume(self, tree: dict[str, Any]) -> None:
-        assert self.run is not None
-        self.time, self.running = tree["time"], dict(tree["running"])
-        self.run.set_state(tree["fields"])
-        self._stored, self._steps = tree["stored"], list(tree["steps"])
-        self.ground = {int(i): GroundState(*g) for i, g in tree["ground"].items()}
-        for propagator, part in zip(self.problem.assembly.propagators, tree["propagators"], strict=True):
-            propagator.set_state(part)
+        self.time, self.running, self._stored, self.run, self.step, self._steps = 0.0, {}, None, None, self.dt, []

@@ -117,14 +117,14 @@ class Derivatives:
     def _column(self, name: str, what: str) -> Array:
         """d outputs / d input, (n_output,)."""
         mode, step = self._mode, self._step
-        now = mode.keep_state()
+        now = mode.run_state()
         try:
             if self._laws is None:
                 self._laws = self._linearise()
             size = self._size(name, what)
             rows = [self._row(self._perturbed(name, what, sign * size)) for sign in (1.0, -1.0)]
         finally:
-            now()
+            mode.run.set_state(now)
         assert step is mode.last_step
         column = (rows[0] - rows[1]) / (2.0 * size)
         for i, output in enumerate(self._outputs):

@@ -8,7 +8,7 @@ it, with the prescribed motions, before the next one.
 from __future__ import annotations
 
 from math import prod
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ..kernels.inputs import SLOPE
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
-from ..latin.state_serialization import check_like
 from ..latin.windows import Run
 from ..propagator.forcing import MotionState
 from ..propagator.image import COMMUNICATION_ROWS, Image
@@ -64,17 +63,14 @@ class KernelSteps:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources, self._outputs = outputs.sources, outputs
         self._moved = any(port.causality == "motion_in" for port in scene.port.values())
-        self._gaps: list[Array] | None = None  # of a state that was restored
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
-        self.origin: Origin | None = None
         self.reset()
 
-    def reset(self, gaps: list[Array] | None = None) -> None:
-        """Take the state in the image as one of the Python driver. ``gaps`` : as returned by the property ``gaps``,
-        where they are known."""
+    def reset(self) -> None:
+        """Take the state in the image as one of the Python driver."""
         self.valid = self._read = self._has_rows = self.must_record = False
         self._room = 0  # time steps that histories are laid out for
-        self._gaps, self.origin = gaps, None
+        self.origin: Origin | None = None
 
     # -- what the kernels can do ------------------------------------------------------------------------------------
     def fit(self, time: float, end: float, n: int) -> bool:
@@ -124,14 +120,15 @@ class KernelSteps:
         """
         if self.valid:
             self.give_back(loads)
-        kept = self._image.state.copy() if self.valid else None
+        kept, alike = self._image.state.copy(), self._run.step == self._run.dt
         self._lay_out(loads, end, n)
-        if kept is not None:
-            self._image.state[:] = kept
-        else:
+        self._image.state[:] = kept  # gaps read from the displacements of a moving ground would differ by round-off
+        if not alike:  # the jump that layers start from depends on the step
+            self._image.call(entries.READ_START)
+        if not self.valid:
             self._write(loads)
             self.time, self._unrecorded = self._run.time, False
-        self.valid, self._room, self._read, self._gaps = True, COMMUNICATION_ROWS - 1, False, None
+        self.valid, self._room, self._read = True, COMMUNICATION_ROWS - 1, False
 
     @property
     def _image(self) -> Image:
@@ -160,38 +157,6 @@ class KernelSteps:
         image = self._image
         image.field("inputs", *loads.memory.shape)[:] = loads.memory
         image.field("progress", 8)[3] = loads.span
-        if self._gaps is not None:
-            for own, values in zip(self._gap_fields(), self._gaps, strict=True):
-                own[:] = values  # read from the displacements of a moving ground they differ by round-off
-
-    def _gap_fields(self) -> list[Array]:
-        """Gaps of the groups at the present instant, and jumps of those with layers, views."""
-        image, fields = self._image, []
-        for g, group in enumerate(self._run.problem.assembly.layout.groups):
-            fields.append(image.group_field(g, "gap", group.n_point))
-            if group.behaviour.elastic:
-                fields.append(image.group_field(g, "layer", group.n_point * group.n_component))
-        return fields
-
-    @property
-    def gaps(self) -> list[Array]:
-        """Copies of the gaps of the groups at the present instant, and of the jumps of those with layers."""
-        return [values.copy() for values in self._gap_fields()]
-
-    def check(self, gaps: Any) -> None:
-        """Compare ``gaps`` that came from outside with the displacements of the Python driver. Raises InputError."""
-        if gaps is None:
-            return
-        assembly, known, own = self._run.problem.assembly, list[Array](), list[int]()
-        for group in assembly.layout.groups:
-            own.append(len(known))
-            known.append(np.zeros(group.n_point))
-            known += [np.zeros(group.n_point * group.n_component)] if group.behaviour.elastic else []
-        check_like(gaps, known, "state.gaps")
-        stated: dict[str, Array | None] = {}
-        for at, group in zip(own, assembly.layout.groups, strict=True):
-            stated |= {assembly.interfaces[i].name: gaps[at][members] for i, members in group.members.items()}
-        self._run.check_gaps(stated)
 
     # -- steps ----------------------------------------------------------------------------------------------------
     def march(self, loads: Loads, end: float, n: int) -> Array | None:
@@ -263,6 +228,7 @@ class KernelSteps:
         made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 8)
         off = step.time - made * dt
         progress[0], progress[6] = made, off if abs(off) > _ON_GRID * dt else 0.0
+        image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         most, done, some = COMMUNICATION_ROWS - 1, 0, 0
         if run is not None and run.recorder.until_fields() < step.n:
             most = 1  # fields of the instants in between are kept
@@ -368,7 +334,7 @@ class KernelSteps:
             rows.keep(self._image, None, 0, n, 0)
             return rows.histories(n, duration)
         self.give_back(loads)
-        back = run.keep_state()
+        before = run.get_state()
         segment = self._recorded(loads)
-        back()
+        run.set_state(before)
         return segment.interfaces

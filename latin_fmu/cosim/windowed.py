@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 from .variables import LINE
 
-_ENTRIES: Final = ("run", "row", "time", "gaps", "fields")  # of a state
+_ENTRIES: Final = ("run", "row", "time", "fields")  # of a state
 
 
 class LastStep(NamedTuple):
@@ -159,17 +160,17 @@ class Windowed:
         if self._kernels.valid:
             self._kernels.give_back(loads)
 
-    def keep_state(self) -> Callable[[], None]:
-        """A function that returns to the present state, for steps of ``run``."""
+    def run_state(self) -> dict[str, Any] | None:
+        """The present state of ``run``, whose steps follow."""
         if self._loads is not None:
             self._give_back(self._loads)
         self._kernels.leave()
-        return self.run.keep_state()
+        return self.run.get_state()
 
     def _by_python(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport:
         self._give_back(loads)
         self._kernels.leave()
-        before, given = self.run.keep_state(), loads.copy()
+        before, given = self.run.get_state(), loads.copy()
         dt, whole, early_end = h / n, n, None
         driving = loads.driving(dt, n, self.rule)
         segment = self.advance(t + h - t0, n, driving, every=early)
@@ -177,14 +178,14 @@ class Windowed:
             assert isinstance(segment.recorder, OutputRecorder)
             event = first_event(segment.recorder.outputs[:, self._outputs.of_event :])
             if event is not None and event < n:
-                before()
+                self.run.set_state(before)
                 h, n, early_end = event * dt, event, t + event * dt
                 segment = self.advance(early_end - t0, n, {name: line[: n + 1] for name, line in driving.items()})
         if not segment.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
         loads.accept(dt, n, whole, self.rule)
         end = (t + h if early_end is None else early_end) - t0
-        self._last_step = LastStep(before, given, end, h, n)
+        self._last_step = LastStep(partial(self.run.set_state, before), given, end, h, n)
         if early_end is not None and self.rule == LINE:
             self._last_step = None  # these loads over this step are other lines
         self._kernels.reset()
@@ -243,7 +244,6 @@ class Windowed:
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "row": self.row,
             "time": self.time,
-            "gaps": self._kernels.gaps if self._kernels.valid else None,
             "fields": self._fields(),
         }
 
@@ -259,10 +259,10 @@ class Windowed:
         self.run.restore(state["run"].tobytes(), check)
         self.row, self._instants = state["row"], state["time"]
         if check:
-            self.run.check_gaps({n: None if f["gap"] is None else f["gap"][-1] for n, f in state["fields"].items()})
-            self._kernels.check(state["gaps"])
+            fields = state["fields"].items()
+            self.run.check_gaps({name: field["gap"][-1] for name, field in fields if field["gap"] is not None})
         self._interfaces = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
-        self._kernels.reset(state["gaps"])
+        self._kernels.reset()
         self.segment = self._last_step = self._loads = None
 
     def _check(self, state: Mapping[str, Any]) -> None:

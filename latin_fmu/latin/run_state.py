@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -152,6 +152,7 @@ class RunState:
         communication: Mapping[str, Any] | None = None,
         part: Part | None = None,
     ) -> None:
+        self.image: Image
         self._communication = {} if communication is None else communication
         self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
         self.part, self.held = part, assembly if part is None else part.assembly
@@ -159,8 +160,7 @@ class RunState:
         self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
         self.marched = self.condensed = 0
         self._clear()
-        traction, velocity = initial_conditions(assembly)
-        self._set_up(traction, velocity, None)
+        self._set_up(initial_conditions(assembly))
         self.image.call(entries.OPEN_ACCOUNTS)
         self._begin_recording()
 
@@ -172,9 +172,10 @@ class RunState:
         self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
 
     # -- the image ----------------------------------------------------------------------------------------------
-    def _set_up(self, traction: Array, velocity: Array, scales: Array | None) -> None:
-        """Image and search directions for the present operators; ``scales``: largest norms met, None at the start."""
-        assembly = self.assembly
+    def _set_up(self, start: tuple[Array, Array] | None = None) -> None:
+        """Image and search directions for the present operators. ``start`` : tractions and velocities at t = 0; None:
+        the present state is kept."""
+        assembly, kept = self.assembly, None if start is not None else self.image.state.copy()
         self._directions: dict[int, Direction] = {}
         self._direct_bonds = False
         # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
@@ -190,13 +191,14 @@ class RunState:
         self.image = make_image(self.held, self.settings, one, self._probes, self._communication, part)
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
-            traction, velocity = traction[part.channels], velocity[part.channels]
         LawsInPython(self.image, self.held.layout.groups)
-        self.f_hat[:], self.w_hat[:] = traction, velocity
+        if start is not None:
+            self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
         self._use(1)
-        self.image.field("scales", 3)[:] = (
-            negligible_scales(self.image, one, self.settings.tolerance) if scales is None else scales
-        )
+        if kept is None:
+            self.image.field("scales", 3)[:] = negligible_scales(self.image, one, self.settings.tolerance)
+        else:
+            self.image.state[:] = kept
         self._team = Team(self.image, self.settings.threads)
         self.refusals = 0
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
@@ -260,41 +262,6 @@ class RunState:
             self.part.processes.add(total)
         return float(total[0])
 
-    def get_state(self) -> dict[str, Array]:
-        """Copies of the fields that the next segment starts from, beside the states of the propagators."""
-        n = self.image.n_flat
-        sizes = {"f_hat": n, "w_hat": n, "scales": 3, "carry": 1, "finish": 4, "works": N_WORK}
-        sizes |= self.image.output_sizes()
-        kept = {name: self.image.field(name, size).copy() for name, size in sizes.items()}
-        groups = [np.zeros(0), *(self.image.group_field(g, "drift", size) for g, size in self._drifts())]
-        return kept | {"drift": np.concatenate(groups)}
-
-    def set_state(self, fields: Mapping[str, Array]) -> None:
-        """Restore the fields of ``get_state``."""
-        for name, values in fields.items():
-            if name != "drift":
-                self.image.field(name, len(values))[:] = values
-        first = 0
-        for g, size in self._drifts():
-            self.image.group_field(g, "drift", size)[:] = fields["drift"][first : first + size]
-            first += size
-
-    def _drifts(self) -> list[tuple[int, int]]:
-        """Groups, and the numbers of their drifts."""
-        groups = self.held.layout.groups
-        return [(g, 3 * group.n_point * group.n_component) for g, group in enumerate(groups)]
-
-    def keep_state(self) -> Callable[[], None]:
-        """A function that returns to the present state, from which the next segment starts."""
-        state, motions = self.image.state.copy(), [p.motions() for p in self.assembly.propagators]
-
-        def return_to() -> None:
-            self.image.state[: len(state)] = state  # of any image of this run; what some have besides is the end
-            for c, (propagator, given) in enumerate(zip(self.assembly.propagators, motions, strict=True)):
-                propagator.resume(self.image, c, given)
-
-        return return_to
-
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""
         own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped, "refusals": self.refusals}
@@ -344,9 +311,7 @@ class RunState:
         self._clear()
         operators = [p.operators for p in self.assembly.propagators]
         if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
-            kept = self.get_state()
-            self._set_up(kept["f_hat"], kept["w_hat"], kept["scales"])
-            self.set_state(kept)
+            self._set_up()
         else:
             alike, self._still = self._still, still(self.assembly)
             if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):

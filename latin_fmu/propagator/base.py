@@ -11,8 +11,8 @@ instant is in ``kernels.substructure``; a propagator is a handle on its class in
    of the last ``bind``; ``commit`` ends the instant with the tractions of the solution.
 2. ``operators`` is the same object as long as the time step is.
 3. Everything is linear in loads, initial values and tractions; members do not depend on each other.
-4. ``snapshot``/``restore`` within a segment, ``get_state``/``set_state`` between segments hold all that the next
-   instant needs: a march that goes on from them is the same to the last bit.
+4. ``snapshot``/``restore`` within a segment, the state of the image and ``motions``/``resume`` between segments hold
+   all that the next instant needs: a march that goes on from them is the same to the last bit.
 5. ``channel_displacement`` is what gaps are read from (``TimeScheme.gap_offset`` ahead of the instant).
 6. The account of energies closes with the scheme's own identity (``kernels.energy``).
 
@@ -423,26 +423,8 @@ class Propagator(ABC):
 
     def resume(self, image: Image, number: int, motions: list[MotionState]) -> None:
         """Go on from the state in an image, as its class ``number``, and from ``motions``; ``begin`` must follow."""
-        self._image, self._class, self._own, self._alone_since = image, number, {}, None
+        self._image, self._class, self._own = image, number, {}
         self.instant, self._resumed, self._opening = 0, motions, None
-
-    def get_state(self) -> dict[str, object]:
-        """The present state as plain arrays: all that the next segment needs."""
-        account, motion = self._opened(), self.state
-        motions = [list(state) for state in self.motions()]
-        fields = {name: np.array(x) for name, x in zip(("u", "v", "a", "residual"), motion[1:], strict=True)}
-        return {**fields, "motions": motions, "account": None if account is None else account.copy()}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Take over a state given by ``get_state``; ``begin`` must follow."""
-        self.instant = 0
-        self._set(state["u"], state["v"], state["a"], state["residual"])
-        self._resumed = [(u, a, v) for u, a, v in state["motions"]]
-        self._opening = None
-        if state["account"] is not None:
-            self._account = np.array(state["account"])
-            if self._image is not None:
-                self._energy()[:] = self._account  # type: ignore[index]
 
 
 def accuracy_remarks(propagators: Sequence[Propagator]) -> list[str]:

@@ -395,14 +395,6 @@ class Image:
         row = self._rows[c]
         return self._of(c, name, self.rows, row[width] if isinstance(width, str) else width, row["m"])
 
-    def output_sizes(self) -> dict[str, int]:
-        """Sizes of what the next outputs of a co-simulation follow from, by name; nothing in another run."""
-        run = self._run
-        if not run.get("n_output", 0):
-            return {}
-        of_interfaces = {"impulse": 3 * run["n_interface"], "event_rates": 2 * run["n_interface"], "progress": 8}
-        return {"present": run["n_output"], "motion_state": run["n_motion_state"], **of_interfaces}
-
     @property
     def state(self) -> Array:
         """All that the next instant depends on, one range of the moving block."""

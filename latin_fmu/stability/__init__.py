@@ -6,13 +6,15 @@
 
 from __future__ import annotations
 
-from . import contrast, friction, impact, settings
+from . import contrast, friction, impact, joints, settings, surfaces
 from .case import Bench, Case, Measure, Row, run_case, run_suite
 
 CASES: tuple[Case, ...] = (
     *contrast.contrast_cases(),
     *impact.gap_cases(),
     *friction.cases(),
+    *joints.joint_cases(),
+    *surfaces.surface_cases(),
     *contrast.shape_cases(),
     *settings.setting_cases(),
     *impact.long_cases(),

@@ -78,6 +78,7 @@ class Case:
     ----------
     name : family and parameters, e.g. "contrast E 1e4, bars". family : groups the rows of the report.
     expectation : what must hold, one sentence. check : solves and measures. quick : part of the quick suite.
+    fault : of the package, for which the case does not hold, with the number measured; empty where it holds.
     """
 
     name: str
@@ -85,13 +86,20 @@ class Case:
     expectation: str
     check: Check
     quick: bool = True
+    fault: str = ""
 
 
 def make_case(
-    family: str, name: str, expectation: str, check: Callable[..., Any], *arguments: Any, quick: bool = True
+    family: str,
+    name: str,
+    expectation: str,
+    check: Callable[..., Any],
+    *arguments: Any,
+    quick: bool = True,
+    fault: str = "",
 ) -> Case:
     """A case that calls ``check`` with ``arguments`` and a bench."""
-    return Case(name, family, expectation, partial(check, *arguments), quick)
+    return Case(name, family, expectation, partial(check, *arguments), quick, fault)
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,8 @@ class Row:
     """Outcome of one case.
 
     ``margin`` is the largest value over limit of its measures; ``iterations`` the largest number of LATIN
-    iterations in a window, ``mean_iterations`` their mean, ``fallbacks`` the windows in which one was used.
+    iterations in a window, ``mean_iterations`` their mean, ``fallbacks`` the windows in which one was used; ``known``
+    whether it fails by a known fault.
     """
 
     case: str
@@ -112,6 +121,7 @@ class Row:
     mean_iterations: float
     fallbacks: int
     seconds: float
+    known: bool = False
 
 
 def run_case(case: Case) -> Row:
@@ -126,17 +136,19 @@ def run_case(case: Case) -> Row:
         failure = f"{type(error).__name__}: {error}"
     limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
     counts = bench.iterations
+    passed = bool(measures) and all(m.passed for m in measures)
     return Row(
         case=case.name,
         family=case.family,
         expected=f"{case.expectation}: {limits}" if limits else case.expectation,
         measured=failure or "; ".join(f"{m.value:.3g}" for m in measures),
-        passed=bool(measures) and all(m.passed for m in measures),
+        passed=passed,
         margin=max((m.margin for m in measures), default=math.inf),
         iterations=max(counts, default=0),
         mean_iterations=sum(counts) / len(counts) if counts else 0.0,
         fallbacks=bench.fallbacks,
         seconds=time.perf_counter() - start,
+        known=bool(case.fault) and not passed,
     )
 
 

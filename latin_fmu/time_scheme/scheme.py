@@ -60,7 +60,7 @@ class TimeScheme(Protocol):
 
     @property
     def landing_damping(self) -> float:
-        """Viscosity of the layer of elements at faces that may open, in units of (h / c_p) K_e of each element."""
+        """Viscosity of the layer of elements at faces that land, in units of (h / c_p) K_e of each element."""
         return 0.0
 
     def consistent_share(self, courant: float) -> float:

@@ -11,7 +11,10 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
+from latin_fmu.cosim.session import Session
 from latin_fmu.latin import state_serialization as serialization
+
+from .scenes import blocks
 
 H = 0.6e-6
 ACTIONS = st.lists(
@@ -182,10 +185,27 @@ def with_nan(holder, name) -> None:
     holder[name].flat[holder[name].size // 2] = np.nan
 
 
+def place(name: str) -> slice:
+    """Numbers in the state of a run of the blocks: a field of the upper block, or one of the run."""
+    session = Session(blocks())
+    session.initialize()
+    assert session.step(0.0, H)
+    image = session._mode.run.run.image
+    if name in ("f_hat", "present"):
+        return slice(image.run_fields[name], image.run_fields[name] + 1)
+    row = image.row(max(range(len(image.propagators)), key=lambda c: image.row(c)["n"]))
+    return slice(row[name], row[name] + (row["n"] * row["m"] if name == "u" else 1))
+
+
+def put(run, name: str, value: float) -> None:
+    run["state"] = run["state"].copy()
+    run["state"][place(name)] = value
+
+
 def sunk(run) -> None:
     """The upper block 4 mm inside the lower one."""
-    upper = max(run["propagators"], key=lambda propagator: propagator["u"].size)
-    upper["u"] = upper["u"] - 4e-3
+    run["state"] = run["state"].copy()
+    run["state"][place("u")] -= 4e-3
 
 
 FORGERIES = {
@@ -207,12 +227,14 @@ FORGERIES = {
     "negative gap": lambda _, tree: session_of(
         tree, lambda s: s["mode"]["fields"]["crush"].update(gap=s["mode"]["fields"]["crush"]["gap"] - 1e-6)
     ),
-    "impulse": lambda _, tree: inside(tree, lambda run: shorter(run["fields"], "impulse")),
-    "outputs": lambda _, tree: inside(tree, lambda run: with_nan(run["fields"], "present")),
-    "u cut": lambda _, tree: inside(tree, lambda run: shorter(run["propagators"][0], "u")),
-    "v nan": lambda _, tree: inside(tree, lambda run: with_nan(run["propagators"][0], "v")),
-    "a body less": lambda _, tree: inside(tree, lambda run: run["propagators"].pop()),
-    "traction inf": lambda _, tree: inside(tree, lambda run: run["fields"].update(f_hat=run["fields"]["f_hat"] / 0.0)),
+    "outputs": lambda _, tree: inside(tree, lambda run: put(run, "present", np.nan)),
+    "state cut": lambda _, tree: inside(tree, lambda run: shorter(run, "state")),
+    "state nan": lambda _, tree: inside(tree, lambda run: with_nan(run, "state")),
+    "a body less": lambda _, tree: inside(tree, lambda run: run["motions"].pop()),
+    "traction inf": lambda _, tree: inside(tree, lambda run: put(run, "f_hat", np.inf)),
+    "at rest": lambda _, tree: inside(tree, lambda run: put(run, "rest", 1.0)),
+    "half at rest": lambda _, tree: inside(tree, lambda run: put(run, "rest", 0.5)),
+    "turn": lambda _, tree: inside(tree, lambda run: put(run, "turn", 1e9)),
     "a step of no length": lambda _, tree: inside(tree, lambda run: run.update(steps=[0.0])),
     "sunk": lambda _, tree: inside(tree, sunk),
     "a negative time": lambda _, tree: inside(tree, lambda run: run.update(time=-1e-6)),

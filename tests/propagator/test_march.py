@@ -10,6 +10,8 @@ import pytest
 
 from latin_fmu.kernels.energy_parts import TERMS
 
+from .conftest import continue_from
+
 Array = np.ndarray
 Make = Callable[..., Any]
 
@@ -287,17 +289,16 @@ def test_segments_are_one_run(
 def test_a_state_can_be_taken_up_by_another_propagator(
     kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
 ) -> None:
-    """``tree`` holds all that the next segment needs, bit by bit."""
+    """The state in the image and the motions are all that the next segment needs, bit by bit."""
     m = model(kind)
     given = tractions(len(m.model.channel_area))
     first = begin([m], hht, given[0])
     advance(first, given[:10])
-    tree = first.get_state()
+    second = begin([m], hht, given[1])  # stands elsewhere before
+    continue_from(second, first)
     rest = part(m, changed, 9, 24)
     first.begin([rest], first.dt)
     expected = advance(first, given[9:])
-    second = begin([m], hht, given[1])  # stands elsewhere before
-    second.set_state(tree)
     second.begin([rest], second.dt)
     actual = advance(second, given[9:])
     for name in "uva":

@@ -23,6 +23,7 @@ from latin_fmu.api import Solution
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
 from latin_fmu.results.checkpoint import Checkpoint
+from latin_fmu.stability.joints import clamped_pair, kept_clamp
 from latin_fmu.stability.scenes import Box, Material, column
 from tests.fmu.host import Host
 
@@ -142,89 +143,47 @@ def test_a_joint_at_rest_stays_for_long(scheme: str) -> None:
         assert np.abs(np.diff(moved, axis=0)).max() <= (5e-7 if scheme == "hht" else 1e-7) * shortening
 
 
-# -- bodies that ride ----------------------------------------------------------------------------------------------
-PRESSURE = 1e7
-
-
-def pair(instants: int, fields: Tables | None = None, velocity: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Tables:
-    """Two steel bars end to end, pressed together, free; friction holds."""
-    steel = Material(210e9, 7800.0, 0.3, name="steel")
-    bar = Box(steel, (0.02, 0.03, 0.05), (2, 2, 3), velocity=velocity)
-    joint = {"friction_coefficient": 0.3, "preload": PRESSURE}
-    time = {"end": instants * 1e-6, "instants": instants}
-    scene = column({"low": bar, "up": bar}, {"joint": joint}, time)
-    for name, table in scene["substructure"].items():
-        if fields is not None:
-            table["initial_velocity_field"] = fields[name]
-    return scene
-
-
-def drift(solution: Solution) -> tuple[float, float]:
-    """Largest change of the clamp force over itself, and of the place along the face over the elastic approach."""
-    history = solution.interfaces["joint"]
-    force = history.force()[:, 2]
-    z = history.velocity[:, 1] - history.velocity[:, 0]
-    assert (history.contact_status == 1).all()
-    assert np.abs(z[..., :2]).max() <= 1e-12 * max(1.0, np.abs(history.velocity).max())
-    approach = PRESSURE * 0.05 / 210e9
-    slid = np.abs(history.points_over_time.gap - history.points_over_time.gap[0]).max()
-    return float(np.abs(force / force[0] - 1.0).max()), float(slid / approach)
-
-
-@pytest.mark.parametrize("speed", [0.0, 1.0, 100.0, 3000.0])
-def test_a_clamped_pair_rides(speed: float) -> None:
-    force, place = drift(solved(pair(2000, velocity=(0.3 * speed, -0.2 * speed, speed))))
-    assert force <= 1e-4
-    assert place <= 1e-4
+# -- a pair that rides; 2,000 instants are a case of the stability suite (``stability.joints``) ----------------------
+RIDE = (30.0, -20.0, 100.0)
 
 
 @pytest.mark.slow
 def test_a_clamped_pair_rides_for_long() -> None:
-    force, place = drift(solved(pair(100_000, velocity=(30.0, -20.0, 100.0))))
-    assert force <= 1e-4
-    assert place <= 1e-4
-
-
-def test_a_clamped_pair_turns() -> None:
-    """The linear field omega x X: a rigid motion of linear elasticity."""
-    omega, fields = np.array([30.0, -20.0, 50.0]), {}
-    for name, foot in (("low", 0.0), ("up", 0.05)):
-        grid = np.meshgrid([0.0, 0.01, 0.02], [0.0, 0.015, 0.03], foot + np.linspace(0.0, 0.05, 4), indexing="ij")
-        points = np.stack(grid, axis=-1).reshape(-1, 3)
-        fields[name] = {"file": "turn", "points": points.tolist(), "values": np.cross(omega, points).tolist()}
-    force, place = drift(solved(pair(2000, fields)))
-    assert force <= 1e-4
-    assert place <= 1e-4
+    measures = kept_clamp(solved(clamped_pair(100_000, RIDE)))
+    assert all(m.passed for m in measures), measures
 
 
 # -- the same in steps of a master, with states taken back, from checkpoints, in an FMU -----------------------------
-EVERY = 20  # instants a communication step
+LENGTHS = pytest.mark.parametrize(  # instants of the run, and of a communication step
+    ("instants", "every"), [(1000, 20), pytest.param(100_000, 100, marks=pytest.mark.slow)]
+)
 MOVED = {"press": {"face": "up.zmax", "traction": [2e6, 0.0, 0.0], "law": {"type": "half_sine", "duration": 2e-4}}}
 
 
-def in_steps(take: Any, read: Any, take_back: Any, steps: int) -> np.ndarray:
+def in_steps(take: Any, read: Any, take_back: Any, steps: int, every: int) -> np.ndarray:
     """Forces of the joint after every step; every seventh step is made twice, from the state before it."""
     rows = []
     for i in range(steps):
         if i % 7 == 3:
-            take_back(lambda i=i: take(i * EVERY * 1e-6))
-        take(i * EVERY * 1e-6)
+            take_back(lambda i=i: take(i * every * 1e-6))
+        take(i * every * 1e-6)
         rows.append(read())
     return np.array(rows)
 
 
 def carried(instants: int) -> Tables:
     """The clamped pair that rides at 100 m/s and is pushed along the joint, less than friction holds."""
-    return pair(instants, velocity=(30.0, -20.0, 100.0)) | {"load": copy.deepcopy(MOVED)}
+    return clamped_pair(instants, RIDE) | {"load": copy.deepcopy(MOVED)}
 
 
-def test_sessions_keep_the_clamp_force() -> None:
-    session = Session(latin_fmu.scene_from_dict(carried(1000)))
+@LENGTHS
+def test_sessions_keep_the_clamp_force(instants: int, every: int) -> None:
+    session = Session(latin_fmu.scene_from_dict(carried(instants)))
     session.initialize()
     columns = [session.outputs.index(f"interface.joint.force[{i}]") for i in (1, 2, 3)]
 
     def take(t: float) -> None:
-        report = session.step(t, EVERY * 1e-6)
+        report = session.step(t, every * 1e-6)
         assert report, report.message
 
     def take_back(step: Any) -> None:
@@ -232,34 +191,35 @@ def test_sessions_keep_the_clamp_force() -> None:
         step()
         session.restore(kept)
 
-    force = in_steps(take, lambda: session.row[columns].copy(), take_back, 50)
-    whole = solved(carried(1000)).interfaces["joint"].force()
-    assert np.abs(force - whole[EVERY::EVERY]).max() <= 1e-9 * np.abs(whole).max()
+    force = in_steps(take, lambda: session.row[columns].copy(), take_back, instants // every, every)
+    whole = solved(carried(instants)).interfaces["joint"].force()
+    assert np.abs(force - whole[every::every]).max() <= 1e-9 * np.abs(whole).max()
     assert force[-1, 2] == pytest.approx(whole[0, 2], rel=1e-4)
 
 
-def test_fmus_keep_the_clamp_force(tmp_path: Path) -> None:
+@LENGTHS
+def test_fmus_keep_the_clamp_force(instants: int, every: int, tmp_path: Path) -> None:
     """Compiled where there is a library of the kernels, else with Python inside."""
     compiled = library.loaded() is not None
-    scene = latin_fmu.scene_from_dict(carried(1000))
+    scene = latin_fmu.scene_from_dict(carried(instants))
     host = Host(build_fmu(scene, tmp_path / "pair.fmu", "2", compiled=compiled), tmp_path / "instance")
     try:
         host.start()
         names = [f"interface.joint.force[{i}]" for i in (1, 2, 3)]
 
         def take(t: float) -> None:
-            assert host.step(t, EVERY * 1e-6), host.messages
+            assert host.step(t, every * 1e-6), host.messages
 
         def take_back(step: Any) -> None:
             kept = host.to_bytes(host.save())
             step()
             host.restore(host.from_bytes(kept))
 
-        force = in_steps(take, lambda: host.read(names), take_back, 50)
+        force = in_steps(take, lambda: host.read(names), take_back, instants // every, every)
     finally:
         host.close()
-    whole = solved(carried(1000)).interfaces["joint"].force()
-    assert np.abs(force - whole[EVERY::EVERY]).max() <= 1e-9 * np.abs(whole).max()
+    whole = solved(carried(instants)).interfaces["joint"].force()
+    assert np.abs(force - whole[every::every]).max() <= 1e-9 * np.abs(whole).max()
 
 
 def test_a_continued_run_keeps_the_clamp_force(tmp_path: Path) -> None:

@@ -13,11 +13,11 @@ from latin_fmu.assembly.build import discretise
 from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.stability.meshes import turned, typed_box, write_mesh
 from latin_fmu.stability.scenes import Box, Material, column
 
 from .blocks import segments_and_snapshots, stack
 from .static_scenes import STEEL, add_block, ramp, scene, solve
-from .typed_meshes import turned, typed_box, write_mesh
 
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SIZE, PRESSURE = (0.02, 0.01, 0.01), 80e6

@@ -10,10 +10,10 @@ import pytest
 import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.propagator import reduction
+from latin_fmu.stability.meshes import turned, typed_box, write_mesh
 
 from .blocks import segments_and_snapshots, solve, stack
 from .test_explicit import closes
-from .typed_meshes import turned, typed_box, write_mesh
 
 
 def reduced(n: int, modes: int, **changes) -> latin_fmu.Solution:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
-import meshio
 import numpy as np
 
-from latin_fmu.fem.mesh import FacetSet, Mesh, boundary, box_mesh
-from latin_fmu.fem.reference_cells import CELL_EDGES, FACET_KIND, HEX_FACES
+from ..fem.mesh import FacetSet, Mesh, boundary, box_mesh
+from ..fem.reference_cells import CELL_EDGES, FACET_KIND, HEX_FACES
+from ..latin.outcome import Array
 
-Array = np.ndarray
-KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
-WEDGES = ((0, 1, 3, 4, 5, 7), (1, 2, 3, 5, 6, 7))
-LINEAR = {"tetra10": "tetra", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron"}
+KUHN: Final = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+WEDGES: Final = ((0, 1, 3, 4, 5, 7), (1, 2, 3, 5, 6, 7))
+LINEAR: Final = {"tetra10": "tetra", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron"}
 
 
 def typed_box(cell_type: str, origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh:
@@ -55,15 +55,17 @@ def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
 
 def write_mesh(file: Path, mesh: Mesh, place: Callable[[Array], Array] | None = None) -> None:
     """Volume group "body" and the faces as surface groups; ``place`` moves the nodes."""
+    import meshio
+
     tags = {name: i + 2 for i, name in enumerate(mesh.faces)}
     cells, marks = [], []
     for name, face in mesh.faces.items():
         for block in face.blocks:
             cells.append((FACET_KIND[block.facets.shape[1]], block.facets))
             marks.append(np.full(len(block.facets), tags[name]))
-    for block in mesh.blocks:
-        cells.append((block.cell_type, block.cells))
-        marks.append(np.ones(len(block.cells), dtype=np.int64))
+    for volume in mesh.blocks:
+        cells.append((volume.cell_type, volume.cells))
+        marks.append(np.ones(len(volume.cells), dtype=np.int64))
     made = meshio.Mesh(
         mesh.nodes if place is None else place(mesh.nodes),
         cells,
@@ -78,7 +80,8 @@ def turned(axis: Array, degrees: float) -> Array:
     n = np.asarray(axis, float) / np.linalg.norm(axis)
     angle = np.radians(degrees)
     cross = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation
 
 
 def tube(

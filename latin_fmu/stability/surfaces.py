@@ -1,0 +1,237 @@
+"""Faces of curved and of quadratic cells, and bad tetrahedra: what lies on them is uniform, or known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from math import pi
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ..fem.mesh import Mesh
+from ..latin.outcome import Array
+from .case import TIGHT, Bench, Case, Measure, contact_laws, distance, energy_laws, laws, make_case
+from .meshes import typed_box, write_mesh
+from .scenes import Description
+
+QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27")
+Place = Callable[[Array], Array]
+
+
+def surface_cases() -> Iterator[Case]:
+    """Pressed and impacting faces of quadratic cells, slivers, a shaft in a sleeve, a curved foot that bounces."""
+    case = partial(make_case, "surface")
+    for cell in (*QUADRATIC, "tetra"):
+        yield case(f"pressed faces of {cell}", "uniform pressure (patch test)", _patch, cell, 1.0, 0.0)
+    for cell in QUADRATIC:
+        yield case(f"edge across faces of {cell}", "equilibrium, symmetry, no tension", _edge, cell)
+        yield case(f"bars of {cell} that meet", "stress Z v/2, uniform", _bars, cell)
+    for aspect, flat in ((100.0, 0.0), (1.0, 0.02), (1.0, 0.002)):
+        name = f"sliver tetrahedra, aspect {aspect:g}" if not flat else f"sliver tetrahedra, flat to {flat:g}"
+        yield case(f"{name}, pressed", "uniform pressure (patch test)", _patch, "tetra", aspect, flat)
+        yield case(f"{name}, meeting", "force of the same discrete problem at round-off", _slivers, aspect, flat)
+    for cell in ("hexahedron", "hexahedron20"):
+        yield case(f"shaft in a sleeve of {cell}, pressed from inside", "Lame's thick cylinder", _shaft, cell)
+    for friction in (0.0, 0.3):
+        name = f"curved foot bounces, mu {friction:g}"
+        yield case(name, "impulse between m v and 2 m v, symmetry, energy, round-off", _bounce, friction)
+
+
+def blocks(folder: Path, bodies: Mapping[str, tuple[Mesh, Place | None]], time: dict[str, Any]) -> Description:
+    """A scene of bodies of unit stiffness and density, Poisson's ratio 0, whose meshes are written to ``folder``."""
+    for name, (mesh, place) in bodies.items():
+        write_mesh(folder / f"{name}.msh", mesh, place)
+    return {
+        "name": "surfaces",
+        "material": {"m": {"young_modulus": 1.0, "poisson_ratio": 0.0, "density": 1.0}},
+        "substructure": {
+            name: {"material": "m", "mesh": {"file": str(folder / f"{name}.msh"), "group": "body"}} for name in bodies
+        },
+        "time": time,
+        "interface": {"meet": {"sides": [f"{face}.z{end}" for face, end in zip(bodies, ("max", "min"), strict=False)]}},
+        "boundary": {},
+        "load": {},
+    }
+
+
+def squeezed(flat: float, height: float, elements: int) -> Place | None:
+    """Moves the inner node planes towards those below until ``flat`` of a layer is left: slivers and their opposite."""
+    if not flat:
+        return None
+
+    def place(nodes: Array) -> Array:
+        moved, layer = nodes.copy(), height / elements
+        low = nodes[:, 2].min()
+        number = np.round((nodes[:, 2] - low) / layer).astype(int)
+        odd = (number % 2 == 1) & (number < elements)
+        moved[odd, 2] -= (1.0 - flat) * layer
+        return moved
+
+    return place
+
+
+def _two(folder: Path, cell: str, aspect: float, flat: float, time: dict[str, Any]) -> Description:
+    height, n = 1.0 / aspect, 4
+    size, elements = np.array([1.0, 1.0, height]), (2, 2, n)
+    low, up = (typed_box(cell, np.array([0.0, 0.0, z]), size, elements) for z in (0.0, height))
+    move = squeezed(flat, height, n)
+    return blocks(folder, {"low": (low, move), "up": (up, move)}, time)
+
+
+def _patch(cell: str, aspect: float, flat: float, bench: Bench) -> list[Measure]:
+    """A uniform stress is in the space of every cell: exact. Limit: a thousand times the tolerance 1e-9."""
+    with TemporaryDirectory() as folder:
+        scene = _two(Path(folder), cell, aspect, flat, {"end": 1.0, "instants": 2, "quasi_static": True})
+        scene["material"]["m"]["poisson_ratio"] = 0.3
+        scene["load"] = {"press": {"face": "up.zmax", "pressure": 1e-3, "law": _ramp()}}
+        names = [("low", "z"), *((body, axis) for body in ("low", "up") for axis in "xy")]
+        scene["boundary"] = {f"{b}_{a}": {"type": "symmetry", "face": f"{b}.{a}min"} for b, a in names}
+        scene["solver"] = {"tolerance": 1e-9, "max_iterations": 500}
+        history = bench.converged(scene).interfaces["meet"]
+    pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)[-1] / 1e-3
+    return [
+        Measure("pressure at a point off by", float(np.abs(pressure - 1.0).max()), 1e-6),
+        Measure("resultant off by", abs(float(history.normal_resultant()[-1]) / 1e-3 - 1.0), 1e-6),
+    ]
+
+
+def _ramp() -> Description:
+    return {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
+
+
+def _edge(cell: str, bench: Bench) -> list[Measure]:
+    """A narrower block whose edges lie across the faces below it, in their middle. Limits: a thousand times the
+    tolerance 1e-9, and the symmetry of the meshes, which those of tetrahedra lack."""
+    with TemporaryDirectory() as folder:
+        low = typed_box(cell, np.array([-1.0, -1.0, 0.0]), np.array([2.0, 2.0, 1.0]), (4, 4, 2))
+        up = typed_box(cell, np.array([-0.75, -0.75, 1.0]), np.array([1.5, 1.5, 1.0]), (3, 3, 2))
+        time = {"end": 1.0, "instants": 2, "quasi_static": True}
+        scene = blocks(Path(folder), {"low": (low, None), "up": (up, None)}, time)
+        scene["material"]["m"]["poisson_ratio"] = 0.3
+        scene["interface"]["meet"]["friction_coefficient"] = 0.3
+        scene["load"] = {"press": {"face": "up.zmax", "pressure": 1e-3, "law": _ramp()}}
+        scene["boundary"] = {"base": {"type": "fixed", "face": "low.zmin"}}
+        scene["solver"] = {"tolerance": 1e-9, "max_iterations": 500}
+        solution = bench.converged(scene)
+    force = solution.interfaces["meet"].force()[-1]
+    total = 1e-3 * 1.5**2
+    measures = [Measure("resultant off by", abs(float(np.abs(force[2])) / total - 1.0), 1e-6)]
+    measures.append(Measure("resultant along the face", float(np.abs(force[:2]).max()) / total, 1e-6))
+    return [*measures, *contact_laws(solution)]
+
+
+def _bars(cell: str, bench: Bench) -> list[Measure]:
+    """Unit bars of 20 cells, one thrown at the other: stress 1/2 for two transits; limits of bars of linear cells."""
+    n = 20
+    with TemporaryDirectory() as folder:
+        bars = [typed_box(cell, np.array([0.0, 0.0, z]), np.array([0.1, 0.1, 1.0]), (1, 1, n)) for z in (0.0, 1.0)]
+        time = {"end": 1.8, "instants": round(1.8 * n)}
+        scene = blocks(Path(folder), dict(zip(("low", "up"), ((b, None) for b in bars), strict=True)), time)
+        scene["substructure"]["low"]["initial_velocity"] = [0.0, 0.0, 1.0]
+        scene["output"] = {"energy": True}
+        solution = bench.converged(scene)
+    history, area = solution.interfaces["meet"], 0.01
+    pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)
+    stress = history.normal_resultant() / area
+    settled = stress[14:34]
+    return [
+        Measure("mean stress off by", abs(float(settled.mean()) / 0.5 - 1.0), 1e-3),
+        Measure("ripple after 14 steps", float(np.abs(settled / 0.5 - 1.0).max()), 2e-2),
+        Measure("mean pressure of a point off by", float(np.abs(pressure[14:34].mean(axis=0) / 0.5 - 1.0).max()), 2e-2),
+        *energy_laws(solution),
+    ]
+
+
+def _slivers(aspect: float, flat: float, bench: Bench) -> list[Measure]:
+    with TemporaryDirectory() as folder:
+        step = 0.2 / aspect
+        scene = _two(Path(folder), "tetra", aspect, flat, {"end": 30 * step, "instants": 30})
+        scene["material"]["m"]["poisson_ratio"] = 0.3
+        scene["interface"]["meet"]["friction_coefficient"] = 0.3
+        scene["substructure"]["low"]["initial_velocity"] = [0.3, 0.0, 1.0]
+        scene["output"] = {"energy": True}
+        return _against_round_off(bench, scene)
+
+
+def _against_round_off(bench: Bench, scene: Description) -> list[Measure]:
+    solution = bench.converged(scene)
+    exact = bench.converged(scene | {"solver": dict(TIGHT)}, counted=False)
+    force, reference = (s.interfaces["meet"].force() for s in (solution, exact))
+    return [Measure("force off by", distance(force, reference), 1e-2), *laws(solution)]
+
+
+# -- curved faces ----------------------------------------------------------------------------------------------------
+INNER, MIDDLE, OUTER = 1.0, 2.0, 3.0
+
+
+def _shaft(cell: str, bench: Bench) -> list[Measure]:
+    """A quarter of a hollow shaft in a sleeve of the same material, plane strain, pressure p inside: at the joint
+    p a^2/(c^2 - a^2) (c^2/b^2 - 1). Flat facets and linear fields: the error falls with h^2, by 2.8 at least where h is
+    halved; at 15 degrees an element, h^2/8 = 0.9 % by the chords alone: 3 %; quadratic cells a tenth."""
+    exact = INNER**2 / (OUTER**2 - INNER**2) * (OUTER**2 / MIDDLE**2 - 1.0)
+    off = [abs(_joint_pressure(cell, n, bench) / exact - 1.0) for n in (3, 6)]
+    allowed = 0.03 if cell == "hexahedron" else 0.003
+    return [
+        Measure("pressure off by, 6 around a quarter", off[1], allowed),
+        Measure("2.8 over its fall from 3 around", 2.8 * off[1] / off[0], 1.0),
+    ]
+
+
+def _joint_pressure(cell: str, n: int, bench: Bench) -> float:
+    """Mean pressure of the joint over that inside, with n cells around the quarter and across each wall."""
+
+    def quarter(nodes: Array) -> Array:
+        r, angle, z = nodes.T
+        return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+
+    with TemporaryDirectory() as folder:
+        size = np.array([1.0, pi / 2, 0.5])
+        walls = [typed_box(cell, np.array([r, 0.0, 0.0]), size, (n, n, 1)) for r in (INNER, MIDDLE)]
+        bodies = dict(zip(("shaft", "sleeve"), ((wall, quarter) for wall in walls), strict=True))
+        scene = blocks(Path(folder), bodies, {"end": 1.0, "instants": 1, "quasi_static": True})
+        scene["material"]["m"]["poisson_ratio"] = 0.3
+        scene["interface"] = {"meet": {"sides": ["shaft.xmax", "sleeve.xmin"], "friction_coefficient": 0.2}}
+        scene["load"] = {"inside": {"face": "shaft.xmin", "pressure": 1e-3, "law": _ramp()}}
+        faces = [f"{body}.{face}" for body in bodies for face in ("ymin", "ymax", "zmin", "zmax")]
+        scene["boundary"] = {f.replace(".", "_"): {"type": "symmetry", "face": f} for f in faces}
+        scene["solver"] = {"tolerance": 1e-8, "max_iterations": 500}
+        history = bench.converged(scene).interfaces["meet"]
+    pressure = -np.einsum("pc,pc->p", history.traction[-1], history.normals) / 1e-3
+    return float(pressure @ history.areas / history.areas.sum())
+
+
+def _bounce(friction: float, bench: Bench) -> list[Measure]:
+    """A unit cube with a curved foot of radius 2, thrown on a plane: what bounces gets back part of its
+    velocity, 0 to 1. Straight down it stays on its axis; askew its friction is below mu times the impulse."""
+    speed, radius = 0.02, 2.0
+
+    def foot(nodes: Array) -> Array:
+        moved = nodes.copy()
+        moved[:, 2] += (1.0 - nodes[:, 2]) * (nodes[:, 0] ** 2 + nodes[:, 1] ** 2) / (2.0 * radius)
+        return moved
+
+    with TemporaryDirectory() as folder:
+        cube = typed_box("hexahedron", np.array([-0.5, -0.5, 0.0]), np.ones(3), (6, 6, 4))
+        scene = blocks(Path(folder), {"cube": (cube, foot)}, {"end": 12.0, "instants": 240})
+        scene["material"]["m"]["poisson_ratio"] = 0.3
+        ground = {"point": [0.0, 0.0, -0.01], "normal": [0.0, 0.0, 1.0]}
+        scene["interface"] = {
+            "meet": {"sides": ["cube.zmin", "ground"], "ground": ground, "friction_coefficient": friction}
+        }
+        aside = speed if friction else 0.0
+        scene["substructure"]["cube"]["initial_velocity"] = [aside, 0.0, -speed]
+        scene["output"] = {"energy": True}
+        measures = _against_round_off(bench, scene)
+        solution = bench.converged(scene, counted=False)
+    received = solution.interfaces["meet"].impulse(solution.time)[-1]
+    mass = 1.0 - 1.0 / (12.0 * radius)  # without the mean of (x2 + y2)/(2 R) over the foot
+    normal, along = abs(float(received[2])), float(np.hypot(received[0], received[1]))
+    return [
+        *measures,
+        Measure("half the impulse over m v, less 3/4", abs(normal / (mass * speed) / 2.0 - 0.75), 0.25),
+        Measure("impulse along the plane over mu times it, at most", along / normal, max(friction, 1e-9)),
+        Measure("sideways", abs(float(received[1])) / normal, 1e-9),
+    ]
