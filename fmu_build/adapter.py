@@ -33,8 +33,8 @@ class Adapter:
 
     Parameters
     ----------
-    resources : folder of the extracted FMU. kind : "2", "3" (versions of the FMI) or "exchange". name : of the
-        instance. token : given by the host, from the model description.
+    resources : folder of the extracted FMU. name : of the instance. token : given by the host, from the model
+        description.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class Adapter:
     states: ClassVar[dict[int, Any]] = {}  # by handle, of all instances
     handles: ClassVar[Any] = itertools.count(secrets.randbits(40) + 1)  # of another FMU or run: none of these
 
-    def __init__(self, resources: str, kind: str, name: str, token: str) -> None:
-        del kind, name
+    def __init__(self, resources: str, name: str, token: str) -> None:
+        del name
         self.folder = os.path.normpath(resources)
         self.package = __name__.partition(".")[0]
         self._messages: list[tuple[int, str]] = []
@@ -152,8 +152,10 @@ class Adapter:
         return self._refused("this FMU has no strings")
 
     # -- states: the host holds a handle, the bytes are kept here --------------------------------------------------
-    def get_state(self, handle: memoryview) -> int:
-        """Keep the present state under the handle the host gives, where it is known, else under a new one."""
+    def get_state(self, handle: memoryview, phase: int) -> int:
+        """Keep the present state under the handle the host gives, where it is known, else under a new one. ``phase`` :
+        state of the state machine of the FMI, kept with it."""
+        self.fmi_instance.phase = phase
         saved = self.fmi_instance.get_state()
         if saved is not None:
             self._keep(saved, handle)
@@ -171,10 +173,11 @@ class Adapter:
             self._refused("the host passes a state that this FMU never returned, or that was freed")
         return handle in self.states
 
-    def set_state(self, handle: int) -> int:
-        """Restore the state of a handle."""
+    def set_state(self, handle: int, phase: memoryview) -> int:
+        """Restore the state of a handle; write that of the state machine of the FMI."""
         if self._known(handle):
             self.fmi_instance.set_state(self.states[handle])
+            self._array(phase, "i8")[0] = self.fmi_instance.phase
         return self._status()
 
     def free_state(self, handle: int) -> int:
@@ -296,9 +299,8 @@ class ModelExchangeAdapter(Adapter):
 
     def set_numbers(self, references: memoryview, values: memoryview) -> int:
         """Set variables by value reference; an input that is not finite is logged, and stops the integrator as NaN."""
-        fixed = self.fmi_instance.variables.fixed
-        status = super().set_numbers(references, values)
-        return status & PENDING if fixed else status
+        done = self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
+        return self._status() & PENDING if done and self.fmi_instance.variables.fixed else self._status()
 
     def set_time(self, time: float) -> int:
         """Set the time of the next evaluations, s."""

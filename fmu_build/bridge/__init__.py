@@ -1,7 +1,8 @@
 """Compile and find the library of an FMU: C functions of FMI 2.0 and 3.0 that call methods in the Python of the host.
 
 ``bridge.h`` declares one instance, ``python.c`` finds the interpreter of the process or starts one, ``fmi2.c`` and
-``fmi3.c`` are the functions, ``common.c`` and these two serve compiled FMUs too.
+``fmi3.c`` are the functions, ``calls.c`` says which of them is allowed in which state; all but ``python.c`` serve
+compiled FMUs too.
 
 The compiler of ``ziglang`` makes the libraries of all platforms when a wheel is built; in
 a source tree the library of this machine is compiled when the first FMU is built (by ``cc`` where there is one, which
@@ -45,7 +46,7 @@ _WARNINGS: Final = ("-Wall", "-Wextra", "-Werror")
 
 def sources() -> list[Path]:
     """The C sources, in the order of compilation."""
-    return [HERE / name for name in ("python.c", "common.c", "fmi2.c", "fmi3.c")]
+    return [HERE / name for name in ("python.c", "common.c", "calls.c", "fmi2.c", "fmi3.c")]
 
 
 def file_name(target: str) -> str:

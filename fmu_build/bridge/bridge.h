@@ -22,6 +22,17 @@ typedef struct Object Object;
 typedef struct Instance Instance;
 typedef void Emit(const Instance *, int status, const char *category, const char *text);
 
+enum { COSIMULATION_2, COSIMULATION_3, EXCHANGE_3 };
+/* States of the state machines of the FMI; those from EVENT on are initialized. FAILED: after an initialization that failed;
+   STEP_FAILED: of FMI 2, after a discarded step. */
+enum { INSTANTIATED, CONFIGURATION, INITIALIZATION, FAILED, EVENT, CONTINUOUS, STEP, STEP_FAILED, TERMINATED, N_PHASE };
+/* Functions by the states they are allowed in. */
+enum {
+    ALWAYS, SETUP, ENTER_CONFIGURATION, EXIT_CONFIGURATION, ENTER_INITIALIZATION, EXIT_INITIALIZATION, TERMINATE, GET, SET,
+    DIFFERENTIATE, DO_STEP, GET_STATUS, ENTER_EVENT, ENTER_CONTINUOUS, UPDATE, SET_CONTINUOUS, INTEGRATED, COUNT_STATES,
+    EVALUATE, N_CALL
+};
+
 struct Instance {
     Emit *emit;        /* passes a message on in the way of this version of the FMI */
     char *name;
@@ -32,10 +43,18 @@ struct Instance {
     double time;       /* end of the last accepted step, s */
     int early;         /* whether the host lets a step end before its end */
     int last;          /* status of the last step */
+    int kind, phase;   /* version and interface; state of their state machine */
 };
 
-/* A new instance, or NULL after a message. kind: "2", "3" or "exchange"; the names are copied. */
-Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources);
+/* In calls.c: whether a function may be called now, else a message, but for NULL; a status, with which the instance is in
+   another state where the call succeeded. */
+int allowed(const Instance *, int call, const char *function);
+int entered(Instance *, int status, int phase);
+#define ALLOWED(call)                                                                                                  \
+    if (!allowed(c, call, __func__)) return ERROR
+
+/* A new instance, or NULL after a message; the names are copied. */
+Instance *opened(const Instance *given, const char *name, const char *token, const char *resources);
 void closed(Instance *);
 
 /* In common.c: a message with its category, a copy of a text, the refusal of a function, a path from a URI. */

@@ -21,6 +21,7 @@ char *copied(const char *text)
 int unsupported(Instance *c, const char *function)
 {
     char text[200];
+    if (c == NULL) return ERROR;
     snprintf(text, sizeof text, "%s is not supported by this FMU", function);
     emit(c, ERROR, text);
     return ERROR;

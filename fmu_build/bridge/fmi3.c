@@ -16,7 +16,8 @@ EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
 EXPORT int fmi3SetDebugLogging(Instance *c, bool on, size_t n, const char *const categories[])
 {
-    (void)c, (void)on, (void)n, (void)categories; /* there are no debug messages */
+    ALLOWED(ALWAYS);
+    (void)on, (void)n, (void)categories; /* there are no debug messages */
     return OK;
 }
 
@@ -27,15 +28,16 @@ EXPORT Instance *fmi3InstantiateCoSimulation(const char *name, const char *token
 {
     (void)visible, (void)logging, (void)events, (void)intermediate, (void)n, (void)update;
     Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger, .early = early};
-    return opened(&given, "3", name, token, resources);
+    given.kind = COSIMULATION_3;
+    return opened(&given, name, token, resources);
 }
 
 EXPORT Instance *fmi3InstantiateModelExchange(const char *name, const char *token, const char *resources, bool visible,
                                               bool logging, void *environment, Logger3 *logger)
 {
     (void)visible, (void)logging;
-    Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger};
-    return opened(&given, "exchange", name, token, resources);
+    Instance given = {.emit = emit3, .environment = environment, .logger = (void *)logger, .kind = EXCHANGE_3};
+    return opened(&given, name, token, resources);
 }
 
 EXPORT Instance *fmi3InstantiateScheduledExecution(const char *name, const char *token, const char *resources,
@@ -53,44 +55,68 @@ EXPORT void fmi3FreeInstance(Instance *c) { closed(c); }
 EXPORT int fmi3EnterInitializationMode(Instance *c, bool tolerance_defined, double tolerance, double start,
                                        bool stop_defined, double stop)
 {
+    ALLOWED(ENTER_INITIALIZATION);
     (void)stop_defined, (void)stop;
-    return setup(c, start, tolerance_defined ? tolerance : 0.0);
+    return entered(c, setup(c, start, tolerance_defined ? tolerance : 0.0), INITIALIZATION);
 }
 
-EXPORT int fmi3ExitInitializationMode(Instance *c) { return initialize(c); }
-EXPORT int fmi3Terminate(Instance *c) { return terminate(c); }
+EXPORT int fmi3ExitInitializationMode(Instance *c)
+{
+    ALLOWED(EXIT_INITIALIZATION);
+    c->phase = FAILED;
+    return entered(c, initialize(c), c->kind == EXCHANGE_3 ? EVENT : STEP);
+}
 
-EXPORT int fmi3Reset(Instance *c) { return reset(c); }
+EXPORT int fmi3Terminate(Instance *c)
+{
+    ALLOWED(TERMINATE);
+    c->phase = TERMINATED; /* whatever it returns */
+    return terminate(c);
+}
 
-#define MODE(name)                                                                                                     \
-    EXPORT int name(Instance *c) { (void)c; return OK; }
-MODE(fmi3EnterEventMode)
-MODE(fmi3EnterStepMode)
-MODE(fmi3EnterContinuousTimeMode)
-MODE(fmi3EnterConfigurationMode)
-MODE(fmi3ExitConfigurationMode)
-MODE(fmi3EvaluateDiscreteStates)
+EXPORT int fmi3Reset(Instance *c)
+{
+    ALLOWED(ALWAYS);
+    return entered(c, reset(c), INSTANTIATED);
+}
+
+#define MODE(name, call, phase)                                                                                        \
+    EXPORT int name(Instance *c)                                                                                       \
+    {                                                                                                                  \
+        ALLOWED(call);                                                                                                 \
+        return entered(c, OK, phase);                                                                                  \
+    }
+MODE(fmi3EnterConfigurationMode, ENTER_CONFIGURATION, CONFIGURATION)
+MODE(fmi3ExitConfigurationMode, EXIT_CONFIGURATION, INSTANTIATED)
+MODE(fmi3EnterEventMode, ENTER_EVENT, EVENT)
+MODE(fmi3EnterContinuousTimeMode, ENTER_CONTINUOUS, CONTINUOUS)
+MODE(fmi3EvaluateDiscreteStates, UPDATE, EVENT)
+EXPORT int fmi3EnterStepMode(Instance *c) { return unsupported(c, "fmi3EnterStepMode (there is no event mode)"); }
 
 /* -- variables: numbers of every type pass as double precision ------------------------------------------------------- */
 EXPORT int fmi3GetFloat64(Instance *c, const Reference vr[], size_t n, double v[], size_t size)
 {
+    ALLOWED(GET);
     return get_numbers(c, vr, n, v, size);
 }
 
 EXPORT int fmi3SetFloat64(Instance *c, const Reference vr[], size_t n, const double v[], size_t size)
 {
+    ALLOWED(SET);
     return set_numbers(c, vr, n, v, size);
 }
 
 EXPORT int fmi3GetDirectionalDerivative(Instance *c, const Reference unknowns[], size_t n, const Reference knowns[],
                                         size_t m, const double seed[], size_t size_of_seed, double values[], size_t size)
 {
+    ALLOWED(DIFFERENTIATE);
     return directional_derivative(c, unknowns, n, knowns, m, seed, size_of_seed, values, size);
 }
 
 #define NUMBERS(kind, type)                                                                                            \
     EXPORT int fmi3Get##kind(Instance *c, const Reference vr[], size_t n, type v[], size_t size)                       \
     {                                                                                                                  \
+        ALLOWED(GET);                                                                                                  \
         double *numbers = calloc(size + 1, sizeof *numbers);                                                           \
         if (numbers == NULL) return ERROR;                                                                             \
         int status = get_numbers(c, vr, n, numbers, size);                                                             \
@@ -100,6 +126,7 @@ EXPORT int fmi3GetDirectionalDerivative(Instance *c, const Reference unknowns[],
     }                                                                                                                  \
     EXPORT int fmi3Set##kind(Instance *c, const Reference vr[], size_t n, const type v[], size_t size)                 \
     {                                                                                                                  \
+        ALLOWED(SET);                                                                                                  \
         double *numbers = calloc(size + 1, sizeof *numbers);                                                           \
         if (numbers == NULL) return ERROR;                                                                             \
         for (size_t i = 0; i < size; i++) numbers[i] = (double)v[i];                                                   \
@@ -120,27 +147,51 @@ NUMBERS(Boolean, bool)
 
 EXPORT int fmi3GetString(Instance *c, const Reference vr[], size_t n, const char *v[], size_t size)
 {
+    ALLOWED(GET);
     return get_texts(c, vr, n, v, size);
 }
 
 EXPORT int fmi3SetString(Instance *c, const Reference vr[], size_t n, const char *const v[], size_t size)
 {
+    ALLOWED(SET);
     return set_texts(c, vr, n, v, size);
 }
 
 /* -- states -------------------------------------------------------------------------------------------------------- */
-EXPORT int fmi3GetFMUState(Instance *c, void **state) { return get_state(c, state); }
-EXPORT int fmi3SetFMUState(Instance *c, void *state) { return set_state(c, state); }
-EXPORT int fmi3FreeFMUState(Instance *c, void **state) { return free_state(c, state); }
-EXPORT int fmi3SerializedFMUStateSize(Instance *c, void *state, size_t *size) { return state_size(c, state, size); }
+EXPORT int fmi3GetFMUState(Instance *c, void **state)
+{
+    ALLOWED(ALWAYS);
+    return get_state(c, state);
+}
+
+EXPORT int fmi3SetFMUState(Instance *c, void *state)
+{
+    ALLOWED(ALWAYS);
+    return set_state(c, state);
+}
+
+EXPORT int fmi3FreeFMUState(Instance *c, void **state)
+{
+    ALLOWED(ALWAYS);
+    return free_state(c, state);
+}
+
+EXPORT int fmi3SerializedFMUStateSize(Instance *c, void *state, size_t *size)
+{
+    ALLOWED(ALWAYS);
+    return state_size(c, state, size);
+}
+
 
 EXPORT int fmi3SerializeFMUState(Instance *c, void *state, char bytes[], size_t size)
 {
+    ALLOWED(ALWAYS);
     return state_to_bytes(c, state, bytes, size);
 }
 
 EXPORT int fmi3DeserializeFMUState(Instance *c, const char bytes[], size_t size, void **state)
 {
+    ALLOWED(ALWAYS);
     return state_from_bytes(c, bytes, size, state);
 }
 
@@ -148,6 +199,7 @@ EXPORT int fmi3DeserializeFMUState(Instance *c, const char bytes[], size_t size,
 EXPORT int fmi3DoStep(Instance *c, double t, double h, bool no_set_state, bool *event, bool *ended, bool *early,
                       double *reached)
 {
+    ALLOWED(DO_STEP);
     (void)no_set_state;
     int status = step(c, t, h);
     *event = *ended = false; /* a discarded step is a step that was not made: the simulation has not ended */
@@ -157,30 +209,39 @@ EXPORT int fmi3DoStep(Instance *c, double t, double h, bool no_set_state, bool *
 }
 
 /* -- Model Exchange ------------------------------------------------------------------------------------------------ */
-EXPORT int fmi3SetTime(Instance *c, double t) { return set_time(c, t); }
+EXPORT int fmi3SetTime(Instance *c, double t)
+{
+    ALLOWED(SET_CONTINUOUS);
+    return set_time(c, t);
+}
 
 EXPORT int fmi3SetContinuousStates(Instance *c, const double states[], size_t n)
 {
+    ALLOWED(SET_CONTINUOUS);
     return write_vector(c, "set_continuous_states", states, n);
 }
 
 EXPORT int fmi3GetContinuousStates(Instance *c, double v[], size_t n)
 {
+    ALLOWED(EVALUATE);
     return read_vector(c, "get_continuous_states", v, n);
 }
 
 EXPORT int fmi3GetContinuousStateDerivatives(Instance *c, double v[], size_t n)
 {
+    ALLOWED(EVALUATE);
     return read_vector(c, "get_derivatives", v, n);
 }
 
 EXPORT int fmi3GetNominalsOfContinuousStates(Instance *c, double v[], size_t n)
 {
+    ALLOWED(EVALUATE);
     return read_vector(c, "get_nominals", v, n);
 }
 
 EXPORT int fmi3GetEventIndicators(Instance *c, double v[], size_t n)
 {
+    ALLOWED(EVALUATE);
     return read_vector(c, "get_event_indicators", v, n);
 }
 
@@ -192,12 +253,22 @@ static int count(Instance *c, const char *method, size_t *n)
     return status;
 }
 
-EXPORT int fmi3GetNumberOfContinuousStates(Instance *c, size_t *n) { return count(c, "number_of_states", n); }
-EXPORT int fmi3GetNumberOfEventIndicators(Instance *c, size_t *n) { return count(c, "number_of_indicators", n); }
+EXPORT int fmi3GetNumberOfContinuousStates(Instance *c, size_t *n)
+{
+    ALLOWED(COUNT_STATES);
+    return count(c, "number_of_states", n);
+}
+
+EXPORT int fmi3GetNumberOfEventIndicators(Instance *c, size_t *n)
+{
+    ALLOWED(COUNT_STATES);
+    return count(c, "number_of_indicators", n);
+}
 
 EXPORT int fmi3CompletedIntegratorStep(Instance *c, bool no_set_state, bool *event, bool *ended)
 {
-    (void)c, (void)no_set_state;
+    ALLOWED(INTEGRATED);
+    (void)no_set_state;
     *event = *ended = false;
     return OK;
 }
@@ -205,6 +276,7 @@ EXPORT int fmi3CompletedIntegratorStep(Instance *c, bool no_set_state, bool *eve
 EXPORT int fmi3UpdateDiscreteStates(Instance *c, bool *again, bool *ended, bool *nominals, bool *states, bool *defined,
                                     double *next)
 {
+    ALLOWED(UPDATE);
     double event[3] = {0.0, 0.0, 0.0}; /* whether the simulation ends, whether an event is known, its time */
     int status = read_vector(c, "update_discrete_states", event, 3);
     *again = *nominals = false;

@@ -284,12 +284,12 @@ static Object *values(const char *format, ...)
     return made;
 }
 
-static Object *object_of(const Instance *c, const char *kind, const char *token, const char *resources)
+static Object *object_of(const Instance *c, const char *token, const char *resources)
 {
     Object *code = Py_CompileString(entry, "entry of the FMU", FILE_INPUT);
     Object *module = code ? PyImport_ExecCodeModule("latin_fmu_entry", code) : NULL;
     Object *folder = PyUnicode_DecodeFSDefault(resources);
-    Object *arguments = folder ? values("(Osss)", folder, kind, c->name, token ? token : "") : NULL;
+    Object *arguments = folder ? values("(Oss)", folder, c->name, token ? token : "") : NULL;
     Object *fmu = module && arguments ? result_of(module, "opened", arguments) : NULL;
     Py_DecRef(folder);
     Py_DecRef(module);
@@ -297,7 +297,7 @@ static Object *object_of(const Instance *c, const char *kind, const char *token,
     return fmu;
 }
 
-Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources)
+Instance *opened(const Instance *given, const char *name, const char *token, const char *resources)
 {
     Instance *c = malloc(sizeof *c);
     if (c == NULL) return NULL;
@@ -314,7 +314,7 @@ Instance *opened(const Instance *given, const char *kind, const char *name, cons
         return NULL;
     }
     int state = lock();
-    c->fmu = object_of(c, kind, token, resources);
+    c->fmu = object_of(c, token, resources);
     if (c->fmu == NULL) tell_exception(c);
     unlock(state);
     if (c->fmu != NULL) return c;
@@ -454,13 +454,20 @@ int get_state(Instance *c, void **state)
 {
     int64_t handle = (int64_t)(intptr_t)*state;
     int locked = lock();
-    int status = call(c, "get_state", "(N)", writable(&handle, sizeof handle));
+    int status = call(c, "get_state", "(Ni)", writable(&handle, sizeof handle), c->phase);
     unlock(locked);
     if (status < DISCARD) *state = (void *)(intptr_t)handle;
     return status;
 }
 
-int set_state(Instance *c, void *state) { return call(c, "set_state", "(L)", (long long)(intptr_t)state); }
+int set_state(Instance *c, void *state)
+{
+    int64_t phase = c->phase;
+    int locked = lock();
+    int status = call(c, "set_state", "(LN)", (long long)(intptr_t)state, writable(&phase, sizeof phase));
+    unlock(locked);
+    return entered(c, status, (int)phase);
+}
 
 int free_state(Instance *c, void **state)
 {

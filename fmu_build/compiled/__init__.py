@@ -1,8 +1,8 @@
 """FMUs that need no Python: the functions of the FMI in C, in the library of the kernels, on the image of a run.
 
-The C files beside this one, and ``fmi2.c``, ``fmi3.c`` and ``common.c`` of ``bridge``, are linked into the library of
-the kernels (``latin_fmu.aot``). An FMU carries that library, the image of the run (``latin_fmu.cosim.communication``)
-and the table of its variables, written here:
+The C files beside this one, and those of ``bridge`` but ``python.c``, are linked into the library of the kernels
+(``latin_fmu.aot``). An FMU carries that library, the image of the run (``latin_fmu.cosim.communication``) and the table
+of its variables, written here:
 
 =================  ================================================================================================
 words of 8 bytes   content (numbers little-endian; places count words from the start of the file)

@@ -62,8 +62,6 @@ char *content_of(const char *path, size_t *length); /* zero bytes behind it; fre
 void *aligned(size_t bytes);
 void aligned_free(void *);
 
-enum { READY, FAILED, RUNNING, ENDED };
-
 typedef struct {
     int64_t n;
     double *t, *value; /* one block, at t */
@@ -71,7 +69,7 @@ typedef struct {
 
 struct Object {
     const Image *image;
-    int64_t phase, discarded;
+    int64_t discarded;
     double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
     int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
     double *numbers;         /* by reference */

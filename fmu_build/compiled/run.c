@@ -27,7 +27,6 @@ static int renewed(Instance *c)
     struct Object *o = c->fmu;
     const Image *image = o->image;
     memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
-    o->phase = READY;
     o->discarded = 0;
     o->n_row = o->n_fields = 0;
     o->start = c->time = 0.0;
@@ -71,7 +70,7 @@ static int filled(Instance *c, const char *token, const char *resources)
     return 1;
 }
 
-Instance *opened(const Instance *given, const char *kind, const char *name, const char *token, const char *resources)
+Instance *opened(const Instance *given, const char *name, const char *token, const char *resources)
 {
     Instance *c = malloc(sizeof *c);
     if (c == NULL) return NULL;
@@ -79,7 +78,7 @@ Instance *opened(const Instance *given, const char *kind, const char *name, cons
     c->name = copied(name ? name : "");
     if (c->name == NULL || resources == NULL)
         msg(c, ERROR, "the host gives no folder of resources");
-    else if (strcmp(kind, "exchange") == 0)
+    else if (c->kind == EXCHANGE_3)
         msg(c, ERROR, "this FMU is for co-simulation only");
     else if (filled(c, token, resources))
         return c;
@@ -285,8 +284,6 @@ int solve_histories(Instance *c)
 int initialize(Instance *c)
 {
     struct Object *o = c->fmu;
-    if (o->phase > FAILED) return msg(c, ERROR, "the FMU is initialized already: reset it first");
-    o->phase = FAILED;
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
     if (status != OK) return status;
@@ -294,16 +291,12 @@ int initialize(Instance *c)
     c->time = o->start;
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
-    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
-    if (status == OK) o->phase = RUNNING;
-    return status;
+    return parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
 }
 
 int terminate(Instance *c)
 {
-    struct Object *o = c->fmu;
-    if (o->phase == RUNNING) o->phase = ENDED;
-    if (o->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
+    if (c->fmu->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
     return OK;
 }
 
@@ -422,9 +415,6 @@ int step(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     c->last = ERROR;
-    if (o->phase == FAILED) return msg(c, ERROR, "initialization failed, see the message before");
-    if (o->phase != RUNNING)
-        return msg(c, ERROR, o->phase == READY ? "a step before initialization" : "a step after termination");
     if (same_again(c, t, h)) /* some hosts repeat it for ever */
         return msg(c, ERROR, "this very step was discarded before: make it shorter, or with another input");
     c->last = advanced(c, t, h);

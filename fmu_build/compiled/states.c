@@ -41,7 +41,7 @@ static void own_lengths(const Instance *c, Word *head, int64_t *lengths)
     memset(head, 0, S_HEADER * sizeof *head);
     memcpy(head, magic, 8);
     head[S_TABLE].u = table_of(c)[T_CHECKSUM].u;
-    head[S_PHASE].i = o->phase;
+    head[S_PHASE].i = c->phase;
     head[S_DISCARDED].i = o->discarded;
     head[S_N_ROW].i = kept * o->n_row;
     head[S_N_FIELDS].i = kept * o->n_fields;
@@ -177,7 +177,6 @@ static int unpacked(Instance *c, Word *words)
     if (good) {
         pass_data(c, &fresh, &p, head, lengths); /* the state itself into the moving block of both */
         set_places(&fresh);
-        fresh.phase = head[S_PHASE].i;
         fresh.discarded = head[S_DISCARDED].i;
         fresh.n_array = head[S_N_ARRAY].i;
         fresh.start = head[S_START].d;
@@ -194,6 +193,7 @@ static int unpacked(Instance *c, Word *words)
         *o = fresh;
         fresh = old;
         c->time = head[S_TIME].d;
+        c->phase = (int)head[S_PHASE].i;
         c->last = OK;
     }
     free_read(&fresh);
@@ -205,7 +205,7 @@ static int restored(Instance *c, Word *words)
 {
     int status = unpacked(c, words);
     struct Object *o = c->fmu;
-    if (status != OK || o->n_row > 0 || !is_prescribed(c) || (o->phase != RUNNING && o->phase != ENDED)) return status;
+    if (status != OK || o->n_row > 0 || !is_prescribed(c) || c->phase < EVENT) return status;
     double *now = malloc(8 * (size_t)o->image->n_output + 8);
     if (now == NULL) return msg(c, ERROR, "no memory to restore the state");
     memcpy(now, o->now, 8 * (size_t)o->image->n_output);
@@ -232,7 +232,8 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
             (i < n_variable && lengths[i].i && variable(c, i)[V_KIND].i != STRING))
             return "a length in it cannot be";
     int64_t phase = words[S_PHASE].i;
-    if (phase < READY || phase > ENDED || words[S_DISCARDED].u > 1 || words[S_N_ROW].u > (uint64_t)most ||
+    if (phase < INSTANTIATED || phase > TERMINATED || phase == EVENT || phase == CONTINUOUS ||
+        words[S_DISCARDED].u > 1 || words[S_N_ROW].u > (uint64_t)most ||
         words[S_N_FIELDS].u > 1 || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
         !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d))
         return "a number of its header cannot be";
@@ -263,7 +264,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
     }
     int64_t size = table[T_HISTORY_SIZE].i, mode = table[T_MODE].i, rule = table[T_RULE].i;
     if (size >= 0 && at[size].d != (double)words[S_N_ARRAY].i) return "its arrays have another length than stated in it";
-    int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= RUNNING;
+    int prescribed = at[mode].d == PRESCRIBED, begun = words[S_PHASE].i >= EVENT;
     if (begun && (at[mode].d < 0.0 || at[mode].d > 1.0 || at[rule].d < 0.0 || at[rule].d > 3.0))
         return "a parameter in it cannot be";
     if (begun && ((n_row > 0) == prescribed || words[S_N_FIELDS].i != (!prescribed && has_arrays(c))))

@@ -184,44 +184,44 @@ int get_texts(Instance *c, const uint32_t *references, size_t n, const char **va
     return OK;
 }
 
-/* -- setting --------------------------------------------------------------------------------------------------------- */
-static int is_fixed(const Instance *c, int64_t reference)
+/* -- setting: nothing is set where one of the values is refused ------------------------------------------------------- */
+static int refused(const Instance *c, int64_t reference, double value)
 {
-    if (c->fmu->phase != RUNNING && c->fmu->phase != ENDED) return 0;
-    msg(c, WARNING, "%s is fixed after initialization and was not set", name(c, reference));
-    return 1;
+    const Word *v = variable(c, reference);
+    int64_t kind = v[V_KIND].i, role = v[V_ROLE].i;
+    const char *own = name(c, reference);
+    if (role == VALUE || role == RATE) return OK;
+    if (role == CONSTANT && fabs(value - v[V_START].d) <= 1e-9 * fabs(v[V_START].d)) return OK; /* as a host prints it */
+    if (role == CONSTANT)
+        return msg(c, ERROR, "%s = %g was not set: it is fixed at %g when a compiled FMU is made; make another one from a "
+                   "scene with this value", own, value, v[V_START].d);
+    if (role != PARAMETER && role != TEXT && role != HISTORY && role != HISTORY_TIME)
+        return msg(c, ERROR, "%s is calculated and was not set", own);
+    if (c->phase >= EVENT) return msg(c, ERROR, "%s is fixed after initialization and was not set", own);
+    if (role != PARAMETER) return OK;
+    if ((kind == INTEGER || kind == COUNT) && !(value == rint(value)))
+        return msg(c, ERROR, "%s = %g was not set: give a whole number", own, value);
+    if (kind == COUNT && !(value >= 1.0 && value <= 1e5))
+        return msg(c, ERROR, "%s = %g was not set: give 1 to 100000", own, value);
+    return OK;
 }
 
 static int set_array(Instance *c, int64_t reference, const double *values, size_t count)
 {
     double **array = c->fmu->arrays + variable(c, reference)[V_PLACE].i;
-    if (is_fixed(c, reference)) return OK;
     if (*array == NULL) *array = malloc(count * sizeof **array);
     if (*array == NULL) return msg(c, ERROR, "no memory for %s", name(c, reference));
     memcpy(*array, values, count * sizeof *values);
     return OK;
 }
 
-static int set_number(Instance *c, int64_t reference, double value)
+static void set_number(Instance *c, int64_t reference, double value)
 {
     struct Object *o = c->fmu;
     const Word *v = variable(c, reference);
-    int64_t place = v[V_PLACE].i, kind = v[V_KIND].i, role = v[V_ROLE].i;
-    if (role == VALUE || role == RATE) {
-        o->given[2 * place + (role == RATE)] = value;
-        return OK;
-    }
-    if (role == CONSTANT && value == v[V_START].d) return OK;
-    if (role == CONSTANT)
-        msg(c, WARNING, "%s = %g was not set: it is fixed at %g when a compiled FMU is made; make another one from a "
-            "scene with this value", name(c, reference), value, v[V_START].d);
-    else if (role != PARAMETER)
-        msg(c, WARNING, "%s is calculated and was not set", name(c, reference));
-    if (role != PARAMETER || is_fixed(c, reference)) return OK;
-    if ((kind == INTEGER || kind == COUNT) && !(value == rint(value)))
-        return msg(c, ERROR, "%s = %g was not set: give a whole number", name(c, reference), value);
-    if (kind == COUNT && !(value >= 1.0 && value <= 1e5))
-        return msg(c, ERROR, "%s = %g was not set: give 1 to 100000", name(c, reference), value);
+    int64_t place = v[V_PLACE].i, role = v[V_ROLE].i;
+    if (role == VALUE || role == RATE) o->given[2 * place + (role == RATE)] = value;
+    if (role != PARAMETER) return;
     o->numbers[reference] = value;
     if (reference == table_of(c)[T_HISTORY_SIZE].i && (int64_t)value != o->n_array) { /* arrays are given anew */
         for (int64_t i = 0; i <= table_of(c)[T_N_INPUT].i; i++) {
@@ -230,7 +230,6 @@ static int set_number(Instance *c, int64_t reference, double value)
         }
         o->n_array = (int64_t)value;
     }
-    return OK;
 }
 
 int set_numbers(Instance *c, const uint32_t *references, size_t n, const double *values, size_t size)
@@ -238,18 +237,22 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
     int status = OK;
     size_t at = 0;
     if (!known(c, references, n)) return ERROR;
-    for (size_t i = 0; i < n && status == OK; i++) {
+    for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
-        int array = variable(c, references[i])[V_N_DIMENSION].i > 0;
-        int64_t role = variable(c, references[i])[V_ROLE].i;
-        if (role == TEXT) return msg(c, ERROR, "%s is a string: set it as one", name(c, references[i]));
+        if (variable(c, references[i])[V_ROLE].i == TEXT)
+            return msg(c, ERROR, "%s is a string: set it as one", name(c, references[i]));
         if (size < at + count)
             return msg(c, ERROR, "the host gives %zu values; %s has %zu elements", size, name(c, references[i]), count);
-        if (array && role != HISTORY && role != HISTORY_TIME)
-            msg(c, WARNING, "%s is calculated and was not set", name(c, references[i]));
+        if (refused(c, references[i], values[at])) return ERROR;
+        at += count;
+    }
+    for (size_t i = at = 0; i < n && status == OK; i++) {
+        size_t count = elements(c, references[i]);
+        if (size < at + count) return msg(c, ERROR, "set sizes of arrays in a call of their own"); /* this call changed one */
+        if (variable(c, references[i])[V_N_DIMENSION].i > 0)
+            status = set_array(c, references[i], values + at, count);
         else
-            status = array ? set_array(c, references[i], values + at, count)
-                           : set_number(c, references[i], values[at]);
+            set_number(c, references[i], values[at]);
         at += count;
     }
     return status;
@@ -259,10 +262,11 @@ int set_texts(Instance *c, const uint32_t *references, size_t n, const char *con
 {
     if (!known(c, references, n)) return ERROR;
     for (size_t i = 0; i < n && i < size; i++) {
-        char **text = c->fmu->texts + references[i];
-        if (*text == NULL) return msg(c, ERROR, "%s is no string", name(c, references[i]));
-        if (is_fixed(c, references[i])) continue;
-        char *copy = copied(values[i] ? values[i] : "");
+        if (c->fmu->texts[references[i]] == NULL) return msg(c, ERROR, "%s is no string", name(c, references[i]));
+        if (refused(c, references[i], 0.0)) return ERROR;
+    }
+    for (size_t i = 0; i < n && i < size; i++) {
+        char **text = c->fmu->texts + references[i], *copy = copied(values[i] ? values[i] : "");
         if (copy == NULL) return msg(c, ERROR, "no memory for %s", name(c, references[i]));
         free(*text);
         *text = copy;

@@ -135,7 +135,7 @@ _FMU: Final = Path(__file__).parents[2] / "fmu_build"
 
 def functions() -> list[Path]:
     """C files and headers of the functions of the FMI on the kernels."""
-    shared = [_FMU / "bridge" / name for name in ("bridge.h", "common.c", "fmi2.c", "fmi3.c")]
+    shared = [_FMU / "bridge" / name for name in ("bridge.h", "common.c", "calls.c", "fmi2.c", "fmi3.c")]
     return [*shared, *sorted([*(_FMU / "compiled").glob("*.c"), *(_FMU / "compiled").glob("*.h")])]
 
 

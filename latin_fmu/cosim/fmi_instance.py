@@ -45,6 +45,10 @@ class FmiInstance:
     ----------
     table : the variables. scene : called once, when the scene is needed. log : takes the level and the text of a
         message. digest : of the scene, in the states that leave the process.
+
+    Attributes
+    ----------
+    phase : state of the state machine of the FMI, a number that the library of the FMU sets and finds in states.
     """
 
     def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log, digest: str = "") -> None:
@@ -52,6 +56,7 @@ class FmiInstance:
         self._variables = VariableStore(table, log)
         self._session: Session | None = None
         self._inputs: list[tuple[str, int, int]] | None = None  # value references by name, once they are known
+        self.phase = 0
         self.clear()
 
     @property
@@ -90,9 +95,9 @@ class FmiInstance:
 
     @exception_barrier(False, computes=False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
-        """Set numbers; an array takes as many values as it has elements."""
-        self._variables.set(references, values)
-        return True
+        """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
+        them is refused: then none is set."""
+        return self._variables.set(references, values)
 
     def get_texts(self, references: Sequence[int]) -> Sequence[str]:
         """Values of strings by value reference; empty, and an error is logged, on failure."""
@@ -104,9 +109,8 @@ class FmiInstance:
 
     @exception_barrier(False)
     def set_texts(self, references: Sequence[int], values: Sequence[str]) -> bool:
-        """Set strings by value reference."""
-        self._variables.set_texts(references, values)
-        return True
+        """Set strings by value reference; as for ``set``."""
+        return self._variables.set_texts(references, values)
 
     # -- life cycle -----------------------------------------------------------------------------------------------
     @exception_barrier(None)
@@ -330,9 +334,10 @@ class FmiInstance:
             "start_time": self._start_time,
             "tolerance": self._host_tolerance,
             "failure": self._failure,
+            "phase": self.phase,
         }
 
     def _set_own_state(self, state: dict[str, Any]) -> None:
         self._variables.set_state(state["variables"])
         self._start_time, self._host_tolerance = state["start_time"], state["tolerance"]
-        self._failure = state["failure"]
+        self._failure, self.phase = state["failure"], state["phase"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
@@ -113,41 +114,55 @@ class VariableStore:
             return len(references)
         return sum(int(np.prod(self._shape(r), dtype=np.int64)) for r in references)
 
-    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """Set numbers; an array takes as many values as it has elements."""
-        at = 0
-        for reference in references:
+    def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
+        """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
+        them is refused: then none is set."""
+        sizes = [self.size([reference]) for reference in references]
+        if sum(sizes) > len(values):
+            self.log(ERROR, f"the host gives {len(values)} values; the variables have {sum(sizes)} elements")
+            return False
+        firsts = list(accumulate(sizes, initial=0))
+        if not self._accepts((r, float(values[at])) for r, at in zip(references, firsts, strict=False)):
+            return False
+        for reference, at, size in zip(references, firsts, sizes, strict=False):
             if reference in self._array_references:
-                size = self.size([reference])
                 self._array_parameters[reference] = np.array(values[at : at + size], dtype=float)
-                at += size
             else:
-                self.set_number(reference, values[at])
-                at += 1
+                self.set_number(reference, float(values[at]))
+        return True
 
-    def set_number(self, reference: int, value: float) -> None:
-        """Set a scalar; a warning is logged where it cannot be set."""
+    def _accepts(self, given: Iterable[tuple[int, float]]) -> bool:
+        for reference, value in given:
+            if refusal := self.refusal(reference, value):
+                self.log(ERROR, refusal)
+                return False
+        return True
+
+    def refusal(self, reference: int, value: float = 0.0) -> str:
+        """Why a variable cannot have a value; empty where it can."""
         variable = self.table[reference]
         if variable.causality in ("output", "independent", "local"):
-            self.log(WARNING, f"{variable.name} is calculated and was not set")
-        elif self.fixed and variable.causality != "input":
-            self.log(WARNING, f"{variable.name} is fixed after initialization and was not set")
-        elif variable.kind in ("integer", "count") and value != np.round(value):  # also NaN
-            self.log(ERROR, f"{variable.name} = {value:g} was not set: give a whole number")
-        else:
-            self.numbers[reference] = value
+            return f"{variable.name} is calculated and was not set"
+        if self.fixed and variable.causality != "input":
+            return f"{variable.name} is fixed after initialization and was not set"
+        if variable.kind in ("integer", "count") and value != np.round(value):  # also NaN
+            return f"{variable.name} = {value:g} was not set: give a whole number"
+        return ""
+
+    def set_number(self, reference: int, value: float) -> None:
+        """Set a scalar that is not refused."""
+        self.numbers[reference] = value
 
     def get_texts(self, references: Sequence[int]) -> Sequence[str]:
         """Values of strings by value reference."""
         return [self._texts[reference] for reference in references]
 
-    def set_texts(self, references: Sequence[int], values: Sequence[str]) -> None:
-        """Set strings; a warning is logged after initialization."""
-        for reference, value in zip(references, values, strict=True):
-            if self.fixed:
-                self.log(WARNING, f"{self.table[reference].name} is fixed after initialization and was not set")
-            else:
-                self._texts[reference] = value
+    def set_texts(self, references: Sequence[int], values: Sequence[str]) -> bool:
+        """Set strings; as for ``set``."""
+        if not self._accepts((reference, 0.0) for reference in references):
+            return False
+        self._texts |= dict(zip(references, values, strict=True))
+        return True
 
     # -- arrays ---------------------------------------------------------------------------------------------------
     def _shape(self, reference: int) -> tuple[int, ...]:

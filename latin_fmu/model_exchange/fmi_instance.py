@@ -12,7 +12,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from ..cosim.variable import Variable, input_of, variable_of
-from ..cosim.variable_store import ERROR, WARNING, Log, VariableStore, exception_barrier
+from ..cosim.variable_store import ERROR, Log, VariableStore, exception_barrier
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
 from .equations import Equations, Evaluation, GivenLoads, Modes, Outputs, Regularisation
 from .system import DAMPING, SLIDING, STIFFNESS, Names, ReducedSystem
@@ -36,15 +36,18 @@ class ReducedVariableStore(VariableStore):
         super().__init__(table, log)
         self.time, self.since = 0.0, dict.fromkeys(loads, 0.0)
 
-    def set_number(self, reference: int, value: float) -> None:
-        """Set an input, or before initialization a parameter; anything else is logged."""
+    def refusal(self, reference: int, value: float = 0.0) -> str:
+        """Why a variable cannot have a value; empty where it can."""
         if not 0 <= reference < len(self.table):
-            self.log(WARNING, f"variable {reference} is calculated and was not set")
-            return
+            return f"variable {reference} is calculated and was not set"
         variable, kept = self.table[reference], self.numbers[reference]
         if variable.causality == "parameter" and not self.fixed and not _allowed(variable.name, value):
-            self.log(ERROR, f"{variable.name} is {value}: allowed are finite values > 0; {kept} is kept")
-            return
+            return f"{variable.name} is {value}: allowed are finite values > 0; {kept} is kept"
+        return super().refusal(reference, value)
+
+    def set_number(self, reference: int, value: float) -> None:
+        """Set an input, or before initialization a parameter, that is not refused."""
+        variable, kept = self.table[reference], self.numbers[reference]
         super().set_number(reference, value)
         if variable.causality == "input":
             if not isfinite(value) and isfinite(kept):
@@ -83,6 +86,10 @@ class ReducedModelInstance:
     Parameters
     ----------
     system, names : data of the reduced model. log : takes the level and the text of a message.
+
+    Attributes
+    ----------
+    phase : state of the state machine of the FMI, as in ``cosim.fmi_instance``.
     """
 
     def __init__(self, system: ReducedSystem, names: Names, log: Log) -> None:
@@ -94,7 +101,7 @@ class ReducedModelInstance:
         self._outputs = Outputs(self.equations)
         self.variables = ReducedVariableStore(names.table, self.equations.amplitudes.inputs, log)
         self._state_of = {reference: i for i, reference in enumerate(names.states)}
-        self.events = 0
+        self.events = self.phase = 0
         self.y = self.equations.start()
         self.modes = self.equations.modes_at(0.0, self.y)
         self._evaluated: Evaluation | None = None  # at the present time and states
@@ -152,15 +159,19 @@ class ReducedModelInstance:
             return float(self._evaluation().derivative[reference - names.derivatives])
         return self.indicators()[reference - names.indicators]
 
-    @exception_barrier(None)
-    def set(self, references: Sequence[int], values: Sequence[float]) -> None:
-        """Set inputs, states, and before initialization parameters."""
-        for reference, value in zip(references, values, strict=True):
+    @exception_barrier(False)
+    def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
+        """Set inputs, states, and before initialization parameters; False, and an error is logged, where one of them is
+        refused: then none is set."""
+        given = list(zip(references, values, strict=True))
+        others = [(r, value) for r, value in given if r not in self._state_of]
+        if others and not self.variables.set(*zip(*others, strict=True)):
+            return False
+        for reference, value in given:
             if reference in self._state_of:
                 self.y[self._state_of[reference]] = value
-            else:
-                self.variables.set_number(reference, float(value))
         self._changed()
+        return True
 
     # -- time, states, right-hand side ----------------------------------------------------------------------------
     def set_time(self, time: float) -> None:
@@ -244,6 +255,7 @@ class ReducedModelInstance:
             "closed": modes.closed,
             "sticking": modes.sticking,
             "segment": modes.segment,
+            "phase": self.phase,
         }
         return encode(state, self._kind)
 
@@ -260,7 +272,7 @@ class ReducedModelInstance:
         variables = self.variables
         variables.set_state(state["variables"])
         variables.time, variables.since = state["time"], state["since"]
-        self.y, self.events = state["y"], state["events"]
+        self.y, self.events, self.phase = state["y"], state["events"], state["phase"]
         self.modes = Modes(state["closed"], state["sticking"], state["segment"])
         self.equations.use(variables.regularisation())
         self._changed()

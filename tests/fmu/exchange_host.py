@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from ctypes import c_double
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,13 @@ class ExchangeHost:
         self.fmu.exitInitializationMode()
         self.fmu.updateDiscreteStates()
         self.fmu.enterContinuousTimeMode()
+
+    def update(self) -> Sequence[Any]:
+        """What an event leaves, in the order of FMPy."""
+        self.fmu.enterEventMode()
+        left = self.fmu.updateDiscreteStates()
+        self.fmu.enterContinuousTimeMode()
+        return left
 
     def set(self, name: str, value: float) -> None:
         self.fmu.setFloat64([self._references[name]], [value])
