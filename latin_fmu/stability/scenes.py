@@ -156,7 +156,7 @@ def thrown(
 def cornered(velocity: Triple, friction: float, elements: int = 3, **solver: Any) -> Description:
     """A unit block thrown into a corner of three walls: one node is held by three interfaces."""
     block = Box(Material(poisson=0.3), elements=(elements,) * 3, velocity=velocity)
-    scene = column({"block": block}, {}, {"end": 8.0, "instants": 60}, solver=solver, output={"energy": True})
+    scene = column({"block": block}, {}, {"end": 1.6, "instants": 12}, solver=solver, output={"energy": True})
     for face in ("xmin", "ymin", "zmin"):
         scene["interface"][face] = rubbing(f"block.{face}", "ground", friction)
     return scene
