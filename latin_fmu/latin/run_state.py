@@ -398,6 +398,8 @@ class RunState:
             work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
             short = self.settings.window == 1 and self.direction(1).short
             allowed = allowed_work(float(works[INSTANTS]), short)
+            # where all bodies are held nothing is put in; the test of an instant knows no less than this, either
+            put_in = max(put_in, float(self.image.field("scales", 3)[0]) * self.assembly.dt)
             converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:
             return converged, sentence
