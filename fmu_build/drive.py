@@ -209,8 +209,9 @@ class Drive:
             return False
         return True
 
-    def run(self, step: float, stop: float) -> Iterator[list[float]]:
-        """Time and outputs after initialization and after every step; ends early where a step is refused."""
+    def run(self, step: float, stop: float, over: Callable[[], bool] = lambda: False) -> Iterator[list[float]]:
+        """Time and outputs after initialization and after every step; ends early where a step is refused, and where
+        ``over`` says so before one."""
         if not (step > 0.0 and stop > 0.0):
             raise InputError([Problem("--step, --stop", "must be > 0", f"{step}, {stop}")])
         if self._inputs:
@@ -223,6 +224,8 @@ class Drive:
         yield [0.0, *self.read(self.outputs)]
         n = max(1, round(stop / step))
         for i in range(n):
+            if over():
+                break
             t, end = stop * i / n, stop * (i + 1) / n
             self._give(t, end - t)
             if not self.advance(t, end - t):
@@ -266,8 +269,8 @@ class Integration:
         self.stop_time, self.step_size, self._tolerance = _experiment(description)
         self.complaint = ""
 
-    def run(self, step: float, stop: float) -> Iterator[list[float]]:
-        """Time and outputs every ``step``; ends early where the integrator cannot go on."""
+    def run(self, step: float, stop: float, over: Callable[[], bool] = lambda: False) -> Iterator[list[float]]:
+        """Time and outputs every ``step``; ends early where the integrator cannot go on, and where ``over`` says so."""
         if not (step > 0.0 and stop > 0.0):
             raise InputError([Problem("--step, --stop", "must be > 0", f"{step}, {stop}")])
         rows: list[list[float]] = []
@@ -275,7 +278,7 @@ class Integration:
 
         def keep(_time: float, recorder: Any) -> bool:
             rows[:] = [list(row) for row in recorder.rows]
-            return True
+            return not over()
 
         try:
             result = fmpy.simulate_fmu(

@@ -159,7 +159,8 @@ def solve(
         have the whole solution at its end.
     max_cpu : CPU time that the run may take, its set-up included, s. A run that reaches it stops before its next
         instant, not converged: ``Solution.interrupted`` says so, the results until then are kept, and a ``checkpoint``
-        is written, from which it can be continued.
+        is written, from which it can be continued. On several processes: of each of them; all stop before the same
+        instant.
 
     Raises
     ------
@@ -170,8 +171,8 @@ def solve(
     wall = clock.perf_counter()
     timings = Timings()
     start = clock.process_time()
-    if processes is not None and (observer, behaviours, checkpoint, stream, fields, max_cpu) != (None,) * 6:
-        what = "observers, laws in Python, checkpoints, streams, given first guesses and limits of CPU time"
+    if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
+        what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -126,6 +127,49 @@ def test_points_of_a_study_are_limited() -> None:
         max_cpu=0.3,
     )
     assert "stopped by its limit of 0.3 s of CPU time" in str(study["message"].values.ravel()[0])
+
+
+@pytest.mark.usefixtures("scene")
+def test_the_coarse_run_of_explain_is_limited(capsys: pytest.CaptureFixture[str]) -> None:
+    """Instants that take minutes in all; what is found until then is printed, and marked."""
+    long = ["explain", "scene.toml", "--run", "--set", "time.end=4e-2", "--set", "time.instants=200000"]
+    start = time.process_time()
+    assert main([*long, "--json", "--max-cpu", "0.5"]) == 7
+    assert time.process_time() - start < 60.0
+    coarse = json.loads(capsys.readouterr().out)["coarse_run"]
+    assert coarse["interrupted"] == "stopped by its limit of 0.5 s of CPU time"
+    assert coarse["findings"][0].startswith(coarse["interrupted"])
+    assert main(["explain", "scene.toml", "--max-cpu", "1"]) == 2
+    assert "nothing is run that it could limit" in capsys.readouterr().err
+
+
+def test_simulations_are_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A co-simulation of 100,000 steps, and one that is over before its first step."""
+    pytest.importorskip("fmpy")
+    from fmu_build.build import build_fmu
+
+    path = str(build_fmu(latin_fmu.scene_from_dict(thrown(100)), tmp_path / "pair.fmu", "2"))
+    for limit, least in (("2", 2), ("1e-6", 1)):
+        out = tmp_path / f"{limit}.csv"
+        words = ["simulate", path, "--step", "1e-7", "--stop", "1e-2", "-o", str(out), "--max-cpu", limit]
+        assert main(words) == 7
+        assert f"stopped by its limit of {float(limit):g} s of CPU time at t = " in capsys.readouterr().err
+        rows = out.read_text().splitlines()[1:]
+        assert least <= len(rows) < 100_000
+        assert float(rows[-1].split(",")[0]) == pytest.approx((len(rows) - 1) * 1e-7)
+    assert main(["simulate", path, "--stop", "1e-6", "-o", str(tmp_path / "whole.csv"), "--max-cpu", "100"]) == 0
+
+
+def test_the_stability_suite_is_limited(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for limit in ("0.5", "1e-9"):
+        target = tmp_path / f"{limit}.md"
+        assert main(["stress", "--quick", "-o", str(target), "--max-cpu", limit]) == 7
+        text = target.read_text(encoding="utf-8")
+        assert "; stopped by the limit of CPU time: " in text
+        assert "Time schemes on impact" not in text
+        assert (tmp_path / f"{limit}.png").exists() == ("bars, E ratio 1 |" in text)
+    assert "0 of 0 hard cases hold" in text
+    capsys.readouterr()
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "soon", "inf", "nan"])

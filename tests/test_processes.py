@@ -339,6 +339,28 @@ def test_what_cannot_be_done_is_reported_once(place: Path) -> None:
     np.testing.assert_allclose(errors[0], errors[1], rtol=1e-6)
 
 
+NEVER = ("--set", "solver.tolerance=1e-17", "--set", "solver.force_tolerance=1e-17")
+LONG = ("--set", "time.end=2.4e-2", "--set", "time.instants=48000", "--set", "output.every=48000")
+
+
+@started
+@pytest.mark.parametrize("options", [(), ("--set", "solver.window=12"), NEVER], ids=["one", "windows", "failing"])
+def test_a_limit_of_cpu_time_stops_all_before_one_instant(place: Path, options: tuple[str, ...]) -> None:
+    """Exit code 7 on both, results marked; until then they are those of one process, whose limit is another one."""
+    words = ("run", "scene.toml", "--quiet", *LONG, *options, "--max-cpu")
+    mpiexec(place, 1, (*words, "4", "-o", "limited alone.nc"))
+    done = mpiexec(place, 2, (*words, "2", "-o", "limited.nc"), (*words, "1e-6", "-o", "at once.nc"))
+    assert done.stderr.count("[7, 7]") == 2, done.stderr
+    alone, both, none = (open_results(place / f"{name}.nc") for name in ("limited alone", "limited", "at once"))
+    assert both.attrs["interrupted"] == "stopped by its limit of 2 s of CPU time"
+    assert (both.attrs["converged"], both.attrs["complete"]) == (0, 0)
+    assert "instant 0 of 48000" in none.attrs["status"]
+    forces = [tree["interfaces/i0"]["force"].values for tree in (alone, both)]
+    n = min(*map(len, forces), 200)
+    assert n > 5
+    np.testing.assert_allclose(forces[1][:n], forces[0][:n], rtol=0.0, atol=LIMIT * np.abs(forces[0]).max())
+
+
 def test_more_processes_than_substructures(place: Path) -> None:
     with pytest.raises(InputError, match=r"more processes than substructures \(value: 6\); allowed: at most 5"):
         check_distributable(discretise(load_scene(place / "scene.toml")), 6)

@@ -39,15 +39,18 @@ class CoarseRun:
     Attributes
     ----------
     description : resolution and cost, in words. findings : a sentence each. converged : whether the run did.
+    interrupted : by which limit it was stopped; empty where it was not. Its findings are those until then.
     """
 
     description: str
     findings: list[str]
     converged: bool
+    interrupted: str = ""
 
     def report(self) -> dict[str, object]:
         """Plain data for JSON."""
-        return {"description": self.description, "converged": self.converged, "findings": self.findings}
+        plain = {"description": self.description, "converged": self.converged, "findings": self.findings}
+        return plain | ({"interrupted": self.interrupted} if self.interrupted else {})
 
     def text(self) -> str:
         """The findings as lines of text."""
@@ -55,8 +58,8 @@ class CoarseRun:
         return "\n".join(lines if self.findings else [*lines, "  every effect of the scene"])
 
 
-def coarse_run(scene: Scene) -> CoarseRun:
-    """Solve the scene at half its resolution and list which of its effects matter.
+def coarse_run(scene: Scene, max_cpu: float | None = None) -> CoarseRun:
+    """Solve the scene at half its resolution and list which of its effects matter; ``max_cpu`` : as for ``api.solve``.
 
     Raises
     ------
@@ -66,11 +69,14 @@ def coarse_run(scene: Scene) -> CoarseRun:
     time = 1.0 if scene.time.quasi_static else COARSE
     coarse = at_resolution(scene, Resolution(mesh, time))
     coarse = coarse.model_copy(update={"output": type(scene.output)(fields=not scene.time.quasi_static, energy=True)})
-    solution = api.solve(coarse)
+    solution = api.solve(coarse, max_cpu=max_cpu)
     description = (
         f"in a run with {mesh:.2g} of the elements along an edge and {time:.2g} of the steps "
         f"({solution.timings.total:.2g} s of CPU time)"
     )
+    if solution.interrupted:
+        seen = [*_of_interfaces(solution), *_of_energies(solution)] if len(solution.time) > 1 else []
+        return CoarseRun(description, [f"{solution.status}. Until then:", *seen], False, solution.interrupted)
     if not solution.converged:
         return CoarseRun(description, [solution.status], converged=False)
     findings = [*_of_interfaces(solution), *_of_energies(solution)]

@@ -10,7 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem, ResultsError
-from . import CONVERGED, REMARKED, AddParser, add_scene, add_settings, add_strict, declare, output_file, read_scene
+from . import (
+    CONVERGED,
+    LIMITED,
+    REMARKED,
+    AddParser,
+    add_max_cpu,
+    add_scene,
+    add_settings,
+    add_strict,
+    declare,
+    output_file,
+    read_scene,
+)
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -27,6 +39,11 @@ def register(add: AddParser) -> None:
     add_strict(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead")
     parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
+    add_max_cpu(
+        parser,
+        f"with --run: CPU seconds that the coarse run may take; one that reaches them stops (exit code {LIMITED}), "
+        "what is found until then is printed and marked",
+    )
     text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
     parser.add_argument("--fmu", metavar="N", nargs="?", type=int, const=0, help=text)
     text = "print every key of a scene file, with units and defaults"
@@ -81,21 +98,26 @@ def _check(arguments: argparse.Namespace) -> int:
 def _explain(arguments: argparse.Namespace) -> int:
     from ..effects.explanation import explain
 
+    if arguments.max_cpu is not None and not arguments.run:
+        raise InputError.of("bad argument", "--max-cpu", "nothing is run that it could limit", remedy="add --run")
     scene = read_scene(arguments)
     with Waiting("prediction of the cost"):
         explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
-    report, text = explanation.report(), explanation.text()
+    report, text, limited = explanation.report(), explanation.text(), False
     if arguments.run:
         from ..accuracy.coarse_effects import coarse_run
 
         with Waiting("coarse run"):
-            coarse = coarse_run(scene)
+            coarse = coarse_run(scene, arguments.max_cpu)
+        limited = bool(coarse.interrupted)
         report, text = report | {"coarse_run": coarse.report()}, f"{text}\n\n{coarse.text()}"
     if arguments.fmu is not None:
         with Waiting("size of the compiled FMU"):
             size = _compiled_size(arguments)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
     print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
+    if limited:
+        return LIMITED
     return REMARKED if arguments.strict and explanation.warnings else CONVERGED
 
 

@@ -6,13 +6,25 @@ import argparse
 import csv
 import io
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, Problem
-from . import BAD_INPUT, CONVERGED, SOLVER_FAILED, AddParser, add_scene, declare, output_file, read_scene
+from . import (
+    BAD_INPUT,
+    CONVERGED,
+    LIMITED,
+    SOLVER_FAILED,
+    AddParser,
+    add_max_cpu,
+    add_scene,
+    declare,
+    output_file,
+    read_scene,
+)
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -100,6 +112,11 @@ def _register_simulate(add: AddParser) -> None:
         action="append",
         default=[],
         help="start value of an input or parameter; repeatable",
+    )
+    add_max_cpu(
+        parser,
+        f"CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code "
+        f"{LIMITED}): the rows until then are written",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
 
@@ -200,6 +217,7 @@ def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
+    begin = time.process_time()
     try:
         from fmu_build.drive import opened
     except ModuleNotFoundError as error:
@@ -213,9 +231,16 @@ def _simulate(arguments: argparse.Namespace) -> int:
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
     rows: list[Sequence[float]] = []
+    limited = False
+
+    def over() -> bool:
+        nonlocal limited
+        limited |= arguments.max_cpu is not None and time.process_time() >= arguments.max_cpu + begin
+        return limited
+
     try:
         with Waiting("simulation", quiet=arguments.quiet) as waiting:
-            for row in drive.run(step, stop):
+            for row in drive.run(step, stop, over):
                 rows.append(row)
                 waiting.update(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
@@ -223,10 +248,14 @@ def _simulate(arguments: argparse.Namespace) -> int:
     write_csv(target, ["time", *drive.outputs], rows)
     if not arguments.quiet:
         print(f"{len(rows)} rows: {target}")
+    reached = rows[-1][0] if rows else 0.0
     if drive.complaint:
-        reached = rows[-1][0] if rows else 0.0
         print(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}", file=sys.stderr)
         return SOLVER_FAILED
+    if limited and reached < stop:
+        what = f"stopped by its limit of {arguments.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
+        print(f"latin-fmu: {what}; the rows until then are written", file=sys.stderr)
+        return LIMITED
     return CONVERGED
 
 

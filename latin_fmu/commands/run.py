@@ -137,7 +137,6 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
         scene = read_scene(arguments)
         target = arguments.output or Path(f"{scene.name}.nc")
         refused = {"--checkpoint": arguments.checkpoint, "--resume": arguments.resume or None}
-        refused |= {"--max-cpu": arguments.max_cpu}
         refused["--accuracy"] = _target(scene, arguments)
         if given := [name for name, value in refused.items() if value is not None]:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
@@ -151,13 +150,15 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
                 check_export_folder(arguments.vtk)
     progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
-        solution = api.solve(scene, progress=progress, processes=processes)
+        solution = api.solve(scene, progress=progress, processes=processes, max_cpu=arguments.max_cpu)
     finally:
         if progress is not None:
             progress.close()
     if not arguments.no_estimate and scene.accuracy.estimate and solution.trustworthy:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            estimate = estimate_error(scene, solution, processes=processes, report=waiting.update)
+            estimate = estimate_error(
+                scene, solution, processes=processes, report=waiting.update, max_cpu=_left(solution, arguments)
+            )
         solution = replace(solution, estimate=estimate)
     with processes.agreed():
         if first:
@@ -342,13 +343,18 @@ def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) 
     from ..accuracy.estimate import estimate_error
 
     folder = Path(os.path.realpath(arguments.output or f"{scene.name}.nc")).parent
-    left = None if arguments.max_cpu is None else max(arguments.max_cpu - solution.timings.total, 0.0)
+    left = _left(solution, arguments)
     try:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
             estimate = estimate_error(scene, solution, report=waiting.update, stream=folder, max_cpu=left)
             return replace(solution, estimate=estimate)
     except KeyboardInterrupt:  # the results are written without it
         return solution
+
+
+def _left(solution: Solution, arguments: argparse.Namespace) -> float | None:
+    """CPU seconds that a run has left of its limit for the estimate; None without a limit."""
+    return None if arguments.max_cpu is None else max(arguments.max_cpu - solution.timings.total, 0.0)
 
 
 def _show(solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED, NOT_CONVERGED, AddParser, add_max_cpu, add_scene, add_settings, declare, output_file
+from . import CONVERGED, LIMITED, NOT_CONVERGED, AddParser, add_max_cpu, add_scene, add_settings, declare, output_file
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -90,6 +90,11 @@ def _register_stress(add: AddParser) -> None:
     text = "run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured"
     parser = declare(add, "stress", text, _stress, _STRESS_EXAMPLES)
     parser.add_argument("--quick", action="store_true", help="the cases that take less than a minute together")
+    add_max_cpu(
+        parser,
+        f"CPU seconds that the cases may take together; those left out then are counted (exit code {LIMITED}), "
+        "the rows of the others are reported",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON list, and nothing else, on stdout")
     parser.add_argument(
         "-o",
@@ -207,10 +212,15 @@ def _stress(arguments: argparse.Namespace) -> int:
             waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
             waiting.update(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
 
-        rows = run_suite(every, report)
+        rows = run_suite(every, report, arguments.max_cpu)
+    left_out = len(every) - len(rows)
     if arguments.output is not None:
-        _write_rows(rows, arguments.output, arguments.quick)
-    print(as_json(rows) if arguments.json else verdict(rows))
+        _write_rows(rows, arguments.output, arguments.quick, left_out)
+    print(as_json(rows) if arguments.json else verdict(rows, left_out))
+    if left_out:
+        if arguments.json:
+            _log(verdict(rows, left_out))
+        return LIMITED
     return CONVERGED if all(row.passed or row.known for row in rows) else NOT_CONVERGED
 
 
@@ -244,13 +254,14 @@ def _sweep(arguments: argparse.Namespace) -> int:
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 
-def _write_rows(rows: list[Row], target: Path, quick: bool) -> None:
+def _write_rows(rows: list[Row], target: Path, quick: bool, left_out: int) -> None:
     """Report and figure, each complete or not at all."""
     from ..results.writing import write_bytes, write_whole
     from ..stability.report import as_markdown, compare_schemes, stability_figure
 
     picture = target.with_suffix(".png")
-    write_whole(picture, partial(stability_figure(rows).savefig, dpi=150))
-    schemes = compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
-    write_bytes(target, as_markdown(rows, schemes, picture.name).encode())
-    print(f"report: {target}, figure: {picture}", file=sys.stderr)
+    if rows:
+        write_whole(picture, partial(stability_figure(rows).savefig, dpi=150))
+    schemes = "" if left_out else compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
+    write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out).encode())
+    print(f"report: {target}" + f", figure: {picture}" * bool(rows), file=sys.stderr)

@@ -82,7 +82,8 @@ class Run(RunState):
     observer : called after each iteration. progress : called after each iteration with window counts.
     monitor : checks the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
-    max_cpu : CPU time that the run may take, its set-up (``timings.setup``) included, s; None for no limit.
+    max_cpu : CPU time that the run may take, its set-up (``timings.setup``) included, s; None for no limit. Of a run on
+        several processes, each of them: all stop before the same instant, when the first one has reached it.
 
     Attributes
     ----------
@@ -125,8 +126,15 @@ class Run(RunState):
         return self._out_of_time()
 
     def _out_of_time(self) -> str:
-        over = clock.process_time() >= self._cpu_end
+        over = self._max_cpu is not None and self._least(self._cpu_end - clock.process_time()) <= 0.0
         return f"stopped by its limit of {self._max_cpu:g} s of CPU time" if over else ""
+
+    def _least(self, value: float) -> float:
+        """The smallest over the processes of the run, all of which call this."""
+        if self.part is None:
+            return value
+        processes = self.part.processes
+        return float(processes.gather(np.array([float(value)]), range(processes.size + 1)).min())
 
     @property
     def ended(self) -> bool:
@@ -239,6 +247,8 @@ class Run(RunState):
             longest = max(1, int(_SECONDS / self._per_instant))
         rows = image.rows - self.recorder.rows_before
         n = min(n, rows, longest, rows if self._sequence is not None else self._until(first))
+        if self._max_cpu is not None:
+            n = int(self._least(n))  # calls of one length, as the limit is looked at between them
         self._set_first_row(first)
         done = self._march_instants(first, n)
         if done:

@@ -44,16 +44,24 @@ class Measure:
         return self.value / self.limit
 
 
+class LimitError(Exception):
+    """A case that its limit of CPU time has stopped."""
+
+
 @dataclass
 class Bench:
-    """Solves the scenes of a case and counts what they cost."""
+    """Solves the scenes of a case and counts what they cost; ``end``: of the CPU time of the process, s, or None."""
 
     iterations: list[int] = field(default_factory=list)
     fallbacks: int = 0
+    end: float | None = None
 
     def solve(self, description: Description, counted: bool = True) -> Solution:
         """Solution of a description, converged or not; ``counted``: its iterations go into the row."""
-        solution = solve(scene_from_dict(copy.deepcopy(description)))
+        left = None if self.end is None else max(self.end - time.process_time(), 0.0)
+        solution = solve(scene_from_dict(copy.deepcopy(description)), max_cpu=left)
+        if solution.interrupted:
+            raise LimitError(solution.interrupted)
         if counted:
             self.iterations += [window.iterations for window in solution.windows]
             self.fallbacks += sum(bool(window.fallbacks) for window in solution.windows)
@@ -124,10 +132,15 @@ class Row:
     known: bool = False
 
 
-def run_case(case: Case) -> Row:
-    """Row of one case. A case whose run fails is a failed row, with the message of the error as its measure."""
+def run_case(case: Case, end: float | None = None) -> Row:
+    """Row of one case. A case whose run fails is a failed row, with the message of the error as its measure.
+
+    Raises
+    ------
+    LimitError : the CPU time of the process has reached ``end``, s.
+    """
     start = time.perf_counter()
-    bench = Bench()
+    bench = Bench(end=end)
     measures: list[Measure] = []
     failure = ""
     try:
@@ -152,11 +165,20 @@ def run_case(case: Case) -> Row:
     )
 
 
-def run_suite(cases: Iterable[Case], report: Callable[[Row], None] | None = None) -> list[Row]:
-    """Rows of all cases, in their order; ``report`` is called with each."""
-    rows = []
+def run_suite(
+    cases: Iterable[Case], report: Callable[[Row], None] | None = None, max_cpu: float | None = None
+) -> list[Row]:
+    """Rows of all cases, in their order; ``report`` is called with each. After ``max_cpu`` seconds of CPU time the case
+    that runs is given up, and those after it are left out."""
+    rows: list[Row] = []
+    end = None if max_cpu is None else time.process_time() + max_cpu
     for case in cases:
-        rows.append(run_case(case))
+        if end is not None and time.process_time() >= end:
+            break
+        try:
+            rows.append(run_case(case, end))
+        except LimitError:
+            break
         if report is not None:
             report(rows[-1])
     return rows

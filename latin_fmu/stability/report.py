@@ -32,17 +32,19 @@ def _plain(value: object) -> object:
     return round(value, 4) if isinstance(value, float) and math.isfinite(value) else value
 
 
-def verdict(rows: Sequence[Row]) -> str:
-    """One sentence on the whole suite."""
+def verdict(rows: Sequence[Row], left_out: int = 0) -> str:
+    """One sentence on the whole suite; ``left_out``: cases that a limit of CPU time has left out."""
     failed = [row.case + ", a known fault" * row.known for row in rows if not row.passed]
     seconds = sum(row.seconds for row in rows)
     kept = f"{len(rows) - len(failed)} of {len(rows)} hard cases hold ({seconds:.0f} s)"
+    kept += f"; stopped by the limit of CPU time: {left_out} cases left out" * bool(left_out)
     return kept + (f"; failed: {'; '.join(failed)}" if failed else "")
 
 
-def as_markdown(rows: Sequence[Row], schemes: str, figure: str | None) -> str:
-    """The whole report: verdict, figure, one table of cases by family, the table of time schemes."""
-    parts = ["# Stability report", "", verdict(rows) + ".", ""]
+def as_markdown(rows: Sequence[Row], schemes: str, figure: str | None, left_out: int = 0) -> str:
+    """The whole report: verdict, figure, one table of cases by family, the table of time schemes (not where a limit of
+    CPU time has left out cases)."""
+    parts = ["# Stability report", "", verdict(rows, left_out) + ".", ""]
     if figure is not None:
         parts += [f"![Margins and iterations of every case]({figure})", ""]
     parts += [
