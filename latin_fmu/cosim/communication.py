@@ -184,6 +184,7 @@ def _solved_by_python(run: Run) -> InputError:
 def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
+    image.complete()
     record = image.run[0]
     words: dict[str, int] = {
         "version": VERSION,

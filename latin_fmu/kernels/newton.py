@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .acceleration import difference_parts, next_iterate
 from .active_points import activate, add_relative, assemble, is_factored, soften, solve_active, sum_of_tangents
-from .callouts import MATRIX, SUM, UNKNOWNS, call_out
+from .callouts import ADMITTANCE, MATRIX, SUM, UNKNOWNS, call_out
 from .krylov import add_columns, admit, solve_by_products, widen
 from .local_stage import finish, outgoing, prepare, solve_points
 from .sums import add_parts, exchange, exchange_parts
@@ -49,6 +49,8 @@ COLD, WARM, LATE = 6, 3, 9
 made however close the tolerance is."""
 FAR = 10.0
 """Distance from the tolerances from which on a step is made after COLD iterations."""
+RECENT = 5
+"""Iterations whose rate is taken for those to come, without inertia; two with it."""
 STEPS = 40
 """Steps at one instant at most."""
 HALVINGS, DECREASE = 2, 0.1
@@ -63,16 +65,18 @@ MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS,
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
-acceleration has stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last
-iteration."""
+acceleration has stalled and a step is due whatever it costs (without inertia once the iterations have cost half of it),
+sum of the tangents of the last step, number of the last iteration."""
 EXPECTED = 2
-"""Steps that end an instant, as their price is reckoned with."""
+"""Steps that end an instant, as their price is reckoned with; without inertia more where the last increment that was
+left to them took more."""
 
 
 @kernel
 def propose(pools: Any) -> bool:
     """Ends of a Newton step: q and W of the last iterate are kept, the new q is that of the full step; False where the
     matrix is singular."""
+    make_admittances(pools)
     if pools.run[0].krylov == 1:
         widen(pools)
     admit_residual(pools)
@@ -81,6 +85,16 @@ def propose(pools: Any) -> bool:
     full_step(pools)
     set_size(pools)
     return True
+
+
+@kernel
+def make_admittances(pools: Any) -> None:
+    """Let the caller make the tables of D that are not made yet: without inertia they are left to the first step, since
+    many runs make none. The first entry of such a table is 0."""
+    for c in range(len(pools.classes) if pools.run[0].static == 1 else 0):
+        row = pools.classes[c]
+        if row.n_live > 0 and pools.fixed[row.admittance] == 0.0:
+            call_out(pools, ADMITTANCE, c, 0, 0)
 
 
 @kernel
@@ -290,7 +304,7 @@ def continues(pools: Any, iteration: int) -> bool:
         if course[MADE] >= STEPS or course[WITHOUT] >= SLOW:
             leave(pools, iteration + 1)
         return True
-    count, warm = iteration + 1, finish[0] == 1.0
+    count, warm = iteration + 1, finish[0] > 0.0
     # not without inertia: on weak dashpots a step gains little beyond the tolerance
     now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0 and run.static == 0
     # factors that serve many instants are worth what the iterations of these have cost
@@ -304,7 +318,14 @@ def continues(pools: Any, iteration: int) -> bool:
         return False
     if now * now <= past:
         return False
-    if course[DUE] == 0.0 and not _pays(run.newton_price, count, now, past):
+    steps, span, early = EXPECTED, 2, 0.0
+    if run.static == 1:  # increments take more steps or less, and the acceleration passes most stalls
+        steps, span, early = max(EXPECTED, int(abs(finish[0]))), min(RECENT, iteration), 0.5
+    cost = run.newton_price * steps
+    if course[DUE] == 1.0 and count >= early * cost:
+        course[ACTIVE], course[BEGUN] = 1.0, now
+        return True
+    if not _pays(cost, count, now, _merit(pools, iteration - span), span):
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
@@ -321,8 +342,9 @@ def _merit(pools: Any, iteration: int) -> float:
 
 @kernel
 def keep_course(pools: Any) -> None:
-    """Keep how an accepted instant ended, in ``finish``: 1 where by a Newton step; sum of its last tangents; instants
-    in a row that ended with the same sum; iterations made in them. An instant that needed no iteration changes nothing.
+    """Keep how an accepted instant ended, in ``finish``: number of Newton steps, that of an instant before with a minus
+    where none ended this one; sum of its last tangents; instants in a row that ended with the same sum; iterations made
+    in them. An instant that needed no iteration changes nothing.
 
     While the active points stay the same, a step costs a substitution, and the next instant begins with one. The
     decision follows from the state alone, and not from factors at hand: a run that continues from a state makes it too.
@@ -339,20 +361,21 @@ def keep_course(pools: Any) -> None:
         call_out(pools, SUM, run.course + TANGENTS, 1, 0)
     left = course[LEFT] == 1.0  # the steps did not end it
     same = compared and course[TANGENTS] == finish[1] and run.krylov == 0 and not left
-    finish[0], finish[1] = 1.0 if course[MADE] > 0.0 and not left else 0.0, course[TANGENTS]
+    steps = course[MADE] if course[MADE] > 0.0 else abs(finish[0])
+    finish[0], finish[1] = steps if course[MADE] > 0.0 and not left else -steps, course[TANGENTS]
     finish[2] = finish[2] + 1.0 if same else 0.0
     finish[3] = course[LAST] + 1.0 + (finish[3] if same else 0.0)
 
 
 @kernel
-def _pays(price: float, count: int, now: float, past: float) -> bool:
-    """Whether steps at this price, in iterations, cost less than the iterations that they save: those left at the rate
-    of the last two. Where the iterations made have cost as much already, that rate is not relied on: the whole costs at
-    most twice the better of both ways."""
-    if count >= EXPECTED * price or not now < past:
-        return bool(count >= EXPECTED * price)
-    left = 2.0 * np.log10(max(now, 1.0)) / np.log10(past / now)
-    return bool(left > EXPECTED * price)
+def _pays(cost: float, count: int, now: float, past: float, span: int) -> bool:
+    """Whether steps that cost so many iterations cost less than those that they save: those left at the rate
+    of the last ``span``. Where the iterations made have cost as much already, that rate is not relied on: the whole
+    costs at most twice the better of both ways."""
+    if count >= cost or not now < past:
+        return bool(count >= cost)
+    left = span * np.log10(max(now, 1.0)) / np.log10(past / now)
+    return bool(left > cost)
 
 
 @kernel

@@ -135,13 +135,15 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
         out[i] = t0
 
 
-@kernel
-def symmetric_size(n: int, plain: int, m: int) -> int:
+def numbers_of(n: int, plain: int, m: int) -> int:
     """Numbers that a symmetric dense matrix (n, n) takes for m members: those of its diagonal, of its lower triangle or
     all."""
     if plain == 1:
         return n
     return n * n if m >= TILED else n * (n + 1) // 2
+
+
+symmetric_size = kernel(numbers_of)  # the same from other kernels
 
 
 @kernel

@@ -121,7 +121,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("spread_table", "constants (g, c): its transpose"),
     ("k", "direction (c,): search direction, Pa s m-1"),
     ("response", "direction (n_live, n_live) packed or (n_live,): Y per nodal force, m s-1 N-1"),
-    ("admittance", "direction (n_live, n_live) packed or (n_live,): D of Newton steps, none of swept DIRECT classes"),
+    ("admittance", "direction (n_live, n_live) packed or (n_live,): D of Newton steps; first entry 0: not made yet"),
     ("spring_inverse", "direction (g, g) packed: (S + T^T a k/dt T)^-1 of a STATIC class, m N-1"),
     # state
     ("state", "place of ``rest``, the first number of the class in the state, n_state in all"),

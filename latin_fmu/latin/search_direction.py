@@ -115,7 +115,7 @@ def _diagonal(assembly: Assembly) -> Array:
 
 def _static(assembly: Assembly) -> Array:
     """1.5 sqrt(k_0 S_ii) over an increment: k_0 the stiffness of the body as a whole (soft, for loads that cross it),
-    S_ii that of one point among others held (stiff, for what stays near the face); one tangential value."""
+    S_ii that of one point (stiff, for what stays near the face; ``StaticOperators.diagonal``); one tangential value."""
     stiffness = np.zeros(assembly.layout.n_flat)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         assert isinstance(propagator, StaticPropagator)
@@ -326,7 +326,7 @@ class Direction:
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["from_last"] = int(self.short)
         fields["newton_z"] = self.newton_z
-        by_price = self.newton and not self.assembly.quasi_static and not self.relative.get("krylov")
+        by_price = self.newton and not self.relative.get("krylov")
         fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()

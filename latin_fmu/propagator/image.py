@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from ctypes import cast as pointer_to
 from dataclasses import dataclass
+from functools import partial
 from math import prod
 from typing import Any, cast
 from weakref import proxy, ref
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
 from ..kernels import entries
-from ..kernels.callouts import BACKWARD, FORWARD
+from ..kernels.callouts import ADMITTANCE, BACKWARD, FORWARD
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..kernels.tasks import CHUNK
@@ -50,6 +51,10 @@ class _Direction:
     run: Fields
     rows: list[Fields]
     groups: list[Fields]
+
+
+def _make_admittance(image: Image, c: int, *_: int) -> None:
+    class_record.make_admittance(image.fixed, image.propagators[c], image.row(c))
 
 
 def pools_of(run: Any, classes: Any, groups: Any, fixed: Array, moving: Array) -> Pools:
@@ -131,6 +136,8 @@ class Image:
         if not self.factored:
             own = proxy(self)
             self.call_out_to({FORWARD: lambda c, *_: own._forward(c), BACKWARD: lambda c, r, _: own._backward(c, r)})
+        if self._run.get("static"):
+            self.call_out_to({ADMITTANCE: partial(_make_admittance, proxy(self))})
         for c, propagator in enumerate(self.propagators):
             propagator.attach(self, c)
 
@@ -272,6 +279,13 @@ class Image:
         """Bring the records up to date."""
         if not self._written:
             self._write_records()
+
+    def complete(self) -> None:
+        """Write the tables that are otherwise made when first used, for a caller that has none of the operators."""
+        self.write()
+        for c, row in enumerate(self._rows if self._run.get("static") and self._run.get("newton") else ()):
+            if self.fixed[row["admittance"]] == 0.0:
+                _make_admittance(self, c)
 
     # -- use ----------------------------------------------------------------------------------------------------
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:

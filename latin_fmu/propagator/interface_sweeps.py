@@ -178,31 +178,6 @@ class InterfaceCompliance:
         return float(x.sum())
 
 
-def face_stiffness(stiffness: sp.csr_array, dofs: Index, trace: sp.csr_array) -> Array:
-    """Stiffness (n_channel,) at each channel with the others held, N m-1: an upper bound, with the inside free where it
-    touches the dofs of the channel."""
-    inside = np.ones(stiffness.shape[0], dtype=bool)
-    inside[dofs] = False
-    own, known = np.zeros(trace.shape[0]), dict[bytes, Array]()
-    for i in range(trace.shape[0]):
-        part = slice(trace.indptr[i], trace.indptr[i + 1])
-        touched, weights = dofs[trace.indices[part]], trace.data[part]
-        if not len(touched):
-            continue
-        key = touched.tobytes()
-        if key not in known:
-            rows = stiffness[touched]
-            near = np.unique(rows.indices)
-            near = near[inside[near]]
-            coupling = rows[:, near].toarray()
-            block = rows[:, touched].toarray()
-            if len(near):
-                block -= coupling @ np.linalg.solve(stiffness[near][:, near].toarray(), coupling.T)
-            known = {key: block}  # the components of a point follow each other
-        own[i] = weights @ known[key] @ weights
-    return own
-
-
 class MassCompliance:
     """T M^-1 T^T: accelerations of the channels per nodal force on them at t = 0, kg-1.
 

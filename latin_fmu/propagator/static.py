@@ -23,6 +23,7 @@ Neither depends on the time step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn
 
@@ -35,7 +36,8 @@ from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import QuasiStatic
 from .base import Propagator
-from .interface_sweeps import DashpotPattern, InterfaceCompliance, all_columns, face_stiffness
+from .interface_matrices import STILL
+from .interface_sweeps import DashpotPattern, InterfaceCompliance, all_columns
 from .model import Array, Index, SubstructureModel
 
 WEAK: Final = 1e-6
@@ -52,8 +54,8 @@ class StaticOperators:
     stiffness : reduced (n, n), N m-1. factor : of K with springs, interface dofs last. dofs : (n_gamma,) interface
         dofs. trace : (n_channel, n_gamma) from interface dofs to channels. spread : its transpose.
     area : (n_channel,), m2.
-    springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area at each channel with the
-        others held, Pa m-1.
+    springs : (n_channel,) k_0, Pa m-1. diagonal : (n_channel,) stiffness per area at each channel, Pa m-1: with the
+        others held, or of a swept class with the others on the springs, which is at hand and takes as many iterations.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
         its springs: D of one instant does not exist for a floating body, (D^-1 + k_0)^-1 always does.
     factor_on : of a swept class, its factor on other springs (n_channel,), Pa m-1.
@@ -113,8 +115,9 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
             return pattern.factor([1.0], area * own_springs, np.float64)
 
         factor = factor_on(springs)
-        own = face_stiffness(stiffness, dofs, trace) / area
         compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern.on_interface)
+        alone = dt * area * compliance.diagonal()
+        own = np.divide(1.0, alone, out=np.zeros_like(alone), where=alone > STILL * alone.max(initial=0.0))
     else:
         whole = sp.csc_array(model.reduced_trace)
         held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
@@ -189,27 +192,27 @@ class StaticPropagator(Propagator):
         """There are no accelerations."""
         raise TypeError("no inertia: a quasi-static substructure has no accelerations")
 
-    def relative_compliance(self) -> Array:
+    def relative_compliance(self, k: Array) -> Array:
         """The same on dashpots of WEAK times k, as D of a floating body does not exist; where those are lost in
-        round-off, on longer ones."""
+        round-off, on stiffer ones."""
         factor_on = self.operators.factor_on
         if factor_on is not None:
-            return all_columns(self._weak_factor(factor_on), self.operators.trace, 1.0 / self.dt)
+            return all_columns(self._weak_factor(factor_on, k), self.operators.trace, 1.0 / self.dt)
+        inverse = None
         for share in (WEAK, _LESS_WEAK):
-            try:
-                inverse = self.operators.on_springs(share * self.k[:, 0] / self.dt)
+            with suppress(la.LinAlgError):
+                inverse = self.operators.on_springs(share * k / self.dt)
                 break
-            except la.LinAlgError:
-                inverse = self.spring_inverse
+        inverse = self.operators.on_springs(k / self.dt) if inverse is None else inverse
         trace = self.operators.trace
         compliance: Array = trace @ (trace @ inverse).T / self.dt
         return 0.5 * (compliance + compliance.T)
 
-    def _weak_factor(self, factor_on: Callable[[Array], CholeskyFactor]) -> CholeskyFactor:
+    def _weak_factor(self, factor_on: Callable[[Array], CholeskyFactor], k: Array) -> CholeskyFactor:
         """Factor on the dashpots of ``relative_compliance``."""
         for share in (WEAK, _LESS_WEAK):
             try:
-                return factor_on(share * self.k[:, 0] / self.dt)
+                return factor_on(share * k / self.dt)
             except SolverError:  # those are lost in round-off
                 continue
         return self.operators.factor  # type: ignore[return-value]

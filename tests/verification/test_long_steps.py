@@ -40,12 +40,12 @@ def started(start: str) -> float:
 
 @pytest.mark.parametrize("friction", [0.1, 0.6])
 def test_bolted_halves(friction: float) -> None:
-    """Newton steps mean 6, largest 11, all instants converged; tractions to 6e-3; the static start takes at most 15
-    iterations per increment, to 1e-11."""
+    """Newton steps mean 6, largest 11, all instants converged; tractions to 6e-3; the static start takes at most 25
+    iterations per increment, to 1e-11, since Newton steps would cost more there."""
     counts = scenes.measure(scenes.beam(friction, SMALL, instants=8))
     assert within(counts, 6, 11)
     assert counts.error.mean() <= 6e-3
-    assert started(counts.start) <= 15
+    assert started(counts.start) <= 25
 
 
 def test_points_held_by_several_interfaces() -> None:
