@@ -134,10 +134,15 @@ static int refused_by_kernels(const Instance *c, int64_t result, double t, int s
     if (result == BEYOND_LAWS)
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
-    if (result < BEYOND_LAWS)
-        return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
-                   "FMU of a scene with another start_value", input_name(c, -2 - result, IN_VALUE),
-                   variable(c, image->table[image->table[T_INPUTS].i + IN_ROW * (-2 - result) + IN_REFERENCE].i)[V_START].d);
+    if (result < BEYOND_LAWS) {
+        int64_t input = -2 - result, reference = image->table[image->table[T_INPUTS].i + IN_ROW * input + IN_REFERENCE].i;
+        double start = variable(c, reference)[V_START].d;
+        if (c->fmu->given[2 * input] != start)
+            return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
+                       "FMU of a scene with another start_value", input_name(c, input, IN_VALUE), start);
+        return msg(c, ERROR, "%s must stay %g over the first time step, for which the initial state was computed: begin "
+                   "later, or use the FMU that was made without --compiled", input_name(c, input, IN_VALUE), start);
+    }
     return msg(c, status, "no convergence of the time step that ends at %g s%s", t,
                status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");
 }
@@ -212,23 +217,15 @@ static int present(Instance *c)
 {
     struct Object *o = c->fmu;
     int64_t n_field = has_arrays(c) ? 1 : 0;
+    o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
-    o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
     keep(c, 0, 0, 0.0, n_field - 1);
     o->n_row = 1;
     o->n_fields = n_field;
     memcpy(o->now, o->rows, 8 * (size_t)o->image->n_output);
     return OK;
-}
-
-/* Whole number of time steps in a span; 0 where there is none. */
-static int64_t steps_in(const struct Object *o, double h, double rounding)
-{
-    double n = rint(h / o->image->dt);
-    if (!(n >= 1.0) || n > 9e15 || !(fabs(h - n * o->image->dt) <= 1e-9 * fabs(h) + rounding)) return 0;
-    return (int64_t)n;
 }
 
 static void sums_over_rows(Instance *c)
@@ -252,9 +249,10 @@ int solve_histories(Instance *c)
     struct Object *o = c->fmu;
     int64_t n_input = table_of(c)[T_N_INPUT].i, arrays = has_arrays(c);
     double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
-    int64_t n = steps_in(o, end, 0.0);
-    if (n == 0 || (double)n > MOST_STEPS)
+    double whole = rint(end / dt);
+    if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))
         return msg(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
+    int64_t n = (int64_t)whole;
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
     for (int64_t i = 0; i < n_input; i++) {
         const History *h = o->histories + i;
@@ -346,29 +344,54 @@ static int played_back(Instance *c, double t, double h)
     return OK;
 }
 
-/* Solves n time steps; nothing changes where one of them fails. */
-static int marched(Instance *c, double t, int64_t n)
+/* The last of the rows alone, where a communication step ends before the next instant. */
+static void hold_last(struct Object *o)
+{
+    size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;
+    memmove(o->rows, o->rows + last * width, 8 * width);
+    o->times[0] = o->times[last];
+    o->n_row = 1;
+}
+
+/* Makes n time steps of a communication step into new rows; how many, and the last result of the kernels. */
+static int64_t march(const Instance *c, int64_t n, int64_t kept, int64_t *result)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    int64_t arrays = has_arrays(c), wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
-    int64_t kept = n + 1 < wanted ? n + 1 : wanted, skipped = n + 1 - kept, made = 0, result = 0;
-    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL);
-    double *rows = o->rows, *times = o->times, *fields = o->fields, began = t - o->start;
-    o->rows = o->times = o->fields = NULL;
+    int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
+    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], made = 0, some = 0;
+    for (*result = 0; made < n && *result == some; made += some) {
+        some = n - made < most ? n - made : most;
+        *result = act(o, M_COMMUNICATE, some, rule, made, n);
+        if (*result != some) break;
+        for (int64_t i = made == 0 ? 0 : 1; i <= some; i++)
+            keep(c, i, made + i - (n + 1 - kept), (double)(before + made + i) * image->dt, made + i == n ? arrays - 1 : -1);
+    }
+    return *result > 0 && *result != some ? made + *result : made;
+}
+
+/* Solves the time steps that end in a communication step; nothing changes where one of them fails. */
+static int marched(Instance *c, double t, double h)
+{
+    struct Object *o = c->fmu;
+    const Image *image = o->image;
+    double *place = o->moving + image->head[M_PLACE].i;
     memcpy(o->before, o->moving, 8 * (size_t)image->n_state);
     give_inputs(o);
-    int good = room_for(o, kept, arrays, size_of_fields(c));
-    while (good && made < n && result >= 0) {
-        int64_t some = n - made < most ? n - made : most;
-        result = act(o, M_COMMUNICATE, some, rule, made, n);
-        for (int64_t i = made == 0 ? 0 : 1; result == some && i <= some; i++) {
-            int last = made + i == n;
-            keep(c, i, made + i - skipped, began + (double)(made + i) * image->dt, last ? arrays - 1 : -1);
-        }
-        if (result > 0) made += result;
-        if (result != some) break;
+    place[0] = (t + h - o->start) / image->dt;
+    place[1] = h / image->dt;
+    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / image->dt;
+    int64_t n = act(o, M_PLACING, 0, 0, 0, 0), arrays = has_arrays(c);
+    if (n == 0) {
+        act(o, M_COMMUNICATE, 0, (int64_t)parameter(c, T_RULE, CAUSAL), 0, 0);
+        return hold_last(o), OK;
     }
+    int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1, kept = n + 1 < wanted ? n + 1 : wanted;
+    double *rows = o->rows, *times = o->times, *fields = o->fields;
+    o->rows = o->times = o->fields = NULL;
+    int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i];
+    int good = room_for(o, kept, arrays, size_of_fields(c));
+    int64_t made = good ? march(c, n, kept, &result) : 0;
     double *unused[] = {made == n ? rows : o->rows, made == n ? times : o->times, made == n ? fields : o->fields};
     for (int i = 0; i < 3; i++) free(unused[i]);
     if (made == n) {
@@ -382,7 +405,7 @@ static int marched(Instance *c, double t, int64_t n)
     o->fields = fields;
     memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
     if (!good) return msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
-    return refused_by_kernels(c, result, t + (double)(made + 1) * image->dt, DISCARD);
+    return refused_by_kernels(c, result, o->start + (double)(begun + made + 1) * image->dt, DISCARD);
 }
 
 static int advanced(Instance *c, double t, double h)
@@ -400,15 +423,10 @@ static int advanced(Instance *c, double t, double h)
         return msg(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),
                    o->given[bad - 1]);
     if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return played_back(c, t, h);
-    int64_t n = steps_in(o, h, 4e-16 * (fabs(t) + fabs(t + h)));
-    if (n == 0)
-        return msg(c, DISCARD, "the step of %.10g s is not a whole number of time steps of %.10g s, which a compiled FMU "
-                   "makes: make a step of %.10g s, or an FMU of a scene with another time.step", h, dt,
-                   fmax(1.0, rint(h / dt)) * dt);
-    if ((double)n > MOST_STEPS)
-        return msg(c, DISCARD, "a step of %g s would take %lld time steps; at most %g: make shorter steps", h, (long long)n,
+    if (h / dt > MOST_STEPS)
+        return msg(c, DISCARD, "a step of %g s would take %.0f time steps; at most %g: make shorter steps", h, h / dt,
                    MOST_STEPS);
-    return marched(c, t, n);
+    return marched(c, t, h);
 }
 
 int step(Instance *c, double t, double h)

@@ -23,8 +23,10 @@ are the first ``n_state`` words of the moving block.
 ``COMMUNICATE`` (a time steps to make, at most ``most_steps``; b rule of interpolation; c time steps of the
 communication step made before; d time steps of the whole one) reads value and rate of the inputs, which stay the same
 during a communication step, and returns the time steps that converged, or a negative status
-(``kernels.communication``). After fewer than a, or a negative status, the caller restores the state. ``PRESENT`` puts
-the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they are.
+(``kernels.communication``). ``PLACE`` before it returns d for a communication step of any length, which may be 0: the
+step of none has to be made, too. After fewer than a, or a negative status, the caller restores the state. ``PRESENT``
+puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
+are.
 ``FIELDS`` (a row of the last call) gathers what describes the points of the interfaces at that instant: of one
 interface after the other tractions (n_point, 3), velocities (2, n_point, 3), and where it can open gaps and contact
 states (n_point,), global axes.
@@ -73,7 +75,7 @@ WORDS: Final = (
     "input_value",  # places: (n_input,)
     "input_rate",
     "output",  # (n_row, n_output)
-    "progress",  # (7,), see ``kernels.communication``; the caller may set the last one
+    "progress",  # (9,), see ``kernels.communication``; the caller may set number 6
     "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
     "n_flat",
     "n_point",
@@ -87,6 +89,8 @@ WORDS: Final = (
     "fields",
     "run_digest",  # of the names of the fields of the records
     "of_event",  # place of the outputs of contact events: pairs of a count and an instant
+    "place",  # (3,) of the next communication step, for PLACE
+    "placing",  # number of the action
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")
@@ -203,6 +207,7 @@ def write(run: CommunicationRun) -> bytes:
         "communicate": entries.COMMUNICATE,
         "present": entries.PRESENT,
         "fields": entries.FIELDS,
+        "placing": entries.PLACE,
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}

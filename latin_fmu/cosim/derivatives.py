@@ -37,12 +37,12 @@ from ..latin.run_image import Stages, rate_of
 from ..latin.windows import Run
 from ..laws.dispatch import law_tangents
 from .variable import input_of, is_wave
-from .variables import EVENTS
+from .variables import EVENTS, INNER_TIME
 from .windowed import LastStep, Windowed
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as they exceed round-off
 _LARGEST = 1e8  # factor
-_CONSTANT = ("closed", "sticking", "slipping", *EVENTS)
+_CONSTANT = ("closed", "sticking", "slipping", INNER_TIME, *EVENTS)
 _INSTANTS = tuple(last for last, _ in EVENTS.values())
 _LINE_RATE = "a wave whose rate is 0 is the straight line to its value, which has no derivative by the rate"
 _ROUNDS, _SMALL, _ENOUGH = 6, 1e-14, 1e-9

@@ -172,6 +172,12 @@ class Drives:
         fields = initial_conditions(self.assembly)
         return [*(x.ravel() for p in self.assembly.propagators for x in p.state[1:]), *fields]
 
+    def inertia(self) -> list[float]:
+        """Largest nodal force of inertia of each class at the first instant, N, that its motion from outside brings."""
+        moved = not self.assembly.quasi_static
+        forces = [propagator.forcing.inertia(0) if moved else None for propagator in self.assembly.propagators]
+        return [0.0 if force is None else float(np.abs(force).max(initial=0.0)) for force in forces]
+
     def force_products(self) -> Array:
         """Products of the patterns of the forces of each class, one table after the other."""
         parts = [np.zeros(0)]
@@ -242,7 +248,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
 
     base = opening(start)
     linear = [
-        not (settled and kind in (LOAD, WAVE)) and _is_linear(opening, start, base, e) for e, kind in enumerate(kinds)
+        not (settled and kind in (LOAD, WAVE)) and _is_linear(drives, start, base, e) for e, kind in enumerate(kinds)
     ]
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
@@ -269,15 +275,19 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     }
 
 
-def _is_linear(opening: Callable[[Array], list[Array]], start: Array, base: list[Array], e: int) -> bool:
-    """Whether the initial state is an affine function of the amplitudes of an input at the first two instants."""
-    changes = []
+def _is_linear(drives: Drives, start: Array, base: list[Array], e: int) -> bool:
+    """Whether the initial state is an affine function of the amplitudes of an input at the first two instants. A
+    residual is a difference of forces: its round-off is that of the forces of inertia."""
+    changes, forces = [], np.zeros(len(drives.assembly.propagators))
     for change in ((1.0, 0.0), (0.0, 1.0), (-2.0, 0.5)):
         amplitudes = start.copy()
         amplitudes[:, e] += change
-        changes.append([new - old for new, old in zip(opening(amplitudes), base, strict=True)])
-    for old, first, second, both in zip(base, *changes, strict=True):
+        drives.begin(amplitudes)
+        changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
+        forces = np.maximum(forces, drives.inertia())
+    for k, (old, first, second, both) in enumerate(zip(base, *changes, strict=True)):
         off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
-        if off.max(initial=0.0) > _AFFINE * scale.max(initial=0.0):
+        residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
+        if off.max(initial=0.0) > _AFFINE * max(scale.max(initial=0.0), residual):
             return False
     return True

@@ -15,6 +15,7 @@ import numpy as np
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
 from ..kernels.inputs import N_MEMORY, SLOPE
+from ..kernels.outputs import N_SOLVER
 from ..latin.assembly import GroundState
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
@@ -216,7 +217,7 @@ class KernelSteps:
             image.field("input_value", len(inputs))[:] = [step.loads.value[name] for name in inputs]
             image.field("input_rate", len(inputs))[:] = [step.loads.rate[name] for name in inputs]
             image.field("inputs", *step.loads.memory.shape)[:] = step.loads.memory
-        made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 8)
+        made, dt, progress = self._made(step.time), self._run.dt, image.field("progress", 9)
         off = step.time - made * dt
         progress[0], progress[3], progress[6] = made, step.loads.span, off if abs(off) > _ON_GRID * dt else 0.0
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
@@ -235,7 +236,7 @@ class KernelSteps:
 
     def _gains_energy(self, row: Array) -> bool:
         """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
-        first = self._outputs.of_solver + 4
+        first = self._outputs.of_solver + N_SOLVER
         _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
         put_in = self._run.stored + max(of_loads, 0.0) + _CANCELLED * abs(work)
         return not work - damping - landing - scheme <= _SAFE * put_in
@@ -283,16 +284,16 @@ class KernelSteps:
             at += 3
         losses = {}
         if run.problem.output.energy:
-            friction = losses["friction_dissipation"] = float(self._part(state, "progress", 8)[5])
+            friction = losses["friction_dissipation"] = float(self._part(state, "progress", 9)[5])
             if self._followed and unrecorded:  # the interfaces dissipate the work that the bodies do on them
-                work = self._part(state, "present", self._outputs.n)[self._outputs.of_solver + 4 + _WORK]
+                work = self._part(state, "present", self._outputs.n)[self._outputs.of_solver + N_SOLVER + _WORK]
                 losses["contact_dissipation"] = -float(work) - friction
         run.go_on(time, motions, ground, losses)
 
     def accept(self, loads: Loads) -> None:
         """Let the loads go on from what the last ``march`` has left of them."""
         loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
-        loads.span = float(self._image.field("progress", 8)[3])
+        loads.span = float(self._image.field("progress", 9)[3])
 
     def _ground_acceleration(self, interface: int, slopes: list[float], time: float) -> Array:
         """Acceleration (3,) of the ground of an interface over the last time step, m s-2."""

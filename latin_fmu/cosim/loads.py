@@ -75,7 +75,7 @@ class Loads:
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
         self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
-        self.memory[[inputs.REACHED, inputs.BEFORE]] = list(self._start.values())
+        self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
         self.span = 0.0
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
@@ -119,7 +119,8 @@ class Loads:
     def begin(self) -> None:
         """Start a simulation with the present values."""
         self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
-        self.memory[[inputs.HELD, inputs.RATED]], self.span = 0.0, 0.0
+        self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
+        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span = 0.0, 0.0
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
@@ -157,7 +158,9 @@ class Loads:
         over the parts that end at the instants. rule : HOLD, RATE, LINE or CAUSAL."""
         lines = np.zeros((len(self._start), n + 1))
         if self._start:
-            inputs.interpolate(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, lines)
+            inputs.interpolate(
+                *self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, 0.0, 0.0, lines
+            )
         return dict(zip(self._start, lines, strict=True))
 
     def over(self, instants: Array) -> dict[str, Array]:
@@ -189,7 +192,7 @@ class Loads:
     def accept(self, dt: float, done: int, n: int, rule: int) -> None:
         """End a step in n parts of dt, s, after ``done`` of them."""
         if self._start:
-            inputs.accept(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, done, n)
+            inputs.accept(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, done, n, 0.0, 0.0)
         self.span = done * dt
 
     def copy(self) -> Loads:

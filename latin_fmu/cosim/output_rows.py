@@ -8,13 +8,14 @@ the row from these and from the row before.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from ..assembly.ports import moved_face_forces
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
+from ..kernels.outputs import N_SOLVER
 from ..latin.assembly import Assembly
 from ..latin.outcome import Array
 from ..latin.probes import Probes
@@ -26,8 +27,6 @@ from .drives import Drives, Sources, history_fields
 from .outputs import COLUMNS
 from .signals import Signals
 from .variables import ENERGIES, opening_interfaces, scalar_table
-
-_SOLVER: Final = 4  # outputs: iterations, indicator, converged, time steps
 
 
 class OutputRows:
@@ -48,7 +47,7 @@ class OutputRows:
         names = [v.name for v in scalar_table(scene) if v.causality == "output"]
         self.n = len(names)
         self.of_event = self.n - COLUMNS * len(opening_interfaces(scene))
-        self.of_solver = self.of_event - _SOLVER - len(ENERGIES) * scene.output.energy
+        self.of_solver = self.of_event - N_SOLVER - len(ENERGIES) * scene.output.energy
         self._moved: list[int] = []  # forces of moved faces that no instant gives alone
         if run.problem.assembly.scheme.explicit:
             moved = tuple(f"port.{name}." for name, port in scene.port.items() if port.causality == "motion_in")
@@ -86,7 +85,7 @@ class OutputRows:
     def complete(self, rows: Array, segment: Segment) -> None:
         """Write what no instant gives alone into the last outputs (n_row, n_output) of a segment."""
         numbers = segment.iterations, segment.error_indicator, float(segment.converged), len(segment.time) - 1
-        rows[:, self.of_solver : self.of_solver + _SOLVER] = numbers
+        rows[:, self.of_solver : self.of_solver + len(numbers)] = numbers
         if self._moved:
             forces = moved_face_forces(self._scene, self._run.problem.assembly, segment.recorder)
             rows[:, self._moved] = forces[-len(rows) :]
@@ -147,7 +146,7 @@ class OutputRecorder(Recorder):
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
             state[:] = self._drives[0, : len(state)]
-            image.field("progress", 8)[6] = self._start
+            image.field("progress", 9)[6] = self._start
             image.call(entries.FOLLOW, 0, int(self._opens))
         else:
             image.call(entries.FOLLOW, row, n, first - 1)

@@ -142,8 +142,10 @@ def between(first: Array, second: Array, time: float) -> Array:
     return np.where(here, second, first)
 
 
-def shifted(row: Array, start: float) -> Array:
-    """Outputs of the events with their instants counted from a zero that is ``start``, s, earlier."""
+def shifted(row: Array, inner_time: int, of_event: int, start: float) -> Array:
+    """Outputs with their instants (the place of ``innerTime``, those of the events from ``of_event`` on) counted from a
+    zero that is ``start``, s, earlier."""
     late = row.copy()
-    late[1::_PAIR] += np.where(row[::_PAIR] > 0.0, start, 0.0)
+    late[inner_time] += start
+    late[of_event + 1 :: _PAIR] += np.where(row[of_event::_PAIR] > 0.0, start, 0.0)
     return late

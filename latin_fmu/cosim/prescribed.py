@@ -18,7 +18,7 @@ from .output_rows import OutputRecorder, OutputRows
 from .outputs import COLUMNS, between, first_event, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
-from .variables import opening_interfaces, scalar_table
+from .variables import INNER_TIME, opening_interfaces, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
@@ -35,6 +35,8 @@ class Prescribed:
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
         self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
+        names = [v.name for v in scalar_table(scene) if v.causality == "output"]
+        self._inner_time = names.index(INNER_TIME)
         self._first_event = self._n_output - COLUMNS * len(opening_interfaces(scene))
         self._solved_for = ""
         self.run: SegmentedRun | None = None
@@ -42,15 +44,15 @@ class Prescribed:
         self.row = np.zeros(0)
         self._table = np.zeros((0, 0))  # rows of all instants
 
-    def start(self, loads: Loads) -> None:
-        """Solve the interval and take the outputs of its first instant.
+    def start(self, loads: Loads, t0: float) -> None:
+        """Solve the interval and take the outputs of its first instant, at ``t0``, s.
 
         Raises
         ------
         SolverError : the solution did not converge.
         """
         self._solve(loads)
-        self.row = self._row_at(0.0)
+        self.row = shifted(self._row_at(0.0), self._inner_time, self._first_event, t0)
 
     def _solve(self, loads: Loads) -> None:
         """Solve for these loads, histories or constants, unless the present solution is theirs."""
@@ -96,8 +98,7 @@ class Prescribed:
             if event is not None and self.time[first + event] < stop - ROUND_OFF * h:
                 stop = float(self.time[first + event])
                 ended = t0 + stop
-        row, k = self._row_at(stop), self._first_event
-        self.row = np.concatenate([row[:k], shifted(row[k:], t0)])
+        self.row = shifted(self._row_at(stop), self._inner_time, self._first_event, t0)
         n, iterations, indicator = len(self.time) - 1, self.segment.iterations, self.segment.error_indicator
         return StepReport(True, "", n, iterations, indicator, early=ended)
 

@@ -126,7 +126,7 @@ class Session:
             raise InputError([Problem(bad or "start time", "is not a finite number")], "the session cannot start")
         self._loads.begin()
         mode = self._prepared_mode(self._loads)
-        mode.start(self._loads)
+        mode.start(self._loads, float(t0))
         self.row = mode.row
         self._t0 = self.time = float(t0)
         self.started = True

@@ -26,6 +26,9 @@ _SHARES: Final[Mapping[str, str]] = {
     "slipping": "in contact and slipping",
 }
 
+INNER_TIME: Final = "innerTime"
+"""Output that says which instant the outputs are those of."""
+
 EVENTS: Final[Mapping[str, tuple[str, str]]] = {
     "touches": ("lastTouch", "in contact, after none of its points was"),
     "separations": ("lastSeparation", "open at all points, after one was in contact"),
@@ -280,6 +283,8 @@ def _solver() -> Iterator[Variable]:
     converged = "1 where every window of the last step converged, else 0"
     yield output("solver.converged", "1", converged, minimum=0.0, maximum=1.0)
     yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
+    inner = "instant of the outputs: the last one of the time steps, not beyond the communication point"
+    yield output(INNER_TIME, "s", inner)
 
 
 def table_of(scene: Scene, n_point: Mapping[str, int] | None = None) -> tuple[Variable, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
+from ..kernels.outputs import N_SOLVER
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run
@@ -83,13 +84,15 @@ class Windowed:
                 self._interfaces = self._kernels.histories()
         return self._interfaces
 
-    def start(self, loads: Loads) -> None:
-        """Compute the outputs at t = 0 under the loads that are set."""
+    def start(self, loads: Loads, t0: float) -> None:
+        """Compute the outputs at the start ``t0``, s, under the loads that are set."""
         self._outputs_now(loads)
+        self.row = self._with_start(self.row, t0)
 
     def _outputs_now(self, loads: Loads) -> None:
         self.run.settle(loads.value)
         time = self.run.problem.assembly.time
+        time = time - time[0]  # that of the last segment where there was one
         given = loads.at_rest(len(time))
         self.run.reset()
         with one_thread():
@@ -144,9 +147,8 @@ class Windowed:
         return StepReport(True, "", n, *kernels.iterations(row))
 
     def _with_start(self, row: Array, t0: float) -> Array:
-        """Outputs with the instants of events counted from a zero that is ``t0``, s, earlier."""
-        k = self._outputs.of_event
-        return np.concatenate([row[:k], shifted(row[k:], t0)])
+        """Outputs with their instants counted from a zero that is ``t0``, s, earlier."""
+        return shifted(row, self._outputs.of_solver + N_SOLVER - 1, self._outputs.of_event, t0)
 
     # -- the Python driver ----------------------------------------------------------------------------------------
     def run_state(self) -> dict[str, Any] | None:

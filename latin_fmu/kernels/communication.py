@@ -8,9 +8,13 @@ state x before it, the amplitudes s of the sources before it and at its end, and
 
 Amplitudes of the inputs over a communication step: ``inputs``.
 
+A communication step may begin and end between the instants of the time steps: the state is that at the last instant
+not beyond its end, and the outputs are held from there.
+
 ``progress``: 0 time steps made; 1, 2 iterations and largest indicator of the communication step; 3 length of the last
 one, s; 4 kinetic and elastic energy at t = 0, J; 5 energy dissipated by friction, J; 6 time of the start, s, that
-instants of contact events are counted with.
+instants of contact events are counted with; 7 fraction of a time step since the last instant; 8 the same at the end of
+the communication step that is made (``place``).
 """
 
 from __future__ import annotations
@@ -18,13 +22,15 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import kernel
-from .inputs import DISPLACEMENT, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep
+from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
 from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
 
 FREE, BY_VALUE, BY_BOTH = 0, 1, 2
 """Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
+_SAME_STEP, _DRIFT = 1e-9, 1e-12
+"""Of a time step, and of the time since the start: differences that add up from round-off."""
 BEYOND_LAWS: Final = -1
 """Result of a step beyond the table of own laws; nothing has changed. -2 - i: the first step, or the outputs at t = 0,
 with an amplitude of input i for which the initial state of the image does not hold."""
@@ -33,9 +39,12 @@ with an amplitude of input i for which the initial state of the image does not h
 @kernel
 def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
-    negative status. Row i of the outputs is that after i time steps; row 0, that before the first."""
+    negative status. Row i of the outputs is that after i time steps; row 0, that before the first. A communication step
+    of none ends before the next instant."""
     run, moving = pools.run[0], pools.moving
     made = int(moving[run.progress])
+    if n == 0 and whole == 0:
+        keep_inputs(pools, 0, rule)
     if n < 1 or n >= run.n_time or before + n > whole:
         return 0
     if run.law_end >= 0 and made + n > run.law_end:
@@ -68,6 +77,30 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
 
 
 @kernel
+def place(pools: Any) -> int:
+    """Time steps up to the last instant not beyond the end of the next communication step; the fraction that follows
+    into ``progress``. The record has its end since the start, its length and the round-off of both, in time steps. An
+    end within round-off of an instant is there; whole time steps from an instant end at one, whatever they add up
+    to."""
+    run, moving = pools.run[0], pools.moving
+    made, begin = moving[run.progress], moving[run.progress + 7]
+    end, length, off = moving[run.place], moving[run.place + 1], moving[run.place + 2]
+    n, rest = int(length + 0.5), 0.0
+    if begin > 0.0 or n == 0 or abs(length - n) > _SAME_STEP * length + off:
+        n = int(max(end - made, 0.0))
+        rest = max(end - made, 0.0) - n
+        near = _SAME_STEP + _DRIFT * end + off
+        if rest > 1.0 - near:
+            n, rest = n + 1, 0.0
+        elif rest < near and n > 0:
+            rest = 0.0
+        elif n == 0:
+            rest = begin + length
+    moving[run.progress + 8] = rest
+    return n
+
+
+@kernel
 def present(pools: Any) -> int:
     """Put the outputs of the present state, and its fields at the points, into row 0; before the first time step those
     at t = 0 under the inputs as they are set, where a simulation begins. 0, or a negative status."""
@@ -76,6 +109,7 @@ def present(pools: Any) -> int:
         put_back(pools)
         return 0
     move(pools, run.input_value, run.inputs + REACHED * run.n_input, run.n_input)
+    move(pools, run.input_value, run.inputs + DRIVEN * run.n_input, run.n_input)
     move(pools, run.input_rate, run.inputs + SLOPE * run.n_input, run.n_input)
     return open_run(pools, HOLD, 1)
 
@@ -93,8 +127,10 @@ def keep_inputs(pools: Any, whole: int, rule: int) -> None:
     """End a communication step: what the next one goes on from."""
     run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
-    keep(given_of(pools), memory, kinds, moving[run.progress + 3], whole, whole, rule, run.dt)
-    moving[run.progress + 3] = whole * run.dt
+    at = run.progress
+    begin, rest, span = moving[at + 7], moving[at + 8], moving[at + 3]
+    moving[at + 3] = keep(given_of(pools), memory, kinds, span, whole, whole, begin, rest, rule, run.dt)
+    moving[at + 7], moving[at + 8] = rest, 0.0
 
 
 @kernel
@@ -102,9 +138,10 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
     """Amplitudes of the sources after j of the time steps, ``made`` since the start, into the moving block."""
     run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
-    given, span = given_of(pools), moving[run.progress + 3]
+    given, span, begin = given_of(pools), moving[run.progress + 3], moving[run.progress + 7]
+    total = (whole + moving[run.progress + 8]) - begin
     for e in range(n):
-        moving[to + e] = drive(given, memory, kinds, e, span, j, whole, rule, run.dt)
+        moving[to + e] = drive(given, memory, kinds, e, span, j, begin, total, rule, run.dt)
     own = run.n_source - run.n_input
     row = run.law_table + own * min(made, max(run.law_end, 0))
     for e in range(own):
@@ -253,6 +290,7 @@ def open_outputs(pools: Any) -> None:
     gather(pools, 0)
     at = run.output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0
+    moving[at + 4] = moving[run.progress + 6]
     moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
     set_ratios(pools, 0)
     move(pools, run.output, run.present, run.n_output)
@@ -286,7 +324,7 @@ def departs(pools: Any, e: int) -> bool:
     first, start = run.drive + run.n_motion_state + e, pools.fixed[run.input_start + e]
     if kind == DISPLACEMENT:
         moves = moving[first] != 0.0 or moving[first + run.n_source] != 0.0
-        return bool(moving[run.inputs + REACHED * run.n_input + e] != start or (held == BY_BOTH and moves))
+        return bool(moving[run.inputs + DRIVEN * run.n_input + e] != start or (held == BY_BOTH and moves))
     return bool(moving[first] != start or (held == BY_BOTH and moving[first + run.n_source] != start))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .communication import communicate, follow, present
+from .communication import communicate, follow, place, present
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     correct,
@@ -95,7 +95,8 @@ from .tasks import end_class, serve
     FIELDS,
     SERVE,
     FOLLOW,
-) = range(30)
+    PLACE,
+) = range(31)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -186,6 +187,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         return communicate(pools, a, b, c, d)
     if action == PRESENT:
         return present(pools)
+    if action == PLACE:
+        return place(pools)
     if action == END_INSTANT:
         end_instant(pools, a, b)
     elif action == FIRST_GUESS:

@@ -1,13 +1,28 @@
 """Amplitudes of inputs inside a communication step, from what was set for it and what the steps before have left.
 
-Over n time steps from value V, rate r and the amplitude p reached before: HOLD V; RATE V + r t; LINE from p to V;
-CAUSAL as RATE, with the rate of the causal line (``cosim.loads``) where none was ever set. A motion starts at p by
-every rule, a displacement drives by its rate over the time step. A wave without a rate is the straight line from p,
-as if it had travelled for the step: a wave that is held gains energy, and so does one that is extrapolated.
+Over a communication step of ``total`` time steps from value V, rate r and the amplitude p reached before, at x time
+steps from its start: HOLD V; RATE V + r x dt; LINE p + (V - p) x / total; CAUSAL as RATE, with the rate of the causal
+line (``cosim.loads``) where none was ever set. A motion starts at p by every rule, a displacement drives by its rate
+over the time step. A wave without a rate is the straight line from p, as if it had travelled for the step: a wave that
+is held gains energy, and so does one that is extrapolated.
 
-``memory`` (5, n_input) : REACHED, SLOPE amplitude at the end of the last communication step and its rate there, s-1;
-BEFORE value set for that step; HELD 1 where the value before that one was the same; RATED 1 where a rate other than 0
-was set. ``span`` : length of the last communication step, s, 0 before the first.
+A communication step may begin and end inside a time step. The run stands at the last instant of its grid, and the
+integral of the input since that instant is carried along. In the time step in which it began, a fraction f after its
+first instant, a communication step drives the run by its own line u, extended to both instants, and a constant,
+
+    s = u + (I - integral of u over the fraction f) / dt,    I : integral carried,
+
+so that the time step has the integral of what was set: a held input its mean, a straight line across communication
+points its own amplitude. Beginnings at instants have f = 0, no integral, and u alone. A displacement needs none: its
+rate over the time step is that of the amplitudes that drive the run.
+
+``memory`` (7, n_input) : REACHED, SLOPE amplitude at the end of the last communication step, and its rate there over
+the last time step, s-1; BEFORE value set for that step; HELD 1 where the value before that one was the same; RATED 1
+where a rate other than 0 was set; CARRIED integral since the last instant, s; DRIVEN amplitude that drove the run
+there. ``span`` : length of the last communication step, s, 0 before the first.
+
+``begin`` : f. ``total`` : length of the communication step, time steps. ``whole`` : time steps that end in it.
+``rest`` : fraction of a time step after the last of them.
 """
 
 from __future__ import annotations
@@ -20,9 +35,9 @@ HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
 """Rules of interpolation."""
 LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
 """Kinds of inputs."""
-REACHED, SLOPE, BEFORE, HELD, RATED = 0, 1, 2, 3, 4
+REACHED, SLOPE, BEFORE, HELD, RATED, CARRIED, DRIVEN = 0, 1, 2, 3, 4, 5, 6
 """Rows of the memory."""
-N_MEMORY: Final = 5
+N_MEMORY: Final = 7
 
 
 @kernel
@@ -38,54 +53,103 @@ def rate_over(given: Any, memory: Any, kinds: Any, e: int, span: float, rule: in
 
 @kernel
 def amplitude(
-    given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, whole: int, rule: int, dt: float
+    given: Any, memory: Any, kinds: Any, e: int, span: float, x: float, total: float, rule: int, dt: float
 ) -> float:
-    """Amplitude of an input after j of the time steps of the communication step. ``given`` : values and rates set."""
+    """Amplitude of an input x time steps after the start of the communication step. ``given`` : values, rates set."""
     value, reached, kind = given[0][e], memory[REACHED * len(kinds) + e], kinds[e]
     if kind == WAVE and rule != HOLD and given[1][e] == 0.0:
         rule = LINE
-    if j == 0 and (rule == LINE or kind not in (LOAD, WAVE)):
-        return float(reached)
     if rule == HOLD:
         return float(value)
     if rule == LINE:
-        return float(value if j == whole else j * ((value - reached) / whole) + reached)
-    return float(value + rate_over(given, memory, kinds, e, span, rule) * (j * dt))
+        return float(value if x == total else x * ((value - reached) / total) + reached)
+    return float(value + rate_over(given, memory, kinds, e, span, rule) * (x * dt))
 
 
 @kernel
-def drive(given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, whole: int, rule: int, dt: float) -> float:
+def at_instant(
+    given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, begin: float, total: float, rule: int, dt: float
+) -> float:
+    """Amplitude of an input that drives the run after j of the time steps that the communication step ends."""
+    n, kind = len(kinds), kinds[e]
+    if j == 0 and (begin > 0.0 or kind not in (LOAD, WAVE)):
+        return float(memory[DRIVEN * n + e])
+    now = amplitude(given, memory, kinds, e, span, j - begin, total, rule, dt)
+    if begin == 0.0 or j > 1 or kind == DISPLACEMENT:
+        return now
+    middle = amplitude(given, memory, kinds, e, span, -0.5 * begin, total, rule, dt)
+    return float(now + (memory[CARRIED * n + e] / dt - begin * middle))
+
+
+@kernel
+def drive(
+    given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, begin: float, total: float, rule: int, dt: float
+) -> float:
     """What drives the run after j of the time steps: the amplitude, of a displacement its rate over the time step."""
-    now = amplitude(given, memory, kinds, e, span, j, whole, rule, dt)
+    now = at_instant(given, memory, kinds, e, span, j, begin, total, rule, dt)
     if kinds[e] != DISPLACEMENT:
         return now
     if j == 0:
         return float(memory[SLOPE * len(kinds) + e])
-    return (now - amplitude(given, memory, kinds, e, span, j - 1, whole, rule, dt)) / dt
+    return (now - at_instant(given, memory, kinds, e, span, j - 1, begin, total, rule, dt)) / dt
 
 
 @kernel
-def keep(given: Any, memory: Any, kinds: Any, span: float, done: int, whole: int, rule: int, dt: float) -> None:
-    """Memory after ``done`` of the time steps, with which the communication step ends."""
-    n = len(kinds)
+def keep(
+    given: Any,
+    memory: Any,
+    kinds: Any,
+    span: float,
+    done: int,
+    whole: int,
+    begin: float,
+    rest: float,
+    rule: int,
+    dt: float,
+) -> float:
+    """Memory after ``done`` of the ``whole`` time steps, with which the communication step ends, at an instant unless
+    they are all; its length, s."""
+    n, total, behind = len(kinds), (whole + rest) - begin, rest if done == whole else 0.0
+    ended = (done + behind) - begin
     for e in range(n):
-        value = given[0][e]
-        last = amplitude(given, memory, kinds, e, span, done, whole, rule, dt)
-        old = amplitude(given, memory, kinds, e, span, done - 1, whole, rule, dt)
-        memory[SLOPE * n + e], memory[REACHED * n + e] = (last - old) / dt, last
+        value, carried = given[0][e], 0.0
+        if behind > 0.0:
+            part = behind if done > 0 else ended
+            middle = amplitude(given, memory, kinds, e, span, ended - 0.5 * part, total, rule, dt)
+            carried = part * dt * middle + (memory[CARRIED * n + e] if done == 0 else 0.0)
+        last = at_instant(given, memory, kinds, e, span, done, begin, total, rule, dt)
+        if done > 0:
+            old = at_instant(given, memory, kinds, e, span, done - 1, begin, total, rule, dt)
+            memory[SLOPE * n + e] = (last - old) / dt
+        memory[DRIVEN * n + e] = last
+        memory[REACHED * n + e] = amplitude(given, memory, kinds, e, span, ended, total, rule, dt)
+        memory[CARRIED * n + e] = carried
         memory[HELD * n + e] = 1.0 if span > 0.0 and value == memory[BEFORE * n + e] else 0.0
         memory[BEFORE * n + e] = value
         if given[1][e] != 0.0:
             memory[RATED * n + e] = 1.0
+    return ended * dt
 
 
-@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, f8[:, ::1]")
-def interpolate(value: Any, rate: Any, memory: Any, kinds: Any, span: float, dt: float, rule: int, lines: Any) -> None:
+@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, f8, f8, f8[:, ::1]")
+def interpolate(
+    value: Any,
+    rate: Any,
+    memory: Any,
+    kinds: Any,
+    span: float,
+    dt: float,
+    rule: int,
+    begin: float,
+    rest: float,
+    lines: Any,
+) -> None:
     """Write what drives a run over a communication step into ``lines`` (n_input, whole + 1)."""
     whole = lines.shape[1] - 1
+    total = (whole + rest) - begin
     for e in range(len(kinds)):
         for j in range(whole + 1):
-            lines[e, j] = drive((value, rate), memory, kinds, e, span, j, whole, rule, dt)
+            lines[e, j] = drive((value, rate), memory, kinds, e, span, j, begin, total, rule, dt)
 
 
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, i8, f8[::1]")
@@ -95,9 +159,19 @@ def rates(value: Any, rate: Any, memory: Any, kinds: Any, span: float, rule: int
         made[e] = rate_over((value, rate), memory, kinds, e, span, rule)
 
 
-@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, i8, i8")
+@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, i8, i8, f8, f8")
 def accept(
-    value: Any, rate: Any, memory: Any, kinds: Any, span: float, dt: float, rule: int, done: int, whole: int
+    value: Any,
+    rate: Any,
+    memory: Any,
+    kinds: Any,
+    span: float,
+    dt: float,
+    rule: int,
+    done: int,
+    whole: int,
+    begin: float,
+    rest: float,
 ) -> None:
     """``keep`` for a caller in Python."""
-    keep((value, rate), memory, kinds, span, done, whole, rule, dt)
+    keep((value, rate), memory, kinds, span, done, whole, begin, rest, rule, dt)

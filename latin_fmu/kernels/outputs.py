@@ -19,6 +19,8 @@ from .matrices import add_matrix
 
 Array = NDArray[np.float64]
 
+N_SOLVER: Final = 5
+"""Outputs of the solver: iterations, indicator, converged, time steps, instant."""
 NORMAL_FORCE: Final = 15
 """Outputs of an interface before its normal force."""
 
@@ -49,7 +51,7 @@ def keep_outputs(pools: Any, row: int, j: int, made: int) -> None:
     gather(pools, row)
     at = run.output + row * run.n_output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2] = moving[progress + 1], moving[progress + 2], 1.0
-    moving[at + 3] = j
+    moving[at + 3], moving[at + 4] = j, moving[progress + 6] + made * run.dt
     follow_events(pools, row, made)
 
 
@@ -73,8 +75,8 @@ def gather(pools: Any, row: int) -> None:
             outputs[summary[1] + k] = moving[total]
         if summary[2] >= 0:
             summarise(pools, row, summary, outputs)
-    if run.of_event > run.of_solver + 4:
-        add_energies(pools, row, outputs[run.of_solver + 4 :])
+    if run.of_event > run.of_solver + N_SOLVER:
+        add_energies(pools, row, outputs[run.of_solver + N_SOLVER :])
 
 
 @kernel

@@ -22,6 +22,7 @@ from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, RATE, scalar_table
 from latin_fmu.errors import InputError
 from latin_fmu.kernels import entries
 from latin_fmu.kernels.communication import BEYOND_LAWS
+from latin_fmu.kernels.inputs import CARRIED, N_MEMORY
 from latin_fmu.scene.schema import Scene
 
 from . import test_driven as driven
@@ -283,6 +284,36 @@ def test_a_damaged_file_is_refused(spoil):
     content = write(CommunicationRun(completed(bar())))
     with pytest.raises(InputError, match="image of a run"):
         read(spoil(content))
+
+
+# -- communication steps of any length --------------------------------------------------------------------------------
+def placed(run: CommunicationRun, end: float, length: float) -> int:
+    """Time steps that end in the communication step with this end and length, in time steps."""
+    run.image.field("place", 3)[:] = end, length, 1e-15 * end
+    return run.image.call(entries.PLACE)
+
+
+@pytest.mark.parametrize("rule", [HOLD, CAUSAL])
+def test_the_integral_of_the_input_is_kept(rule):
+    """Held values over random steps: what has driven the time steps, and what is carried, are what was set."""
+    run, generator = CommunicationRun(completed(blocks())), np.random.default_rng(5)
+    image, dt, n_source = run.image, float(run.image.run[0]["dt"]), int(run.image.run[0]["n_source"])
+    run.set("press", 0.0, 0.0)
+    image.call(entries.PRESENT)
+    given = driven_by = t = 0.0
+    while t < 25.0:
+        length = generator.choice([0.05, 0.37, 0.999, 1.0, 2.6]) * generator.uniform(0.5, 1.0)
+        value = generator.uniform()
+        run.set("press", value, 1e-300 if rule == CAUSAL else 0.0)  # a rate: no causal line
+        n = placed(run, t + length, length)
+        assert image.call(entries.COMMUNICATE, n, rule, 0, n) == n
+        width = int(image.run[0]["n_drive"])
+        rows = image.field("drive", image.rows, width)[1 : n + 1]
+        driven_by += dt * rows[:, width - 1 - n_source].sum()
+        given += value * length * dt
+        t += length
+        carried = image.field("inputs", N_MEMORY, 1)[CARRIED, 0]
+        assert abs(driven_by + carried - given) <= 1e-12 * given
 
 
 # -- refusals -----------------------------------------------------------------------------------------------------
