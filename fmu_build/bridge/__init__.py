@@ -34,7 +34,7 @@ PLATFORMS: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
     {
         "linux-x86_64": {"2": "linux64", "3": "x86_64-linux"},
         "windows-x86_64": {"2": "win64", "3": "x86_64-windows"},
-        "darwin-aarch64": {"2": "darwin64", "3": "aarch64-darwin"},
+        "darwin-aarch64": {"3": "aarch64-darwin"},  # darwin64 of FMI 2 is x86-64
         "linux-aarch64": {"3": "aarch64-linux"},
     }
 )

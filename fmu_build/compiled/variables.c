@@ -363,6 +363,9 @@ static int read_table(Instance *c, const char *text, const char *where, int64_t 
             if (i == n_input)
                 return msg(c, ERROR, "%s: column %d: no load of this name is set from outside", where, *n_column + 1);
         }
+        for (column = 0; column < *n_column; column++)
+            if (inputs[column] == i)
+                return msg(c, ERROR, "%s: columns %d and %d have the same name", where, column + 1, *n_column + 1);
         inputs[*n_column] = i;
     }
     if (!timed) return msg(c, ERROR, "%s: no time column: call the column of times 'time'", where);

@@ -186,6 +186,25 @@ def test_a_host_in_c_gets_the_forces_of_the_run(fmus, programs, tmp_path):
     assert np.abs(force - whole).max() <= LIMIT * np.abs(whole).max()
 
 
+@pytest.mark.parametrize("length", [0.06, 0.37, 2.6])
+def test_a_host_in_c_may_cut_time_steps(fmus, programs, tmp_path, length):
+    """To the end, with a short last step; every third step taken back: the same bits."""
+    files, references = extracted(fmus["2"], tmp_path)
+    inputs = f"{references['load.press.value']},{references['load.press.rate']}"
+    outputs = ",".join(str(references[name]) for name in ("interface.crush.normalForce", "innerTime"))
+    times = np.append(np.arange(0.0, 30.0, length), 30.0) * DT
+    printed = []
+    for back in ("", "back "):
+        steps = [
+            f"{back if i % 3 == 2 else ''}{h!r} {0.1 * (i % 7)!r} 0.0" for i, h in enumerate(np.diff(times).tolist())
+        ]
+        done = ran(programs["steps"], *files, inputs, outputs, lines="\n".join(["0.25 0.0", *steps]))
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout)
+    assert printed[0] == printed[1]
+    assert float.fromhex(printed[0].split()[-1]) == pytest.approx(30 * DT)
+
+
 def test_cycles_and_threads_in_one_process(fmus, programs, tmp_path):
     """Two FMUs, 200 times each, then four instances in threads that begin at once; memory stays as it is."""
     other = build_fmu(bar(time={"end": 50 * DT, "instants": 50}), tmp_path / "bar.fmu", "2", compiled=True)
@@ -292,7 +311,15 @@ def host_force(session: Session) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "table", ["time,pres;0,0;1e-6,1", "press;1", "time,press;0,0;0,1", "time,press;0,x", "time,press;"]
+    "table",
+    [
+        "time,pres;0,0;1e-6,1",
+        "press;1",
+        "time,press;0,0;0,1",
+        "time,press;0,x",
+        "time,press;",
+        "time,press,press;0,0,1",
+    ],
 )
 def test_a_table_that_cannot_be_used_is_an_error(opened, table):
     host = opened("2")
