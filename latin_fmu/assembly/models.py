@@ -31,7 +31,7 @@ NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
 _CLOSED = 1e-9  # gaps up to this share of the size of a body, approaches of its velocity: round-off of closed ones
 _MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
-_STEEP, _SAMPLES = 0.2, 4097  # change of a load while a wave crosses an element that is a front (a rise over 4: .25)
+_STEEP, _PART, _SAMPLES = 0.2, 0.05, 4097  # a front: change of a load while a wave crosses this part of a body
 _THICK = 0.25  # of the elements of a body: more than that viscous, and waves that cross it lose energy
 
 
@@ -282,19 +282,19 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
 
 
 def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit]) -> str:
-    """The load whose front crosses faces that may open, in words; empty where every load grows slowly."""
-    crossing = np.inf  # time that a wave takes through an element at a contact, the shortest
+    """The load whose front crosses faces that may open, in words; empty where every load grows slowly: measured by the
+    bodies and not by their meshes, so that a refined scene keeps its scheme."""
+    crossing = np.inf  # time that a wave takes through a part of a body, the shortest
     for name in {name for _, _, name in body_sides(opening) if not bodies[name].rigid}:
-        shape = bodies[name].shape
-        speed = float(np.sqrt(shape.material.young_modulus / shape.material.density))
-        height = layer_of(shape.mesh, _contact_nodes(name, opening))[0]
-        crossing = min(crossing, height / speed) if height > 0.0 else crossing
+        material = bodies[name].shape.material
+        speed = float(np.sqrt(material.young_modulus / material.density))
+        crossing = min(crossing, _PART * bodies[name].mesh.size / speed)
     static = scene.time.start.type == "static"
     # body forces act in all points at once
     loads = {name: law for name, law in scene.force_laws.items() if name != GRAVITY and not name.startswith(BODY_FORCE)}
     for name, law in loads.items():
         if np.isfinite(crossing) and _steepest(law, scene.time.end, crossing, static) > _STEEP:
-            return f"a front: the load {name} changes by over {100 * _STEEP:.0f} % while a wave crosses an element"
+            return f"a front: load {name} changes by over {100 * _STEEP:.0f} % while a wave crosses {_PART:g} of a body"
     return ""
 
 
