@@ -27,7 +27,7 @@ from latin_fmu.cholesky.substitution import LANES, SPARE
 from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
-from latin_fmu.kernels import sparse_response
+from latin_fmu.kernels import inputs, sparse_response
 from latin_fmu.kernels.acceleration import Anderson
 from latin_fmu.laws.dispatch import LAWS, law_tangents
 from latin_fmu.propagator import stable_step
@@ -308,6 +308,12 @@ def test_every_entry_equals_its_python_function(monkeypatch):
         starts, runs = np.array([0, 1, 2]), np.array([0, 2 * width, width, width])
         values = np.random.default_rng(5).normal(size=3 * width * width).astype(np.float32)
         sparse_response.multiply(2, width, starts, runs, values, np.arange(2.0 * width), np.zeros(2 * width))
+    kinds = np.array([0, 1])
+    for rule in range(4):
+        given = np.array([1.0, 2.0]), np.array([0.5, -1.0]), np.linspace(0.0, 1.0, inputs.N_MEMORY * 2), kinds
+        inputs.interpolate(*given, 1e-3, 1e-4, rule, 0.0, 0.0, np.zeros((2, 6)))
+        inputs.rates(*given, 1e-3, rule, np.zeros(2))
+        inputs.accept(*given, 1e-3, 1e-4, rule, 5, 5, 0.0, 0.0)
     jump = np.random.default_rng(3).normal(size=(6, 3))
     for law in BEHAVIOURS.values():
         behaviour = law()
