@@ -230,7 +230,8 @@ def _whole_numbers(run: CommunicationRun) -> Iterator[tuple[int, float, float]]:
     record = run.image.run[0]
     last = int(record["law_end"])
     yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53
-    yield int(record["finish"]), 0.0, 1.0
+    most = float(record["max_iterations"])
+    yield int(record["finish"]), -most, most
     for row in run.image.classes:
         yield int(row["rest"]), 0.0, 1.0
         if row["accounted"]:
