@@ -53,8 +53,8 @@ BUDGET, OF_LONG = 2e-5, 1e-4
 """Share of the energy put in that errors may do as work, a fifth of what a run promises, since to make them up later
 takes as many times the work as the pressure has risen; where time steps are longer than waves take through an element,
 and in windows of several instants: there the scheme dissipates more than that, and an iteration gains less."""
-SHARE, SHARE_OF_WINDOW = 0.15, 0.5
-"""Share of what is left of it for an instant, for a window of several."""
+SHARE, SHARE_OF_LONG, SHARE_OF_WINDOW = 0.15, 0.03, 0.5
+"""Share of what is left of it for an instant, for one of long steps (as much work), for a window of several."""
 LEAST = 0.1
 """Share of this that an instant may always do."""
 STILL, NOTHING = 1e-9, 1e-12
@@ -292,7 +292,8 @@ def work_of_error(pools: Any, window: int, power: float) -> float:
         return 0.0
     # what passes the interfaces in the window: of that much the loads put in what is not known yet
     put_in = max(put_in, work[run.measure + 2] * window * run.dt)
-    share, budget = SHARE_OF_WINDOW if window > 1 else SHARE, BUDGET if run.from_last == 1 else OF_LONG
+    share, budget = (SHARE, BUDGET) if run.from_last == 1 else (SHARE_OF_LONG, OF_LONG)
+    share = share if window == 1 else SHARE_OF_WINDOW
     allowed = share * budget * put_in * max(1.0 - abs(net) / (budget * put_in), LEAST)
     return float(abs(power) * run.dt / allowed) if allowed > 0.0 else 0.0
 

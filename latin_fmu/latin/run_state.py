@@ -44,7 +44,6 @@ from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, sta
 
 ONE, LONG, EXACT = 1, 2, 3
 """Keys of the search directions in the image: windows of one instant, longer ones, the first without tables of Y."""
-HELD = 1e-2  # of what passes the interfaces in an instant: the least energy put in that errors are compared with
 SAMPLED = 64  # instants between two samples of the states, wherever the calls of the kernels end
 
 
@@ -399,8 +398,6 @@ class RunState:
             work -= negligible * max(1.0, NOTHING / ROUND_OFF * float(works[INSTANTS]))
             short = self.settings.window == 1 and self.direction(1).short
             allowed = allowed_work(float(works[INSTANTS]), short)
-            # where all bodies are held nothing is put in: a share of what passes the interfaces in an instant then
-            put_in = max(put_in, HELD * float(self.image.field("scales", 3)[0]) * self.assembly.dt)
             converged, sentence = with_work(sentence, work, put_in, allowed, self.settings.tolerance)
         if energy is None:
             return converged, sentence
