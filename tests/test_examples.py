@@ -57,6 +57,7 @@ def test_every_example_is_tested_here() -> None:
         "static_friction",
         "joint_damping",
         "landing",
+        "front_through_joint",
         "large_faces",
         "growth",
     }
@@ -188,6 +189,16 @@ def test_landing(example: ModuleType, tmp_path: Path) -> None:
         assert numbers[f"generalized_alpha, landing_damping 0, energy lost, Courant {courant}"] < 0.015
     assert numbers["hht, peak, Courant 0.2"] > 1.5
     assert numbers["massless_contact, peak, Courant 0.2"] > 1.3
+
+
+@pytest.mark.parametrize("example", ["front_through_joint"], indirect=True)
+def test_front_through_joint(example: ModuleType, tmp_path: Path) -> None:
+    """What the default leaves behind a front, and why HHT stays where loads grow slowly."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"front_through_joint.png"}
+    assert numbers["default, pressure after separation, %"] < 0.3 < numbers["hht, pressure after separation, %"]
+    hht, default = (numbers[f"crushing, 6 elements, {s}: L2 error, %"] for s in ("hht", "generalized_alpha"))
+    assert hht < 1.0 < default
 
 
 @pytest.mark.parametrize("example", ["price_of_accuracy"], indirect=True)
