@@ -16,7 +16,7 @@ Matrices C of velocities give, to first order, for a mode phi of the mass M that
 
     zeta = phi^T C phi / (2 omega phi^T M phi),    K phi = omega^2 M phi
 
-or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that land
+or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
 (``fem.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and that of
 absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
 """
@@ -286,7 +286,7 @@ def _lower_layer(scene: Scene, dt: float, omega: float, of_scheme: float) -> str
     return (
         f"that of the landing layer is in proportion to landing_damping ({_keys(scene, 0.0)} leaves "
         f"{_percent(of_scheme)} in that mode, with peaks of landings up to 1.21 instead of 1.08 times the exact ones) "
-        f'and falls with smaller elements at faces that land; time.scheme = "hht" has no layer and leaves '
+        f'and falls with smaller elements at faces that may open; time.scheme = "hht" has no layer and leaves '
         f"{_percent(scheme_damping(HHT(), omega, dt))}, with peaks of landings that grow as the step shrinks"
     )
 

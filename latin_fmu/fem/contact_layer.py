@@ -158,24 +158,24 @@ def _layers(mesh: Mesh, bare: Mask) -> Index:
 
 
 def landing_viscosity(
-    mesh: Mesh, nodes: Index, constants: tuple[float, float, float], share: float, bending_modes: bool = False
+    mesh: Mesh, q: Array, constants: tuple[float, float, float], bending_modes: bool = False
 ) -> sp.csr_array | None:
-    """Viscosity C (3 n_node, 3 n_node), N s m-1, of the elements at the contact ``nodes`` (module docstring).
+    """Viscosity C (3 n_node, 3 n_node), N s m-1, of the elements at contact nodes (module docstring).
 
     Parameters
     ----------
-    constants : Young's modulus, Pa, Poisson's ratio, density, kg m-3. share : q. bending_modes : as the stiffness.
+    q : (n_node,) at the contact nodes, 0 at others; an element takes the largest of its nodes. constants : Young's
+        modulus, Pa, Poisson's ratio, density, kg m-3. bending_modes : as the stiffness.
 
     Returns
     -------
     None where no element owns a facet of contact nodes, or q is zero.
     """
-    bare = np.zeros(mesh.n_node, dtype=bool)
-    bare[nodes] = True
+    bare = q > 0.0
     young_modulus, poisson_ratio, _ = constants
     c_p, _ = wave_speeds(*constants)
     total, heights = sp.csr_array((3 * mesh.n_node, 3 * mesh.n_node)), _heights(mesh, bare)
-    for block in mesh.blocks if share > 0.0 else ():
+    for block in mesh.blocks:
         touching = np.flatnonzero((heights[block.cells] > 0.0).any(axis=1))
         if not len(touching):
             continue
@@ -186,7 +186,7 @@ def landing_viscosity(
         n = 3 * layer.cells.shape[1]
         here = heights[layer.cells]
         height = here.sum(axis=1) / (here > 0.0).sum(axis=1)
-        values = (share * height / c_p)[:, None, None] * matrix.reshape(-1, n, n)
+        values = (q[layer.cells].max(axis=1) * height / c_p)[:, None, None] * matrix.reshape(-1, n, n)
         dofs = (3 * layer.cells[:, :, None] + np.arange(3)).reshape(-1, n)
         rows, columns = np.repeat(dofs, n, axis=1), np.tile(dofs, (1, n))
         total = total + sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)

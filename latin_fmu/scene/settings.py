@@ -38,7 +38,7 @@ class Newmark(Table):
 
 class GeneralizedAlpha(Table):
     """For bodies that land and fronts through closed joints: massless contact nodes, and a viscous layer of elements at
-    faces that land (a gap, or an approach at the start); stable at any step."""
+    faces that may open; stable at any step."""
 
     type: Literal["generalized_alpha"] = "generalized_alpha"
     rho_inf: Annotated[
@@ -47,7 +47,8 @@ class GeneralizedAlpha(Table):
     landing_damping: Annotated[
         Real,
         about(
-            "viscosity of the layer of elements at faces that land, per height over wave speed: 0.6 for a clean "
+            "viscosity of the layer of elements at faces that land, per height over wave speed, a fifth of it at faces "
+            "closed from the start: 0.6 for a clean "
             "contact force (loses about h/L of the energy per impact), 0 for energy and long runs",
             "1",
             ge=0,

@@ -44,7 +44,7 @@ a_f = rho/(rho + 1), gamma = 1/2 - a_m + a_f, beta = (1 - a_m + a_f)^2/4 and rho
 The work of a frictionless contact over a step is lambda_{n+1} (gap_n - gap_{n+1}) = lambda_{n+1} gap_n with the sign of
 the law: it never adds energy, so that no step is too long. For a body that lands three more things are needed
 (``fem.contact_layer``): nodes of faces that may open carry no mass, the mass is between the consistent and the lumped
-one (``consistent_share``), and the one layer of elements at those that land is viscous (``landing_damping``). Peak of
+one (``consistent_share``), and the one layer of elements at these faces is viscous (``landing_damping``). Peak of
 the contact force of a bar of 40 elements that lands on a wall, over the exact plateau, at Courant numbers 0.05 to 4: at
 most 1.08, where HHT -0.1 gives 10.4 at 0.05, 2.5 at 0.2, 1.25 at 1 (``examples/landing.py``). The price is energy,
 about h/L per impact; without viscosity, and with the contact mass on four layers, 99.9 % are kept at peaks of 1.14 to

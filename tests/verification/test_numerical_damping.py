@@ -15,7 +15,6 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import run
-from latin_fmu.assembly import models
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.modes import VibrationModes, vibration_modes
 from latin_fmu.assembly.numerical_damping import LIMIT, scheme_damping
@@ -32,12 +31,6 @@ PERIODS, WINDOW, STICK = 30, 10, 1
 ALPHA: dict[str, Any] = {"type": "generalized_alpha"}
 UNDAMPED_LANDING = ALPHA | {"landing_damping": 0.0}
 JOINT: dict[str, Any] = {"friction_coefficient": 10.0, "preload": 1e7}
-
-
-@pytest.fixture
-def landed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Closed joints have the viscous layer of faces that land."""
-    monkeypatch.setattr(models, "_lands", lambda *_: True)
 
 
 def pair(step: float, instants: int = 1, scheme: Any = "automatic", **tables: Any) -> dict[str, Any]:
@@ -94,25 +87,14 @@ def test_the_decrement_of_a_known_motion() -> None:
     assert decrement(motion, 0.39) == pytest.approx(zeta, rel=1e-3)
 
 
-def check_ring_down(scheme: Any, mode: int) -> None:
+@pytest.mark.parametrize("scheme", ["hht", {"type": "hht", "alpha": -0.3}, ALPHA, UNDAMPED_LANDING])
+@pytest.mark.parametrize("mode", range(5))
+def test_a_ring_down_decays_as_predicted(scheme: Any, mode: int) -> None:
     """First five modes at 15 steps a period: within 3 %, ratios from 4e-5 to 5e-3."""
     step = 1 / (15 * modes_of(pair(1e-6)).frequency[mode])
     modes = modes_of(pair(step, scheme=scheme))
     assert modes.damping is not None
     assert ringing(modes, mode, step, scheme) == pytest.approx(modes.damping.numerical[mode], rel=0.03)
-
-
-@pytest.mark.parametrize("scheme", ["hht", {"type": "hht", "alpha": -0.3}, ALPHA])
-@pytest.mark.parametrize("mode", range(5))
-def test_a_ring_down_decays_as_predicted(scheme: Any, mode: int) -> None:
-    check_ring_down(scheme, mode)
-
-
-@pytest.mark.usefixtures("landed")
-@pytest.mark.parametrize("scheme", [ALPHA, UNDAMPED_LANDING])
-@pytest.mark.parametrize("mode", range(5))
-def test_a_ring_down_of_a_landed_joint_decays_as_predicted(scheme: Any, mode: int) -> None:
-    check_ring_down(scheme, mode)
 
 
 def test_all_modes_with_the_same_step() -> None:
@@ -139,7 +121,7 @@ def test_undamped_schemes(scheme: str, mode: int) -> None:
 
 
 def test_a_bolted_joint(tmp_path: Path) -> None:
-    """Two plates under one bolt, tight: closed from the start, so without a viscous layer."""
+    """Two plates under one bolt, tight: the layer gives the third mode 0.3 % of critical."""
     data = joint(write_joint(tmp_path), mu=10.0, solver={"tolerance": 1e-9}, output={"fields": True})
     data["time"] = {"end": 1e-6, "instants": 1, "scheme": ALPHA, "start": {"type": "static", "increments": 1}}
     step = 1 / (15 * modes_of(data).frequency[2])
@@ -153,8 +135,8 @@ def test_a_bolted_joint(tmp_path: Path) -> None:
     ]
     outcome = run(replace(discretised, classes=classes).build(tightened(discretised, {})))
     measured = decay_of(outcome, modes, 2, step)
-    assert measured == pytest.approx(modes.damping.numerical[2], rel=0.05)
-    assert modes.damping.landing[2] == 0.0
+    assert measured == pytest.approx(modes.damping.numerical[2], rel=0.01)
+    assert measured > 0.002
 
 
 @pytest.mark.parametrize(
@@ -169,11 +151,12 @@ def test_a_bolted_joint(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("scheme", ["hht", ALPHA])
 def test_other_joints(law: dict[str, Any], scheme: Any) -> None:
-    """The layer is viscous at faces that land, and not at joints that are closed from the start."""
+    """The layer is viscous at faces that may open, a fifth as much where they are closed from the start, and at no
+    others."""
     step = 1 / (15 * modes_of(pair(1e-6, joint=law)).frequency[3])
     modes = modes_of(pair(step, scheme=scheme, joint=law))
     assert modes.damping is not None
-    assert modes.damping.landing[3] == 0.0
+    assert (modes.damping.landing[3] > 0.0) == (scheme == ALPHA and law["behaviour"] == "no_slip")
     assert ringing(modes, 3, step, scheme, joint=law) == pytest.approx(modes.damping.numerical[3], rel=0.02)
 
 
@@ -234,9 +217,7 @@ def test_a_damped_oscillator_keeps_its_damping_at_small_steps() -> None:
         assert scheme_damping(scheme, 10.0, 1e-3, 0.03) == pytest.approx(0.03, rel=1e-3)
 
 
-def test_what_lowers_the_damping_is_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_lowers_the_damping_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The named steps and keys, set, bring what the line says."""
     step = 1 / (15 * modes_of(pair(1e-6)).frequency[4])
 
@@ -263,7 +244,6 @@ def test_what_lowers_the_damping_is_printed(
     assert modes.damping is not None
     assert modes.damping.scheme[4] == pytest.approx(1.16e-5, rel=0.01)
 
-    monkeypatch.setattr(models, "_lands", lambda *_: True)
     text, modes = printed(pair(step / 2, scheme=ALPHA))
     assert modes.damping is not None
     assert "that of the landing layer is in proportion to landing_damping" in text
