@@ -113,7 +113,7 @@ class Drives:
         self._start = dict(self.assembly.ground_start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
         self._grounds = list(self._start)
-        self.n_state = sum(3 * k * m for k, m in self._shapes) + 3 * len(self._grounds)
+        self.n_state = sum(3 * k * m for k, m in self._shapes) + 6 * len(self._grounds)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
@@ -127,8 +127,8 @@ class Drives:
         ground = dict(self._start)
         for i in self._grounds if state is not None else ():
             assert state is not None
-            ground[i] = GroundState(state[at : at + 3], np.zeros(3))
-            at += 3
+            ground[i] = GroundState(state[at : at + 3], state[at + 3 : at + 6])
+            at += 6
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
 
@@ -154,7 +154,7 @@ class Drives:
             if k:
                 parts.append(propagator.forcing.motion_table()[:, instant].ravel())
         ground = self.assembly.ground_end(instant)
-        return np.concatenate([*parts, *(ground[i].displacement for i in self._grounds)])
+        return np.concatenate([*parts, *(field for i in self._grounds for field in ground[i])])
 
     def rows(self, amplitudes: Array) -> Array:
         """Drives (n_time, n_drive) at the instants of a segment that the assembly has begun, with the amplitudes
@@ -163,7 +163,10 @@ class Drives:
         for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
             if k:
                 parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
-        parts += [self.assembly.ground_start[i].displacement + self.assembly.ground_path(i) for i in self._grounds]
+        first = self.assembly.ground_end(0)
+        for i in self._grounds:
+            parts.append(first[i].displacement + self.assembly.ground_path(i))
+            parts.append(np.concatenate([[first[i].acceleration], np.diff(self.assembly.ground[i], axis=0) / self._dt]))
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 

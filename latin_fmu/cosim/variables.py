@@ -139,7 +139,7 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
     "first step and over a step that begins with a jump after two equal values. The incident wave of a port follows "
     "2, unless this is 0 or its rate is set",
-    "timeStep": "longest time step inside a communication step, which is cut into equal parts",
+    "timeStep": "time step of the run; communication steps may be of any length",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the tolerance of the importer replaces it",
     "maxIterations": "largest number of iterations of a window",
@@ -282,7 +282,12 @@ def _solver() -> Iterator[Variable]:
     yield output("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step")
     converged = "1 where every window of the last step converged, else 0"
     yield output("solver.converged", "1", converged, minimum=0.0, maximum=1.0)
-    yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
+    yield output(
+        "solver.instants",
+        "1",
+        "number of time steps that ended in the last communication step that ended some",
+        minimum=0.0,
+    )
     inner = "instant of the outputs: the last one of the time steps, not beyond the communication point"
     yield output(INNER_TIME, "s", inner)
 

@@ -23,15 +23,15 @@ DT = 0.2e-6
 END = 30 * DT
 LIMIT = 1e-9  # of the largest of a unit
 BASE, SLOPE = 0.2, 1.0 / END  # of the load: a ramp
-pytestmark = pytest.mark.skipif(
+needs_library = pytest.mark.skipif(
     library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
 )
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=True) for fmi in ("2", "3")}
+@pytest.fixture(scope="module", params=["python", pytest.param("compiled", marks=needs_library)])
+def made(tmp_path_factory, request) -> dict[str, Path]:
+    folder, compiled = tmp_path_factory.mktemp("fmus"), request.param == "compiled"
+    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=compiled) for fmi in ("2", "3")}
 
 
 @pytest.fixture
@@ -117,6 +117,7 @@ def test_a_host_with_its_own_step(made, fmi, interval):
     assert np.ptp(result["interface.crush.normalForce"]) > 0.0
 
 
+@needs_library
 def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
     """A face moved through a port, at rest at t = 0, with a rate from then on: as the session."""
     model = load_scene(Path(__file__).parents[2] / "models" / "impact_bar" / "scene.toml")
