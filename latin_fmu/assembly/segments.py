@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,6 @@ from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
-from ..propagator.forcing import MotionState
 from ..propagator.image import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -28,7 +27,7 @@ from .build import discretise, starting_equilibrium
 
 _ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
 _OWN_SIZES = ("start", "running")  # entries of a snapshot whose size depends on the run
-_MAY_BE_NONE = ("stored", "motions", "ground", "account")
+_MAY_BE_NONE = ("stored",)
 _DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
 _SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
@@ -89,9 +88,9 @@ class SegmentedRun:
     Attributes
     ----------
     dt : time step, s. made : time steps so far. run : windows of the present segment, None before the first.
-    running : energies (J) that the interfaces have dissipated so far, by kind. ground : state of the moving ground by
-    interface.
+    running : energies (J) that the interfaces have dissipated so far, by kind.
     communication : fields of the record of the run in a co-simulation, for the present ``problem``.
+    room : time steps that the histories in the image are laid out for, in which the kernels set them.
 
     Raises
     ------
@@ -117,7 +116,7 @@ class SegmentedRun:
         self.made = 0
         self.running: dict[str, float] = {}
         self.run: Run | None = None
-        self.ground = dict(self.problem.assembly.ground_start)
+        self.room = 0
         self._stored: float | None = None  # energy at t = 0
         self.communication: Callable[[], Mapping[str, Any]] | None = None
         self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
@@ -196,18 +195,19 @@ class SegmentedRun:
             for term in _RUNNING:
                 if term in segment.energy:
                     self.running[term] = float(segment.energy[term][-1])
-        self.ground = self.problem.assembly.ground_end(n)
+        if self.communication is None:  # else the kernels keep it
+            self._keep_motions(n)
         return segment
 
     def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
         """Begin a segment of n time steps at the present time, without solving it; ``loads``, ``make`` : as ``loads``
         and ``recorder`` for ``advance``."""
+        problem, assembly, self.room = self.problem, self.problem.assembly, 0
         if self.run is None:
-            fields = None if self.communication is None else self.communication()
-            for propagator in self.problem.assembly.propagators:
+            fields = {"n_motion_state": self.n_motion_state} if self.communication is None else self.communication()
+            for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
-        problem, assembly = self.problem, self.problem.assembly
-        problem.timeline.begin(assembly, self.instants(self.made, n), loads, self.ground, self.dt)
+        problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
         recorder = make(assembly, problem.output, problem.info)
         if self.run is None:
             self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
@@ -260,28 +260,48 @@ class SegmentedRun:
         problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
         with one_thread():
             time = self.instants(self.made, n - 1)
-            problem.timeline.begin(problem.assembly, time, amplitudes, self.ground, self.dt)
+            problem.timeline.begin(problem.assembly, time, amplitudes, self._resumed(), self.dt)
             recorder = Recorder(problem.assembly, problem.output, problem.info, n)
             self.run.begin_segment(recorder)
             self.run.open_bonds()
+        self.room = n - 1
         return self.run
 
-    def go_on(
-        self,
-        made: int,
-        motions: Sequence[list[MotionState]],
-        ground: Mapping[int, GroundState],
-        losses: Mapping[str, float],
-    ) -> None:
-        """Continue from the state in the image of the run, which the kernels moved to a number of time steps.
+    # -- motions from outside: part of the state in the image -----------------------------------------------------
+    @property
+    def n_motion_state(self) -> int:
+        """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
+        assembly = self.problem.assembly
+        motions: int = sum(3 * p.members[0].imposed_pattern.shape[1] * len(p.members) for p in assembly.propagators)
+        return motions + 6 * len(assembly.ground_start)
 
-        motions : of the classes. ground : by interface. losses : as ``running``, those that have changed.
-        """
+    def _resumed(self) -> dict[int, GroundState]:
+        """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
+        grounds = self.problem.assembly.ground_start
+        if self.run is None:
+            return {i: GroundState(np.zeros(3), None) for i in grounds}
+        image, at = self.run.image, 0
+        state = image.field("motion_state", self.n_motion_state).copy()
+        for c, propagator in enumerate(self.problem.assembly.propagators):
+            k, m = propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
+            u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
+            propagator.resume(image, c, [(u[:, j], a[:, j], v[:, j]) for j in range(m)])
+            at += 3 * k * m
+        return {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in enumerate(grounds)}
+
+    def _keep_motions(self, n: int) -> None:
+        """Write the motions at an instant of the segment into the state in the image."""
         assert self.run is not None
-        self.made, self.ground = made, dict(ground)
-        self.running |= losses
-        for c, (propagator, given) in enumerate(zip(self.problem.assembly.propagators, motions, strict=True)):
-            propagator.resume(self.run.image, c, given)
+        assembly, at, ends = self.problem.assembly, 0, self.problem.assembly.ground_end(n)
+        state = self.run.image.field("motion_state", self.n_motion_state)
+        for propagator in assembly.propagators:
+            size = 3 * propagator.members[0].imposed_pattern.shape[1] * len(propagator.members)
+            if size:
+                state[at : at + size] = propagator.forcing.motion_table()[:, n].ravel()
+            at += size
+        for i in assembly.ground_start:
+            state[at : at + 6] = np.concatenate(ends[i])  # type: ignore[arg-type]
+            at += 6
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -300,19 +320,21 @@ class SegmentedRun:
         )
 
     # -- states ---------------------------------------------------------------------------------------------------
-    def get_state(self) -> dict[str, Any] | None:
+    def get_state(self, into: Array | None = None) -> dict[str, Any] | None:
         """Copy of the state of the image, and what is known beside it: all that determines the next segment to the last
-        bit; None at t = 0."""
+        bit; None at t = 0. ``into`` : where the copy is made."""
         if self.run is None:
             return None
+        state = self.run.image.state
+        if into is None or len(into) != len(state):
+            into = np.empty(len(state))
+        np.copyto(into, state)
         return {
             "made": self.made,
             "start": self._amplitudes,
             "running": dict(self.running),
             "stored": self._stored,
-            "ground": {str(i): list(g) for i, g in self.ground.items()},
-            "motions": [[list(motion) for motion in p.motions()] for p in self.problem.assembly.propagators],
-            "state": self.run.image.state.copy(),
+            "state": into,
         }
 
     def set_state(self, state: Mapping[str, Any] | None) -> None:
@@ -322,10 +344,8 @@ class SegmentedRun:
             return
         assert self.run is not None
         self.run.image.state[:] = state["state"]
-        self._stored = state["stored"]
-        self.running = dict(state["running"])
-        ground = {int(i): GroundState(*g) for i, g in state["ground"].items()}
-        self.go_on(state["made"], [[(u, a, v) for u, a, v in m] for m in state["motions"]], ground, {})
+        self.made, self._stored, self.running = state["made"], state["stored"], dict(state["running"])
+        self._resumed()
 
     def snapshot(self) -> bytes:
         """The state as bytes, with a version number."""
@@ -387,8 +407,7 @@ class SegmentedRun:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.ground = {i: GroundState(np.zeros(3), None) for i in self.ground}
-        self.made, self.running, self._stored, self.run = 0, {}, None, None
+        self.made, self.room, self.running, self._stored, self.run = 0, 0, {}, None, None
 
 
 def _check_opening(inputs: Collection[str], tree: Any) -> None:

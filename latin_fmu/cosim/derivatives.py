@@ -119,7 +119,7 @@ class Derivatives:
         mode, step = self._mode, self._step
         if not step.n:  # no time step ended in it: outputs are held
             return np.zeros(len(self._outputs))
-        now = mode.run_state()
+        now = mode.run.get_state()
         try:
             if self._laws is None:
                 self._laws = self._linearise()

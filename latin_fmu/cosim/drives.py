@@ -113,7 +113,7 @@ class Drives:
         self._start = dict(self.assembly.ground_start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
         self._grounds = list(self._start)
-        self.n_state = sum(3 * k * m for k, m in self._shapes) + 6 * len(self._grounds)
+        self.n_state = run.n_motion_state
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
@@ -255,7 +255,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     ]
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
-    for e in np.flatnonzero(linear):
+    for e in np.flatnonzero(linear).tolist():
         for row in range(2):
             unit = zero.copy()
             unit[row, e] += 1.0

@@ -105,7 +105,7 @@ class Windowed:
         ------
         SolverError : the solver cannot continue; nothing has changed.
         """
-        dt, made = self.run.dt, self._kernels.made
+        dt, made = self.run.dt, self.run.made
         if h / dt > MAX_INSTANTS:
             return refused(
                 f"a step of {h:g} s would take {h / dt:.0f} time steps of {dt:g} s; at most {MAX_INSTANTS}: "
@@ -127,38 +127,29 @@ class Windowed:
         if self._window[1]:
             histories = self._histories
             self._histories = lambda: _last_of(histories())
-        self._window, self.segment = (self._kernels.made, 0), None
+        self._window, self.segment = (self.run.made, 0), None
         return StepReport(True)
 
     def _by_kernels(self, loads: Loads, part: Part, early: bool) -> StepReport | None:
         """A step in calls of the kernels; None where the Python driver has to make it, for which nothing changes."""
-        kernels, made, segment = self._kernels, self._kernels.made, None
-        if not kernels.fit(part.n):
+        kernels, made, segment = self._kernels, self.run.made, None
+        row = kernels.march(loads, part, early) if kernels.fit(part.n) else None
+        if row is None or kernels.origin is None:
             return None
-        if not kernels.ready(part.n):
-            kernels.take_over(loads, part)
-        row = kernels.march(loads, part, early)
-        if row is None:
-            return None
+        before = kernels.origin.state
         if self._keeps or kernels.must_record:
             segment = kernels.recorded()
             if not segment.accepted:
                 return None
-        self._window, self.segment, self.row = (made, kernels.made - made), segment, row
-        self._before = kernels.return_to_origin
+        self._window, self.segment, self.row = (made, self.run.made - made), segment, row
+        self._before = partial(self.run.set_state, before)
         self._histories = kernels.histories if segment is None else lambda: segment.interfaces
         return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
     # -- the Python driver ----------------------------------------------------------------------------------------
-    def run_state(self) -> dict[str, Any] | None:
-        """The present state of ``run``, whose steps follow."""
-        self._kernels.give_back()
-        self._kernels.leave()
-        return self.run.get_state()
-
     def _by_python(self, loads: Loads, part: Part, early: bool) -> StepReport:
         """A step by the Python driver; not accepted: nothing has changed, and the message says what the run says."""
-        before, made, n = self.run_state(), self.run.made, part.n
+        before, made, n = self.run.get_state(), self.run.made, part.n
         driving = loads.driving(part, self.run.dt, self.rule)
         segment = self.advance(n, driving, every=early)
         if early and segment.accepted:
@@ -170,7 +161,6 @@ class Windowed:
                 segment = self.advance(n, driving)
         if not segment.accepted:
             return StepReport(False, segment.status)
-        self._kernels.reset()
         self.row, self._window, self.segment = self.outputs_of(segment), (made, n), segment
         self._before, self._histories = partial(self.run.set_state, before), lambda: segment.interfaces
         return StepReport(True, "", n, segment.iterations, segment.error_indicator)
@@ -208,12 +198,10 @@ class Windowed:
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""
         self.run.reset()
-        self._kernels.reset()
         self._last_step = None
 
     def get_state(self) -> dict[str, Any]:
         """Everything that determines the next steps and the present outputs; completes that of the loads."""
-        self._kernels.give_back()
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "row": self.row,
@@ -237,7 +225,6 @@ class Windowed:
             self.run.check_gaps({name: field["gap"][-1] for name, field in fields if field["gap"] is not None})
         fields = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
         self._histories = lambda: fields
-        self._kernels.reset()
         self.segment = self._last_step = None
 
     def _check(self, state: Mapping[str, Any]) -> None:
