@@ -312,7 +312,6 @@ def test_every_entry_equals_its_python_function(monkeypatch):
     for rule in range(4):
         given = np.array([1.0, 2.0]), np.array([0.5, -1.0]), np.linspace(0.0, 1.0, inputs.N_MEMORY * 2), kinds
         inputs.interpolate(*given, 1e-3, 1e-4, rule, 0.0, 0.0, np.zeros((2, 6)))
-        inputs.instants(3.0, 0.25, 5.6, 2.35, 0.0, np.zeros(1))
         inputs.rates(*given, 1e-3, rule, np.zeros(2))
         inputs.accept(*given, 1e-3, 1e-4, rule, 5, 5, 0.0, 0.0)
     jump = np.random.default_rng(3).normal(size=(6, 3))

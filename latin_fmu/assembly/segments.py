@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..fem.mesh import Array
-from ..latin.assembly import GroundState
+from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
@@ -20,6 +20,7 @@ from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
+from ..propagator.forcing import MotionState
 from ..propagator.image import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -195,8 +196,9 @@ class SegmentedRun:
             for term in _RUNNING:
                 if term in segment.energy:
                     self.running[term] = float(segment.energy[term][-1])
-        if self.communication is None:  # else the kernels keep it
-            self._keep_motions(n)
+        if self.communication is None and self.run is not None:  # else the kernels keep it
+            state = packed_motions(self.problem.assembly, n)
+            self.run.image.field("motion_state", len(state))[:] = state
         return segment
 
     def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
@@ -204,7 +206,7 @@ class SegmentedRun:
         and ``recorder`` for ``advance``."""
         problem, assembly, self.room = self.problem, self.problem.assembly, 0
         if self.run is None:
-            fields = {"n_motion_state": self.n_motion_state} if self.communication is None else self.communication()
+            fields = {"n_motion_state": motion_size(assembly)} if self.communication is None else self.communication()
             for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
@@ -267,41 +269,16 @@ class SegmentedRun:
         self.room = n - 1
         return self.run
 
-    # -- motions from outside: part of the state in the image -----------------------------------------------------
-    @property
-    def n_motion_state(self) -> int:
-        """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
-        assembly = self.problem.assembly
-        motions: int = sum(3 * p.members[0].imposed_pattern.shape[1] * len(p.members) for p in assembly.propagators)
-        return motions + 6 * len(assembly.ground_start)
-
     def _resumed(self) -> dict[int, GroundState]:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
-        grounds = self.problem.assembly.ground_start
+        assembly = self.problem.assembly
         if self.run is None:
-            return {i: GroundState(np.zeros(3), None) for i in grounds}
-        image, at = self.run.image, 0
-        state = image.field("motion_state", self.n_motion_state).copy()
-        for c, propagator in enumerate(self.problem.assembly.propagators):
-            k, m = propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
-            u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
-            propagator.resume(image, c, [(u[:, j], a[:, j], v[:, j]) for j in range(m)])
-            at += 3 * k * m
-        return {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in enumerate(grounds)}
-
-    def _keep_motions(self, n: int) -> None:
-        """Write the motions at an instant of the segment into the state in the image."""
-        assert self.run is not None
-        assembly, at, ends = self.problem.assembly, 0, self.problem.assembly.ground_end(n)
-        state = self.run.image.field("motion_state", self.n_motion_state)
-        for propagator in assembly.propagators:
-            size = 3 * propagator.members[0].imposed_pattern.shape[1] * len(propagator.members)
-            if size:
-                state[at : at + size] = propagator.forcing.motion_table()[:, n].ravel()
-            at += size
-        for i in assembly.ground_start:
-            state[at : at + 6] = np.concatenate(ends[i])  # type: ignore[arg-type]
-            at += 6
+            return {i: GroundState(np.zeros(3), None) for i in assembly.ground_start}
+        image = self.run.image
+        motions, ground = unpacked_motions(assembly, image.field("motion_state", motion_size(assembly)).copy())
+        for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
+            propagator.resume(image, c, given)
+        return ground
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -410,6 +387,37 @@ class SegmentedRun:
         self.made, self.room, self.running, self._stored, self.run = 0, 0, {}, None, None
 
 
+# -- motions from outside: part of the state in the image --------------------------------------------------------------
+def motion_size(assembly: Assembly) -> int:
+    """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
+    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground_start)
+
+
+def packed_motions(assembly: Assembly, instant: int) -> Array:
+    """These numbers at an instant of the segment."""
+    forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[0]]
+    ends = assembly.ground_end(instant)
+    of_ground = [np.asarray(field) for i in assembly.ground_start for field in ends[i]]
+    return np.concatenate([np.zeros(0), *(f.motion_table()[:, instant].ravel() for f in forcings), *of_ground])
+
+
+def unpacked_motions(assembly: Assembly, state: Array) -> tuple[list[list[MotionState]], dict[int, GroundState]]:
+    """Motions of the members by class, and the ground by interface; views of the numbers."""
+    motions, at = list[list[MotionState]](), 0
+    for k, m in map(_motions_of, assembly.propagators):
+        u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
+        motions.append([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
+        at += 3 * k * m
+    grounds = enumerate(assembly.ground_start)
+    return motions, {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in grounds}
+
+
+def _motions_of(propagator: Propagator) -> tuple[int, int]:
+    """Prescribed motions of a member, and members."""
+    return propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
+
+
+# -- the check of what comes from outside ------------------------------------------------------------------------------
 def _check_opening(inputs: Collection[str], tree: Any) -> None:
     """Compare the entries of a snapshot whose size changes during a run. ``inputs`` : loads set from outside.
 

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.segments import SegmentedRun
+from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 from ..assembly.supports import Motion
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
-from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
 from ..latin.run_image import histories
@@ -113,22 +112,17 @@ class Drives:
         self._start = dict(self.assembly.ground_start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
         self._grounds = list(self._start)
-        self.n_state = run.n_motion_state
+        self.n_state = motion_size(self.assembly)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
-        assembly, dt, at = self.assembly, self._dt, 0
-        for propagator, (k, m) in zip(assembly.propagators, self._shapes, strict=True):
+        assembly, dt, ground = self.assembly, self._dt, self._start
+        for propagator in assembly.propagators:
             propagator.restart()
-            if state is not None:
-                u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
-                propagator.forcing.set_motion_state([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
-            at += 3 * k * m
-        ground = dict(self._start)
-        for i in self._grounds if state is not None else ():
-            assert state is not None
-            ground[i] = GroundState(state[at : at + 3], state[at + 3 : at + 6])
-            at += 6
+        if state is not None:
+            motions, ground = unpacked_motions(assembly, state)
+            for propagator, given in zip(assembly.propagators, motions, strict=True):
+                propagator.forcing.set_motion_state(given)
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
 
@@ -146,15 +140,6 @@ class Drives:
         tables = histories(self.assembly)
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return np.concatenate([*parts, *(tables[name][instant] for name in names)])
-
-    def state(self, instant: int) -> Array:
-        """Motion state of an instant."""
-        parts = [np.zeros(0)]
-        for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
-            if k:
-                parts.append(propagator.forcing.motion_table()[:, instant].ravel())
-        ground = self.assembly.ground_end(instant)
-        return np.concatenate([*parts, *(field for i in self._grounds for field in ground[i])])
 
     def rows(self, amplitudes: Array) -> Array:
         """Drives (n_time, n_drive) at the instants of a segment that the assembly has begun, with the amplitudes
@@ -210,15 +195,15 @@ def history_fields(drives: Drives) -> dict[str, Any]:
 
     def step(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(1), drives.state(1)])
+        return np.concatenate([drives.columns(1), packed_motions(drives.assembly, 1)])
 
     def first(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s))
-        return np.concatenate([drives.columns(0), drives.state(0)])
+        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     def start(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(0), drives.state(0)])
+        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     fields: dict[str, Any] = {}
     static = drives.assembly.quasi_static

@@ -136,6 +136,16 @@ class KernelSteps:
                 run.running["contact_dissipation"] = -float(work) - friction
         return row
 
+    def accept(self, given: Loads, loads: Loads) -> bool:
+        """Let the loads go on from what a ``march`` to the end of the step has left of those ``given`` to it; False
+        where the last one was another."""
+        if self.origin is None or self.origin.loads is not given or self.origin.n < self.origin.part.n:
+            return False
+        progress = self._image.field("progress", 9).tolist()
+        loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
+        loads.span, loads.behind = progress[3], progress[7]
+        return True
+
     def recorded(self) -> Segment:
         """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""
         assert self.origin is not None
@@ -157,6 +167,8 @@ class KernelSteps:
         with np.errstate(all="ignore"):
             segment = run.advance((run.made + step.n) * run.dt, step.n, given, solve=solve)
         run.room, self._has_rows = step.n, False
+        if not segment.accepted:
+            self.origin = None  # another step follows from there
         return segment
 
     def _marched(self, step: Origin, run: Run | None = None, early: bool = False) -> Array | None:

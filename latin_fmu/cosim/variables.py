@@ -273,7 +273,8 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
 def _events(name: str) -> Iterator[Variable]:
     for count, (instant, text) in EVENTS.items():
         where = f"interface.{name}"
-        yield output(f"{where}.{count}", "1", f"number of times that the interface became {text}", minimum=0.0)
+        about = f"number of times that the interface became {text}"
+        yield Variable(f"{where}.{count}", "output", "discrete", "integer", about, minimum=0.0)
         yield output(f"{where}.{instant}", "s", f"instant of the last of {where}.{count}; 0 before the first")
 
 

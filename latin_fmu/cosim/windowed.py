@@ -118,9 +118,10 @@ class Windowed:
         if not report.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
         n = self._window[1]
-        loads.accept(part, dt, self.rule, n)
+        if not self._kernels.accept(given, loads):
+            loads.accept(part, dt, self.rule, n)
         self._last_step = LastStep(self._before, given, part, n, h)
-        return replace(report, early=float(t0 + self.time[-1]) if n < part.n else None)
+        return report if n == part.n else replace(report, early=float(t0 + self.time[-1]))
 
     def _held(self) -> StepReport:
         """A step that ends before the next instant: nothing but the loads goes on."""
@@ -221,6 +222,8 @@ class Windowed:
         self.run.restore(state["run"].tobytes(), check)
         self.row, self._window = state["row"], (state["window"][0], state["window"][1])
         if check:
+            if sum(self._window) != self.run.made:
+                raise unlike("state.window", "time steps that do not end at the present one")
             fields = state["fields"].items()
             self.run.check_gaps({name: field["gap"][-1] for name, field in fields if field["gap"] is not None})
         fields = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}

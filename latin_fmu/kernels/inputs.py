@@ -153,13 +153,6 @@ def placed(made: float, begin: float, end: float, length: float, off: float) -> 
     return n, rest
 
 
-@entry("f8, f8, f8, f8, f8, f8[::1] -> i8")
-def instants(made: float, begin: float, end: float, length: float, off: float, rest: Any) -> int:
-    """``placed`` for a caller in Python; the fraction into ``rest`` (1,)."""
-    n, rest[0] = placed(made, begin, end, length, off)
-    return n
-
-
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, f8, f8, f8[:, ::1]")
 def interpolate(
     value: Any,
