@@ -21,6 +21,7 @@ LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 130  # lines
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "remarks", "compiled", "machine", "file_digest"),
+    ("operator_store",),
     ("scene",),
     ("mesh_files",),
     ("reader",),
