@@ -138,8 +138,7 @@ def _register_sweep(add: AddParser) -> None:
 
 
 def _cost(arguments: argparse.Namespace) -> int:
-    from ..accuracy.study import study
-    from ..accuracy.study_report import as_json, as_text
+    from ..accuracy.study import as_json, as_text, study
     from ..reader import load_scene
 
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
@@ -179,8 +178,8 @@ def _log(text: str) -> None:
 
 def _write_studies(studies: list[Study], folder: Path) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
+    from ..accuracy.study import as_markdown
     from ..accuracy.study_files import comparison_figure, cost_figure, datatree
-    from ..accuracy.study_report import as_markdown
     from ..results.files import write_netcdf
     from ..results.writing import write_bytes, write_whole
 
