@@ -4,7 +4,6 @@ results as text: orders, sources of error, the cost of an accuracy, failed runs.
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import tempfile
 import time as clock
@@ -575,12 +574,6 @@ def as_data(study: Study) -> dict[str, Any]:
             for (length, direction), (iterations, passes) in study.windows.items()
         ],
     }
-
-
-def as_json(study: Study) -> str:
-    """The data of ``as_data`` as strict JSON, one key a line."""
-    lines = (f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in as_data(study).items())
-    return "{\n" + ",\n".join(lines) + "\n}"
 
 
 def _useful(study: Study) -> list[tuple[str, ...]]:
