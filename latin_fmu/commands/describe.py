@@ -123,7 +123,7 @@ def _compiled_size(arguments: argparse.Namespace) -> int:
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from ..pictures.interface_map import FILM
+    from ..pictures.result_picture import FILM
     from ..pictures.style import FORMATS, check_figure_path, save_figure
     from ..results.writing import check_target
 
@@ -141,7 +141,7 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 
 def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
-    from ..pictures.interface_map import Window, save_film
+    from ..pictures.result_picture import Window, save_film
     from ..results.files import open_results, readable
 
     window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
@@ -166,8 +166,7 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
 
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
-    from ..pictures.interface_map import map_figure
-    from ..pictures.result_picture import result_figure
+    from ..pictures.result_picture import map_figure, result_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results, readable
     from ..results.groups import units_of
