@@ -153,7 +153,7 @@ def _spectra(
     request = _request(given)
     chosen = arguments.sensor or (stored if stored and not given else known)
     for number, name in enumerate(chosen):
-        waiting.update(number / len(chosen), f"spectrum of {name}")
+        waiting.reached(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
         made = name in stored and not given
         yield name, stored_spectrum(node["spectrum"]) if made else (_computed(name, node, request), None)

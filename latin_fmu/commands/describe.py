@@ -145,9 +145,9 @@ def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None
     from ..results.files import open_results, readable
 
     window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
-    waiting.update(0.0, "film")
+    waiting.reached(0.0, "film")
     with closing(open_results(arguments.file)) as tree, readable(arguments.file):
-        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.update)
+        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.reached)
 
 
 def _is_scene(file: Path) -> bool:

@@ -141,9 +141,9 @@ def _made(
     checks = import_module("fmu_build.checks")
     inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
     if arguments.compiled and arguments.modes is not None:
-        waiting.update(0.0, "FMU: reduced bodies and their error")
+        waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
-    waiting.update(0.0, "FMU")
+    waiting.reached(0.0, "FMU")
     files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
     for name in files:
         check_target(target.with_name(name))
@@ -219,7 +219,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         with Waiting("simulation", quiet=arguments.quiet) as waiting:
             for row in drive.run(step, stop, over):
                 rows.append(row)
-                waiting.update(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
+                waiting.reached(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
         drive.close()
     write_csv(target, ["time", *drive.outputs], rows)

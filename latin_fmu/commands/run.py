@@ -6,7 +6,6 @@ import argparse
 import gc
 import os
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -296,13 +295,11 @@ def _solve(scene: Scene, arguments: argparse.Namespace, **options: Any) -> Solut
     """The solution of the scene, with its progress on stderr; options as for ``api.solve``."""
     from .. import api
 
-    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
-        return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
+        with Progress(scene.solver.tolerance, arguments.quiet) as progress:
+            return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
     finally:
         arguments.signals.noted = False
-        if progress is not None:
-            progress.close()
 
 
 def _estimated(
@@ -320,7 +317,7 @@ def _estimated(
     left = _left(solution, arguments)
     try:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            estimate = estimate_error(scene, solution, None, processes, waiting.update, stream, left)
+            estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
     except KeyboardInterrupt:
         if processes is not None:
             raise

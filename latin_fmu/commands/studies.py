@@ -184,7 +184,7 @@ def _stress(arguments: argparse.Namespace) -> int:
         def report(row: Row) -> None:
             done.append(row)
             waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
-            waiting.update(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
+            waiting.reached(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
 
         rows = run_suite(every, report, arguments.max_cpu)
     left_out = len(every) - len(rows)
