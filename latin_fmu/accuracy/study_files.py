@@ -153,6 +153,8 @@ def quantities_shown(study: Study) -> list[str]:
 
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     """Error against CPU seconds, log-log, one curve per scheme or propagator."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
     for look, name in zip(curve_styles(len(names), markers=True), names, strict=True):
         rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
@@ -165,6 +167,10 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
     axes.set_xscale("log")
     axes.set_yscale("log")
+    # times span a decade or two, over which matplotlib labels every subdivision: they overlap
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     title = quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else "")
     _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
