@@ -132,7 +132,7 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
         if k == 2:  # left of everything drawn so far
             room = view.project(start[None])[0, 0] - axis.get_xlim()[0]
             start, end = start - max(room, 0.0) * view.right, end - max(room, 0.0) * view.right
-        _axis_line(axis, view, start, end, k, [t * divisor for t in ticks], outward, size)
+        _axis_line(axis, view, np.stack([start, end]), k, [t * divisor for t in ticks], outward, size)
         for tick in ticks:
             if not low[k] - 1e-9 * size <= tick * divisor <= high[k] + 1e-9 * size:
                 continue
@@ -146,13 +146,13 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
 
 
 def _axis_line(
-    axis: Axes, view: View, start: Array, end: Array, k: int, ticks: list[float], outward: Array, size: float
+    axis: Axes, view: View, ends: Array, k: int, ticks: Sequence[float], outward: Array, size: float
 ) -> None:
-    line = view.project(np.stack([start, end]))
-    axis.plot(*line.T, color="0.4", linewidth=0.8, zorder=0, clip_on=False)
+    """The line between two ``ends`` (2, 3) along axis ``k``, and the ticks that lie on it."""
+    axis.plot(*view.project(ends).T, color="0.4", linewidth=0.8, zorder=0, clip_on=False)
     for tick in ticks:
-        if start[k] - 1e-9 * size <= tick <= end[k] + 1e-9 * size:
-            place = start.copy()
+        if ends[0, k] - 1e-9 * size <= tick <= ends[1, k] + 1e-9 * size:
+            place = ends[0].copy()
             place[k] = tick
             at = view.project(place[None])[0]
             axis.plot(*np.stack([at, at + _TICK * size * outward]).T, color="0.4", linewidth=0.8, clip_on=False)
