@@ -14,7 +14,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 @pytest.fixture
 def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The module named by the test's parameter."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
+    for folder in (EXAMPLES, EXAMPLES / "benchmarks"):
+        monkeypatch.syspath_prepend(str(folder))
     return importlib.import_module(request.param)
 
 
@@ -26,7 +27,6 @@ def test_every_example_is_tested_here():
         "fmu_neighbour",
         "fmu_netcdf",
         "fmu_cut_bar",
-        "fmu_overhead",
         "fmu_package",
         "fmu_model_exchange",
         "fmu_piston",

@@ -1,6 +1,6 @@
 """Factors in single precision (``solver.precision = "float32"``): what they save, and what they cost in accuracy.
 
-    python examples/benchmark_precision.py [--quick]
+    python examples/benchmarks/precision.py [--quick]
 
     solve     A^-1 b with the operator M + c K of a cube of hexahedra: double precision; single precision; and single
               precision with one step of refinement, x + A^-1 (b - A x), which the product with A and a second solution
@@ -19,17 +19,26 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from benchmark_cholesky import NOTHING, block
-from benchmark_problems import crushing
-from benchmark_timing import contact_run, force_error, in_turn, prepared
+from harness import contact_run, crushing, force_error, in_turn, prepared
 
 from latin_fmu.cholesky.factor import CholeskyFactor
+from latin_fmu.fem.dissection import nested_dissection
+from latin_fmu.fem.elements import Elements, mass, stiffness
+from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin.outcome import Outcome
 
 SOLVED, MARCHED, ROUNDS, TURNS = (14, 25, 36), (10, 18), 9, 3  # elements along an edge
 QUICK = (6,), (4,), 2, 1
 ALLOWED, FASTER = 1e-12, 1.3
 Solve = Callable[[], np.ndarray]
+NOTHING = np.zeros(0, dtype=np.int64)  # no dofs are kept for an interface
+
+
+def block(n: int) -> tuple[sp.csr_array, np.ndarray]:
+    """Operator M + 0.4 K of a cube of n^3 hexahedra, and the nested dissection of its nodes."""
+    mesh = box_mesh(np.zeros(3), np.full(3, float(n)), (n, n, n))
+    basis = Elements(mesh)
+    return sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, 1.0, 0.3)), np.repeat(nested_dissection(mesh), 3)
 
 
 def refined(factor: CholeskyFactor, matrix: sp.csr_array, b: np.ndarray, steps: int) -> Solve:

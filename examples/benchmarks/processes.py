@@ -1,6 +1,6 @@
 """Cost of a run distributed over processes: stacks of blocks, twice as many on two processes.
 
-    python examples/benchmark_processes.py [--rounds 3]
+    python examples/benchmarks/processes.py [--rounds 3]
 
 Stacks of cubes under a pressure that slides and presses them, friction 0.3, one instant per window. One process solves
 n blocks, then 2 n; two processes solve 2 n; in turns. Seconds are of the processor: on a machine with other work the

@@ -1,11 +1,11 @@
 """How the cost of an instant grows: with the points of a face, the unknowns of a block, blocks, processes and threads.
 
-    python examples/growth.py [--quick] [-o FOLDER]
+    python examples/benchmarks/growth.py [--quick] [-o FOLDER]
 
     points     two plates of m x m x 2 elements with friction (``large_faces``)
     unknowns   one block on the ground with friction
     blocks     a stack of blocks of 4^3 elements, each a class of its own
-    processes  as many such blocks on each of one and two processes (``benchmark_processes``)
+    processes  as many such blocks on each of one and two processes (``processes``)
     threads    blocks within and beyond the cache on one thread and on two
 
 All but the last are seconds of the processor, those of processes without the exchanges. Threads are compared by the
@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmark_processes import INSTANTS, stack, started
-from example_tools import BLUE, GREEN, VERMILION, label_few, options, save, tidy
+from harness import tools
 from large_faces import in_a_process
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from processes import INSTANTS, stack, started
 
 import latin_fmu
 from latin_fmu.latin.windows import Run
@@ -112,7 +112,9 @@ def drawn(lines: dict[str, Line]) -> Figure:
     """Figure of the cost against points, unknowns, blocks and processes."""
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
     axes: list[Axes] = list(figure.subplots(2, 2).ravel())
-    for axis, (what, line), colour in zip(axes, lines.items(), (BLUE, GREEN, VERMILION, "black"), strict=True):
+    for axis, (what, line), colour in zip(
+        axes, lines.items(), (tools.BLUE, tools.GREEN, tools.VERMILION, "black"), strict=True
+    ):
         sizes, costs = np.array(line).T
         axis.loglog(sizes, 1e3 * costs, "o-", color=colour)
         flat = what == "processes"
@@ -121,16 +123,16 @@ def drawn(lines: dict[str, Line]) -> Figure:
         axis.set_xticks(ticks, [f"{n:,.0f}" for n in ticks])
         axis.minorticks_off()
         axis.set_ylim(0.5 * 1e3 * costs.min(), 2.0 * 1e3 * costs.max())
-        label_few(axis)
+        tools.label_few(axis)
         axis.set_xlabel("processes, eight blocks on each" if flat else what)
         axis.set_ylabel("CPU ms per instant")
-        tidy(axis)
+        tools.tidy(axis)
     return figure
 
 
 def main(argv: list[str] | None = None) -> dict[str, Line]:
     """Print the tables and draw the figure; the lines of the figure."""
-    chosen = options(argv, __doc__)
+    chosen = tools.options(argv, __doc__)
     plates, blocks, rounds = QUICK if chosen.quick else (PLATES, BLOCKS, TURNS)
     stacks = QUICK_STACKS if chosen.quick else STACKS
     lines: dict[str, Line] = {"points of a face": [], "unknowns of a block": [], "blocks": [], "processes": []}
@@ -150,7 +152,7 @@ def main(argv: list[str] | None = None) -> dict[str, Line]:
         speed = f"{read / one / 1e9:5.1f} {read / two / 1e9:5.1f}"
         print(f"{count:6d}  {n**3:8d} {1e3 * one:8.3f} {1e3 * two:8.3f}          {one / two:9.2f}   {speed}")
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    save(drawn(lines), Path(chosen.folder), "growth")
+    tools.save(drawn(lines), Path(chosen.folder), "growth")
     return lines
 
 

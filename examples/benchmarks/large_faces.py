@@ -1,6 +1,6 @@
 """Cost of contact against the number of points of a face: two plates of m x m x h elements with friction.
 
-    python examples/large_faces.py [--quick] [-o FOLDER] [--dense] [--landing]
+    python examples/benchmarks/large_faces.py [--quick] [-o FOLDER] [--dense] [--landing]
 
 Aluminium on steel, elements of 1 mm, mu = 0.3, steps of 0.15 us (a wave passes 0.95 element), a half sine of pressure
 on top. Printed for every case, CPU time of one thread and peak memory of a process of its own:
@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from example_tools import BLUE, GREEN, VERMILION, label_few, options, save, tidy
+from harness import tools
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
@@ -159,7 +159,7 @@ def drawn(costs: dict[str, list[Cost]]) -> Figure:
     """Figure of the cost against points."""
     figure = Figure(figsize=(7.0, 3.2), layout="constrained")
     march, set_up = figure.subplots(1, 2)
-    for (form, own), colour in zip(costs.items(), (BLUE, VERMILION, GREEN), strict=False):
+    for (form, own), colour in zip(costs.items(), (tools.BLUE, tools.VERMILION, tools.GREEN), strict=False):
         points = [c.points for c in own]
         march.loglog(points, [1e3 * c.march for c in own], "o-", color=colour, label=form)
         set_up.loglog(points, [c.set_up for c in own], "o-", color=colour, label=form)
@@ -168,10 +168,10 @@ def drawn(costs: dict[str, list[Cost]]) -> Figure:
     for axis, label in ((march, "CPU ms per instant"), (set_up, "CPU s of the set-up")):
         axis.set_xticks([c.points for c in first], [f"{c.points:,}" for c in first])
         axis.xaxis.set_minor_formatter(NullFormatter())
-        label_few(axis)
+        tools.label_few(axis)
         axis.set_xlabel("points of the face")
         axis.set_ylabel(label)
-        tidy(axis)
+        tools.tidy(axis)
     march.legend(frameon=False)
     return figure
 
@@ -182,7 +182,7 @@ def main(argv: list[str] | None = None) -> dict[str, list[Cost]]:
     if arguments[:1] == ["--case"]:
         print(json.dumps(asdict(measured(int(arguments[1]), int(arguments[2]), arguments[3]))))
         return {}
-    chosen = options([a for a in arguments if a not in ("--dense", "--landing")], __doc__)
+    chosen = tools.options([a for a in arguments if a not in ("--dense", "--landing")], __doc__)
     cases = QUICK if chosen.quick else CASES
     forms = ("sparse", "exact", "dense") if "--dense" in arguments else ("sparse", "exact")
     if "--landing" in arguments:
@@ -202,7 +202,7 @@ def main(argv: list[str] | None = None) -> dict[str, list[Cost]]:
             print(line(cost, f"{m} x {m} x {h} {form}", own[-1] if own and h == 2 else None), flush=True)
             if h == 2:
                 own.append(cost)
-    save(drawn(costs), Path(chosen.folder), "large_faces")
+    tools.save(drawn(costs), Path(chosen.folder), "large_faces")
     return costs
 
 

@@ -12,55 +12,22 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from latin_fmu.assembly.build import discretise
-from latin_fmu.effects.cost import SECONDS, march_counts, operator_counts, run_size
-
-from .verification.oracles import cases
-
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-
-
-@pytest.fixture
-def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The module named by the test's parameter."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    return importlib.import_module(request.param)
+from ..verification.oracles import cases
 
 
 def _figures(folder: Path) -> set[str]:
     return {path.name for path in folder.glob("*.png") if path.stat().st_size > 10_000}
 
 
-def test_every_example_is_tested_here() -> None:
-    names = {
-        path.stem
-        for path in EXAMPLES.glob("*.py")
-        if not path.stem.startswith(("fmu_", "benchmark_", "calculix_", "siconos_"))
-    } - {"example_tools"}
-    assert names == {
-        "waves_in_bars",
-        "the_paper",
-        "latin_in_numpy",  # run by tests/verification/test_latin_in_numpy.py
-        "own_law",  # run by tests/latin/test_own_law.py
-        "long_steps",  # run by tests/verification/test_long_steps.py
-        "crushing_friction",
-        "crushing_reference",
-        "convergence_friction",
-        "price_of_friction",
-        "price_of_accuracy",
-        "estimated_error",
-        "price_of_effects",
-        "cost_model",
-        "against_calculix",
-        "against_siconos",
-        "against_cholmod",  # run by tests/test_cholmod.py
-        "static_friction",
-        "joint_damping",
-        "landing",
-        "front_through_joint",
-        "large_faces",
-        "growth",
-    }
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+SCRIPTS = sorted(p.stem for folder in (EXAMPLES, EXAMPLES / "benchmarks") for p in folder.glob("*.py"))
+
+
+@pytest.mark.parametrize("example", [name for name in SCRIPTS if name != "figures"], indirect=True)
+def test_every_example_says_what_it_shows(example: ModuleType) -> None:
+    """It loads, so that what it uses of the package is there, and its head is more than a title."""
+    assert example.__doc__ is not None
+    assert len(example.__doc__.splitlines()) >= 2 or example.__name__.startswith(("example_tools", "fmu_"))
 
 
 @pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)
@@ -76,7 +43,7 @@ def test_exact_stress_of_the_waves_is_that_of_the_characteristics(example: Modul
 @pytest.mark.parametrize("example", ["waves_in_bars"], indirect=True)
 def test_waves_in_bars(example: ModuleType, tmp_path: Path) -> None:
     numbers = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"waves_in_bars.png", "waves_through_the_iterations.png"}
+    assert _figures(tmp_path) == {"waves_in_bars.png"}
     assert numbers["iterations"] <= 8
     assert numbers["error_indicator"] <= 1e-3
     assert abs(numbers["contact_instant_error_in_steps"]) <= 1.5
@@ -88,7 +55,7 @@ def test_waves_in_bars(example: ModuleType, tmp_path: Path) -> None:
 @pytest.mark.parametrize("example", ["crushing_friction"], indirect=True)
 def test_crushing_friction(example: ModuleType, tmp_path: Path) -> None:
     numbers = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"crushing_friction.png", "crushing_through_the_iterations.png"}
+    assert _figures(tmp_path) == {"crushing_friction.png"}
     assert numbers["stick_without_friction"] == 0.0
     assert numbers["slip_ratio_mu_10_to_0"] < 0.01
     assert numbers["states_met_at_mu_0.1"] == 3
@@ -96,10 +63,9 @@ def test_crushing_friction(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["separation_us"] == pytest.approx(16.8, abs=0.3)
     assert numbers["peak_normal_kN"] == pytest.approx(26.8, rel=0.03)
     assert numbers["passes_ratio"] < 1.5
-    assert numbers["normal_error_at_last_iteration"] < 2e-3
-    assert numbers["friction_error_at_last_iteration"] < 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["crushing_reference"], indirect=True)
 def test_crushing_reference(example: ModuleType, tmp_path: Path) -> None:
     """Half as fine, the values are those of the file beside the scene, within its errors and those estimated."""
@@ -116,6 +82,7 @@ def test_crushing_reference(example: ModuleType, tmp_path: Path) -> None:
         assert numbers[f"error_of_{key}"] < error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)
 def test_convergence_friction(example: ModuleType, tmp_path: Path) -> None:
     numbers = example.main(["--quick", "-o", str(tmp_path)])
@@ -141,6 +108,7 @@ def test_springs_of_zero_give_the_iterates_of_the_package(example: ModuleType) -
     np.testing.assert_allclose(found, package, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["convergence_friction"], indirect=True)
 def test_springs_lead_to_the_same_solution(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fields at the end are those of the published search direction."""
@@ -153,6 +121,7 @@ def test_springs_lead_to_the_same_solution(example: ModuleType, monkeypatch: pyt
         np.testing.assert_allclose(found.reshape(right.shape), right, rtol=0, atol=1e-5 * np.abs(right).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["the_paper"], indirect=True)
 def test_the_paper(example: ModuleType, tmp_path: Path) -> None:
     numbers = example.main(["--quick", "-o", str(tmp_path)])
@@ -191,6 +160,7 @@ def test_landing(example: ModuleType, tmp_path: Path) -> None:
     assert numbers["massless_contact, peak, Courant 0.2"] > 1.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["front_through_joint"], indirect=True)
 def test_front_through_joint(example: ModuleType, tmp_path: Path) -> None:
     """What the default leaves behind a front, and why HHT stays where loads grow slowly."""
@@ -201,16 +171,6 @@ def test_front_through_joint(example: ModuleType, tmp_path: Path) -> None:
     assert hht < 1.0 < default
 
 
-@pytest.mark.parametrize("example", ["price_of_accuracy"], indirect=True)
-def test_price_of_accuracy(example: ModuleType, tmp_path: Path) -> None:
-    """Times are printed, not asserted; the accuracy that is reached holds."""
-    numbers = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"price_of_accuracy.png"}
-    assert numbers["cases"] == numbers["reached"] == numbers["true_error_below_target"] == 2
-    assert numbers["not_reached_by_the_study"] == 0
-    assert 0.0 < numbers["median_ratio_own_scheme"] < 20.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("example", ["estimated_error"], indirect=True)
 def test_estimated_error(example: ModuleType, tmp_path: Path) -> None:
@@ -219,57 +179,6 @@ def test_estimated_error(example: ModuleType, tmp_path: Path) -> None:
     assert _figures(tmp_path) == {"estimated_error.png"}
     for quantity, mesh in (("wall.impulse", 0.5), ("wall.impulse", 1.0), ("fault.friction_work", 0.4)):
         assert 0.0 < numbers[f"true_{quantity}_{mesh:g}"] < numbers[f"estimated_{quantity}_{mesh:g}"] < 0.05
-
-
-@pytest.mark.parametrize("example", ["price_of_effects"], indirect=True)
-def test_price_of_effects(example: ModuleType, tmp_path: Path) -> None:
-    """Times of a shared machine are printed, not asserted; counts are."""
-    numbers = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"price_of_effects.png"}
-    assert numbers["interface_unknowns_friction"] == 3 * numbers["interface_unknowns_frictionless"]
-    assert numbers["chain_marched_exact"] == 1.0
-    assert numbers["chain_marched_tolerance"] < 0.5
-    assert all(0.0 < value < 20.0 for name, value in numbers.items() if "_over_" in name)
-
-
-@pytest.mark.parametrize("example", ["cost_model"], indirect=True)
-def test_cost_model(example: ModuleType, tmp_path: Path) -> None:
-    """Times of a shared machine are printed, not asserted."""
-    numbers = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"cost_model.png"}
-    assert numbers["scenes"] > 30
-    assert 1.0 <= numbers["typical_factor"] <= numbers["worst_factor"]
-
-
-@pytest.mark.parametrize("example", ["cost_model"], indirect=True)
-def test_the_fit_finds_the_seconds_that_made_the_times(example: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times computed with other seconds than those of the package: the fit finds these."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    scenes = importlib.import_module("benchmark_scenes")
-    per = SECONDS * np.arange(2.0, 7.0)
-    runs = []
-    for one in scenes.benchmarks(quick=True).values():
-        size = run_size(discretise(one))
-        runs.append(example.Measured(size, operator_counts(size) @ per, march_counts(size) @ per, size.iterations))
-    np.testing.assert_allclose(example.fitted(runs), per, rtol=1e-6)
-
-
-@pytest.mark.parametrize("example", ["large_faces"], indirect=True)
-def test_large_faces(example: ModuleType, tmp_path: Path) -> None:
-    costs = example.main(["--quick", "-o", str(tmp_path)])["exact"]
-    assert _figures(tmp_path) == {"large_faces.png"}
-    assert [c.points for c in costs] == [81, 169]
-    assert all(c.ratio > 1.0 and c.set_up > 0.0 and 2.0 < c.iterations < 5.0 for c in costs)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("mpi4py") is None, reason="no MPI")
-@pytest.mark.parametrize("example", ["growth"], indirect=True)
-def test_growth(example: ModuleType, tmp_path: Path) -> None:
-    lines = example.main(["--quick", "-o", str(tmp_path)])
-    assert _figures(tmp_path) == {"growth.png"}
-    assert [[n for n, _ in line] for line in lines.values()] == [[49, 81], [192, 375], [2, 4], [1, 2]]
-    assert all(cost > 0.0 for line in lines.values() for _, cost in line)
 
 
 @pytest.mark.parametrize("example", ["joint_damping"], indirect=True)

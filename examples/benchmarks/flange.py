@@ -17,11 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from benchmark_problems import STEEL, Case
-from benchmark_timing import cpu, prepared
-from calculix_deck import Choices, Deck
-from calculix_run import run
-from example_tools import Array
+from calculix import Choices, Deck, run
+from harness import STEEL, Case, cpu, prepared, tools
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
@@ -145,7 +142,7 @@ def case(mesh: Mesh, file: Path) -> Case:
             loads[half] = {"face": f"{half}.cut", "traction": [0.0, 0.0, up * PULL / area], "law": tighten}
     scene = {
         "name": "flange",
-        "material": {"steel": STEEL},
+        "material": {"steel": STEEL.table()},
         "mesh": {"flange": {"file": str(file), "scale": 1e-3, "material": "steel"}},
         "interface": interfaces,
         "boundary": {"held": {"type": "fixed", "face": "lower.rim"}},
@@ -162,9 +159,9 @@ class FlangeResult:
     upper rim (3,), m, displacements of all nodes (n_node, 3), m."""
 
     seconds: float
-    force: Array
-    rim: Array
-    moved: Array
+    force: tools.Array
+    rim: tools.Array
+    moved: tools.Array
 
     def line(self, name: str, reference: FlangeResult, applied: float) -> str:
         """Row of the table; distances to a reference."""
@@ -205,9 +202,9 @@ def of_calculix(case: Case, choices: Choices, limit: float) -> FlangeResult | No
     return FlangeResult(there.seconds, -force, rim, np.concatenate([*moved.values()]))
 
 
-def mean(face: Face, moved: Array) -> Array:
+def mean(face: Face, moved: tools.Array) -> tools.Array:
     """Mean by area of nodal displacements (n_node, 3) over a face, (3,)."""
-    weighted: Array = face.areas @ moved[face.nodes] / face.areas.sum()
+    weighted: tools.Array = face.areas @ moved[face.nodes] / face.areas.sum()
     return weighted
 
 

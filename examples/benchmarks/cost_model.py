@@ -6,24 +6,21 @@ the predicted share of the march beside the share that the march takes longer wi
 
   --fit    fits the seconds per operation to these runs and prints them for latin_fmu/effects/cost.py: to be done on
            another machine, or after the kernels have changed
-
-Writes cost_model.png: predicted over measured seconds, and shares.
 """
 
 from __future__ import annotations
 
+import copy
 import gc
 import time as clock
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
-from benchmark_scenes import Pair, benchmarks, models, pairs, scene
-from example_tools import BLUE, ORANGE, save, table, tidy
-from matplotlib.figure import Figure
+from harness import OWN, Case, bars, crushing, plates, tools, tower
 from scipy.optimize import nnls
 from threadpoolctl import threadpool_limits
 
@@ -32,11 +29,100 @@ from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise, solver_ready
 from latin_fmu.effects.cost import OPERATIONS, Prediction, RunSize, march_counts, operator_counts
 from latin_fmu.effects.explanation import explain
+from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine
 
 FACTOR = 2.0  # aimed at for totals
 SMALL = 0.05  # shares below are noise
+EDGE, STEP = 0.01, 2e-7  # m, s
+LAWS = {
+    "soft contact": {"behaviour": "soft_contact", "normal_stiffness": 1e15, "friction_coefficient": 0.2},
+    "elastic layer": {"behaviour": "elastic_layer", "normal_stiffness": 1e15, "tangential_stiffness": 4e14},
+    "viscous joint": {"behaviour": "viscous_joint", "normal_viscosity": 4e7, "tangential_viscosity": 2e7},
+}
 
 
+# -- scenes -----------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Pair:
+    """Effects switched on and off, as ``latin-fmu explain`` names them."""
+
+    name: str
+    effects: tuple[str, ...]
+    on: Description
+    off: Description
+
+
+def models() -> dict[str, latin_fmu.Scene]:
+    """Every shipped scene but one of minutes."""
+    files = sorted(file for file in tools.MODELS.glob("*/*.toml") if file.parent.name != "bolted_beam")
+    return {f"{file.parent.name}/{file.stem}": latin_fmu.load_scene(file) for file in files}
+
+
+def benchmarks(quick: bool) -> dict[str, latin_fmu.Scene]:
+    """Problems P1, P2, P3 and stacks of plates without inertia; each way to march, with own and shared factors."""
+    small: list[Case] = [bars((1, 1, 50), None), crushing(4, 0.3), tower(4, 4), plates(4)]
+    large = [bars((4, 4, 100), None), crushing(10, 0.3), crushing(14, 0.3), tower(16, 4), tower(16, 6), plates(16)]
+    scenes = {f"{c.case}, {c.n_blocks} blocks": _solved(c, OWN) for c in (small if quick else small + large)}
+    scenes["P3 n=4, 16 blocks, shared"] = _solved(tower(16, 4), {"propagator": "direct"})
+    for solver in ({"propagator": "reduced"}, {"propagator": "cg"}, {"precision": "float32"}, {"window": 10}):
+        scenes[f"P2 n=4, {next(iter(solver.values()))}"] = _solved(crushing(4, 0.3), solver)
+    scenes["P2 n=4, whole interval"] = _solved(crushing(4, 0.3), {"window": "whole"})
+    scenes["P2 n=4, explicit"] = _solved(crushing(4, 0.3), {"propagator": "explicit"}, finer=3)  # stable
+    whole_faces = pushed(4 if quick else 12, 60, **{"interface.meet.friction_coefficient": 0.3})
+    return scenes | {"contact of whole faces": latin_fmu.scene_from_dict(whole_faces)}
+
+
+def _solved(case: Case, solver: Description, finer: int = 1) -> latin_fmu.Scene:
+    """A case with solver settings of its own and ``finer`` times the instants."""
+    tables: Description = {**copy.deepcopy(case.description), "solver": solver}
+    tables["time"]["instants"] *= finer
+    return latin_fmu.scene_from_dict(tables)
+
+
+def pushed(elements: int, instants: int, **changes: Any) -> Description:
+    """Two blocks in frictionless contact, one pushed; with changes by dotted path."""
+    block = Box(STEEL, (EDGE,) * 3, (elements,) * 3)
+    push = {"face": "a.zmin", "pressure": 1e8, "law": half_sine(30 * STEP)}
+    time = {"end": instants * STEP, "instants": instants}
+    tables = column({"a": block, "b": block}, {"meet": {}}, time, load={"push": push}, solver={}, output={})
+    for path, value in changes.items():
+        *holders, key = path.split(".")
+        table = tables
+        for holder in holders:
+            table = table[holder]
+        table[key] = value
+    return tables
+
+
+def pairs(elements: int, instants: int) -> list[Pair]:
+    """Effects on two blocks that are pushed from both ends."""
+
+    def made(**changes: Any) -> Description:
+        back = {"face": "b.zmax", "pressure": 1e8, "law": half_sine(30 * STEP)}
+        return pushed(elements, instants, **{"load.back": back, "solver.share_identical": False, **changes})
+
+    start, apart, sides = made(), made(), {"sides": ["a.zmax", "b.zmin"]}
+    del apart["interface"]
+    rubbed = made(**{"interface.meet.friction_coefficient": 0.2})
+    bond = {"interface.meet": {**sides, "behaviour": "perfect"}}
+    laws = {name: made(**{"interface.meet": {**sides, **law}}) for name, law in LAWS.items()}
+    layers = ("layers and joints",)
+    return [
+        Pair("contact", ("unilateral contact",), start, apart),
+        Pair("friction", ("friction",), rubbed, start),
+        Pair("soft contact", ("unilateral contact", "friction", *layers), laws["soft contact"], apart),
+        *(Pair(name, layers, laws[name], apart) for name in ("elastic layer", "viscous joint")),
+        Pair("bond, one solve", ("perfect bond",), made(**bond), apart),
+        Pair("bond, iterated", ("perfect bond",), made(**bond, **{"solver.bonds": "iterate"}), apart),
+        Pair("damping", ("damping",), made(**{"material.steel.rayleigh_stiffness": 1e-8}), start),
+        Pair("body force", ("body force",), made(**{"substructure.a.body_force": [0.0, 0.0, 1e7]}), start),
+        Pair("energy balance", ("energy balance",), made(**{"output.energy": True}), start),
+        Pair("stress", ("stress",), made(**{"output.stress": True}), start),
+        Pair("interior history", ("interior history",), made(**{"output.fields": True}), start),
+    ]
+
+
+# -- comparison -------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Measured:
     """A run: its predicted sizes; measured CPU seconds of operators and march; LATIN iterations per window."""
@@ -89,27 +175,26 @@ def fitted(runs: Sequence[Measured]) -> np.ndarray:
 
 def shares(pair: Pair, runs: Mapping[str, Measured]) -> tuple[float, float]:
     """Share of the march that ``explain`` predicts for an effect, and the one measured."""
-    explained = explain(scene(pair.on))
+    explained = explain(latin_fmu.scene_from_dict(pair.on))
     cost = sum(e.cost for e in explained.effects if e.name in pair.effects)
     on, off = runs[f"{pair.name}: on"], runs[f"{pair.name}: off"]
     return cost / explained.prediction["cpu_seconds_instant"], 1.0 - off.march / on.march
 
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
-    """Measure, compare, draw; returns the checked numbers."""
+    """Measure and compare; returns the checked numbers."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a few small scenes, once")
     parser.add_argument("--fit", action="store_true", help="fit the seconds per operation, and print them")
-    parser.add_argument("-o", "--folder", type=Path, default=Path("figures"), help="where the figure goes")
     options = parser.parse_args(argv)
-    options.folder.mkdir(parents=True, exist_ok=True)
     quick: bool = options.quick
 
     # scenes: models, benchmarks, effects
     scenes = {n: s for n, s in models().items() if not quick or s.time.n_step < 100} | benchmarks(quick)
     switched = pairs(3, 60) if quick else pairs(6, 200)
     for pair in switched:
-        scenes |= {f"{pair.name}: on": scene(pair.on), f"{pair.name}: off": scene(pair.off)}
+        on, off = (latin_fmu.scene_from_dict(tables) for tables in (pair.on, pair.off))
+        scenes |= {f"{pair.name}: on": on, f"{pair.name}: off": off}
 
     # solve
     runs = measured(scenes, 1 if quick else 3)
@@ -132,8 +217,6 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     if options.fit:
         print("\n" + ", ".join(f"{name}={value:.2g}" for name, value in zip(OPERATIONS, per, strict=True)))
 
-    # save
-    save(figure(runs, ratios, by_effect), options.folder, "cost_model")
     off = np.abs(np.log(list(ratios.values())))
     seen = [(predicted, met) for predicted, met in by_effect.values() if met > SMALL]
     return {
@@ -145,32 +228,5 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     }
 
 
-def figure(
-    runs: Mapping[str, Measured], ratios: Mapping[str, float], by_effect: Mapping[str, tuple[float, float]]
-) -> Figure:
-    """Predicted over measured totals, and shares of effects."""
-    drawn = Figure(figsize=(11.0, 4.6), layout="constrained")
-    left, right = drawn.subplots(1, 2)
-    seconds = np.array([runs[name].total for name in ratios])
-    left.axhspan(1 / FACTOR, FACTOR, color="0.93", linewidth=0)
-    left.axhline(1.0, color="0.4", linewidth=1.0)
-    left.semilogx(seconds, list(ratios.values()), "o", color=BLUE, markersize=4.5, alpha=0.8)
-    left.set_yscale("log")
-    left.set_ylim(0.4, 2.5)
-    left.set_yticks([0.5, 0.67, 1.0, 1.5, 2.0], ["1/2", "1/1.5", "1", "1.5", "2"])
-    left.minorticks_off()
-    left.set(xlabel="measured CPU time (s)", ylabel="predicted over measured", title="Operators and march of a run")
-    names = list(by_effect)
-    places = np.arange(len(names))[::-1]
-    for shift, column, colour, label in ((0.2, 0, ORANGE, "explain"), (-0.2, 1, BLUE, "measured, on - off")):
-        right.barh(places + shift, [100 * by_effect[n][column] for n in names], 0.38, color=colour, label=label)
-    right.set_yticks(places, names)
-    right.set(xlabel="share of the march (%)", title="Share of an effect")
-    right.legend(frameon=False, loc="upper right")
-    for axis in (left, right):
-        tidy(axis)
-    return drawn
-
-
 if __name__ == "__main__":
-    print(table(main()))
+    print(tools.table(main()))

@@ -3,8 +3,7 @@
 For four models, impulse and contact instant, 5, 1 and 0.2 %: CPU time of the whole search (its coarse runs, the final
 one, all estimates), true and estimated error; beside it the cheapest setting that the study (``latin-fmu cost``) finds
 with the truth in hand, of the scene's own scheme and of any scheme and propagator. Both without output (fields,
-energies), measured in turns, medians. Writes one figure:
-  price_of_accuracy.png  CPU time of the search against that of the cheapest setting
+energies), measured in turns, medians.
 Four minutes; one model and 5 % with --quick.
 """
 
@@ -17,8 +16,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from example_tools import COLOURS, MODELS, options, save, table, tidy
-from matplotlib.figure import Figure
+from harness import tools
 
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import Choice, choose
@@ -61,19 +59,18 @@ class Case:
 
 def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     """Study, search, compare, and return the checked numbers."""
-    arguments = options(argv, __doc__)
+    arguments = tools.options(argv, __doc__)
     models, targets, budget = (("impact_bar",), TARGETS[:1], 8.0) if arguments.quick else (QUANTITIES, TARGETS, 60.0)
     head = f"{'':34}{'target':>8}{'true':>9}{'estimate':>9}{'CPU s':>9}"
     print(f"{head}{'own scheme':>12}{'ratio':>7}{'any':>9}{'ratio':>7}")
     cases = []
     for model in models:
-        scene = latin_fmu.load_scene(MODELS / model / "scene.toml", BARE)
+        scene = latin_fmu.load_scene(tools.MODELS / model / "scene.toml", BARE)
         found = study(scene, budget, lambda _: None)
         for quantity in QUANTITIES[model]:
             for target in targets:
                 cases.append(compared(model, found, quantity, target))
                 print(line(cases[-1]), flush=True)
-    save(figure(cases), arguments.folder, "price_of_accuracy")
     return numbers(cases)
 
 
@@ -110,7 +107,7 @@ def timed(work: Callable[[], Result]) -> tuple[Result, float]:
 
 
 def line(case: Case) -> str:
-    """One row of the table."""
+    """One row of the tools.table."""
     estimated = f"{100 * case.choice.error:.2g} %" if case.choice.reached else "refused"
     text = f"{case.model + ' ' + case.quantity.split('.')[1]:34}{f'{100 * case.target:g} %':>8}"
     text += f"{f'{100 * case.true:.2g} %':>9}{estimated:>9}{case.seconds:9.3g}{case.own:12.3g}"
@@ -135,35 +132,5 @@ def numbers(cases: Sequence[Case]) -> dict[str, float]:
     }
 
 
-def figure(cases: Sequence[Case]) -> Figure:
-    """CPU time of the search against that of the cheapest setting, one colour for each target."""
-    drawn = Figure(figsize=(6.0, 4.8), layout="constrained")
-    axis = drawn.subplots()
-    ends = np.array([5e-3, 1e1])
-    axis.plot(ends, ends, color="0.3", linewidth=1.0, label="as cheap as the cheapest setting")
-    axis.plot(ends, 3.0 * ends, color="0.3", linewidth=1.0, linestyle="--", label="three times as dear")
-    for colour, target in zip(COLOURS, TARGETS, strict=False):
-        for mark, cost, name in (("o", "own", "own scheme"), ("x", "best", "any scheme")):
-            chosen = [c for c in cases if c.target == target and c.choice.reached]
-            axis.plot(
-                [getattr(c, cost) for c in chosen],
-                [c.seconds for c in chosen],
-                mark,
-                color=colour,
-                markersize=5,
-                label=f"{100 * target:g} %, {name}",
-            )
-    axis.set(
-        xscale="log",
-        yscale="log",
-        xlabel="CPU s of the cheapest setting of the study",
-        ylabel="CPU s of the whole search",
-        title="What a wanted accuracy costs",
-    )
-    axis.legend(frameon=False, fontsize="small")
-    tidy(axis)
-    return drawn
-
-
 if __name__ == "__main__":
-    print(table(main()))
+    print(tools.table(main()))

@@ -18,8 +18,6 @@ from latin_fmu.assembly.merged_assembly import merge
 from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
 from latin_fmu.propagator import DirectPropagator
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-
 
 def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice]]:
     """The assembly as one body, begun at its instants; slices of the full dofs of its substructures."""
@@ -31,20 +29,19 @@ def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice
 
 
 @pytest.fixture
-def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
-    monkeypatch.syspath_prepend(str(EXAMPLES))
-    names = ("benchmark_problems", "calculix_cards", "calculix_deck", "calculix_run")
+def modules() -> dict[str, ModuleType]:
+    names = ("harness", "calculix")
     return {name: importlib.import_module(name) for name in names}
 
 
 def _crushing(modules: dict[str, ModuleType], n: int, mu: float = 0.3, **time: Any) -> DiscretisedProblem:
-    scene = copy.deepcopy(modules["benchmark_problems"].crushing(n, mu).description)
+    scene = copy.deepcopy(modules["harness"].crushing(n, mu).description)
     scene["time"] |= time
     return discretise(latin_fmu.scene_from_dict(scene))
 
 
 def _deck(modules: dict[str, ModuleType], ready: DiscretisedProblem, **choices: Any) -> str:
-    deck = modules["calculix_deck"]
+    deck = modules["calculix"]
     return deck.Deck(ready, deck.Choices(**choices)).text()
 
 
@@ -85,7 +82,7 @@ def test_no_friction_card_without_friction(modules: dict[str, ModuleType]) -> No
 
 
 def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> None:
-    cards, ready = modules["calculix_cards"], _crushing(modules, 3)
+    cards, ready = modules["calculix"], _crushing(modules, 3)
     mesh = ready.bodies["b2"].mesh
     for axis, pair in enumerate((("xmin", "xmax"), ("ymin", "ymax"), ("zmin", "zmax"))):
         for side in pair:
@@ -101,7 +98,7 @@ def test_faces_have_the_area_of_the_block(modules: dict[str, ModuleType]) -> Non
 def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str, ModuleType], tmp_path: Path) -> None:
     """Every face, with the numbers that CalculiX gives them: outward normals, areas, and a joint whose nodes match."""
     pytest.importorskip("gmsh")
-    flange, cards = importlib.import_module("calculix_flange"), modules["calculix_cards"]
+    flange, cards = importlib.import_module("flange"), modules["calculix"]
     case = flange.Mesh(12.0, 12.0, 3.0).made(tmp_path / "flange.msh")
     ready = discretise(latin_fmu.scene_from_dict(case.description))
     assert [u.geometry.matching for u in ready.units] == [True] * 9
@@ -125,14 +122,14 @@ def test_tetrahedra_of_the_flange_have_their_faces_in_the_deck(modules: dict[str
 def test_flange_is_that_of_calculix(modules: dict[str, ModuleType], tmp_path: Path) -> None:
     """Shear of the joint by equilibrium; displacements of one mesh in both codes; meshes that do not match."""
     pytest.importorskip("gmsh")
-    flange = importlib.import_module("calculix_flange")
+    flange = importlib.import_module("flange")
     case = flange.Mesh(6.0, 6.0, 2.5).made(tmp_path / "flange.msh")
     shear, here = flange.applied(case), flange.of_package(case, {})
     assert here.force[0] == pytest.approx(shear, rel=1e-3)
     other = flange.Mesh(8.0, 6.0, 2.5, matching=False, order=2).made(tmp_path / "other.msh")
     assert flange.of_package(other, {}).force[0] == pytest.approx(flange.applied(other), rel=1e-3)
-    if not modules["calculix_run"].installed():
-        pytest.skip(modules["calculix_run"].MISSING)
+    if not modules["calculix"].installed():
+        pytest.skip(modules["calculix"].MISSING)
     there = flange.of_calculix(case, flange.PENALTY, 300.0)
     assert there is not None
     assert there.force[0] == pytest.approx(shear, rel=1e-3)
@@ -148,7 +145,7 @@ def test_bonded_deck_shares_the_nodes_of_the_interface(modules: dict[str, Module
 
 
 def test_static_deck(modules: dict[str, ModuleType]) -> None:
-    case = modules["benchmark_problems"].plates(3, (2, 2, 1))
+    case = modules["harness"].plates(3, (2, 2, 1))
     cards = _cards(_deck(modules, discretise(latin_fmu.scene_from_dict(case.description))))
     assert cards["*STATIC"][0].split(", ")[:2] == ["5.000000000e-02", "1.000000000e+00"]
     assert cards["*BOUNDARY"] == [f"N_B1_ZMIN, {k}, {k}" for k in (1, 2, 3)]
@@ -158,7 +155,7 @@ def test_static_deck(modules: dict[str, ModuleType]) -> None:
 
 
 def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
-    scene = copy.deepcopy(modules["benchmark_problems"].crushing(1, 0.0).description)
+    scene = copy.deepcopy(modules["harness"].crushing(1, 0.0).description)
     scene["boundary"]["base"] = {"type": "absorbing", "face": "b1.zmin"}
     with pytest.raises(ValueError, match="absorbing"):
         _deck(modules, discretise(latin_fmu.scene_from_dict(scene)))
@@ -183,7 +180,7 @@ PRINTED = """
 
 
 def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
-    printed = modules["calculix_run"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
+    printed = modules["calculix"].read(PRINTED + re.sub("0.15", "0.30", PRINTED).replace("7.5", "8.5"))
     assert printed.time == pytest.approx([1.5e-7, 3.0e-7])
     assert printed.displacement.shape == (2, 3, 3)
     assert printed.displacement[1, 2].tolist() == [0.0, 3.0, -6.299236e-122]
@@ -192,7 +189,7 @@ def test_printed_numbers_are_read(modules: dict[str, ModuleType]) -> None:
 
 def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
     """Mesh, matrices, loads, conditions and time scheme against another code, to the digits it prints."""
-    deck, run = modules["calculix_deck"], modules["calculix_run"]
+    deck, run = modules["calculix"], modules["calculix"]
     if not run.installed():
         pytest.skip(run.MISSING)
     ready = _crushing(modules, 2, end=40 * 0.15e-6, instants=40)
@@ -216,19 +213,19 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
 @pytest.mark.slow
 def test_static_contact_with_friction_is_the_limit_of_penalties(modules: dict[str, ModuleType]) -> None:
     """Plates pressed and sheared, edges open and slip: CalculiX comes as near as its penalty is stiff."""
-    if not modules["calculix_run"].installed():
-        pytest.skip(modules["calculix_run"].MISSING)
-    static = importlib.import_module("calculix_static")
-    case = modules["benchmark_problems"].plates(12, (4, 2, 1))
+    if not modules["calculix"].installed():
+        pytest.skip(modules["calculix"].MISSING)
+    static = importlib.import_module("against_calculix")
+    case = modules["harness"].plates(12, (4, 2, 1))
     case.description["load"]["shear"]["traction"] = [8e6, 0.0, 0.0]
-    timing = importlib.import_module("benchmark_timing")
+    timing = modules["harness"]
     histories = timing.contact_run(timing.prepared(case, static.TIGHT)).interfaces.values()
     assert {s for h in histories for s in h.contact_status[-1]} == {0, 1, 2}  # open, stick, slip: all occur
     here = static.moved(case, static.TIGHT)
     errors = []
     for stiffness in (1e2, 1e3):
-        choices = modules["calculix_deck"].Choices(stiffness=stiffness)
-        there = static.of_calculix(case, choices, 100.0)[1]
+        choices = modules["calculix"].Choices(stiffness=stiffness)
+        there = static.plates_by_calculix(case, choices, 100.0)[1]
         assert there is not None
         errors.append(static.error(there, here))
     assert errors[1] < 6e-3
@@ -238,28 +235,17 @@ def test_static_contact_with_friction_is_the_limit_of_penalties(modules: dict[st
 @pytest.mark.slow
 def test_contact_force_is_that_of_calculix(modules: dict[str, ModuleType]) -> None:
     """Unilateral contact with friction against another code: crushing, coarse, within the penalty's penetration."""
-    forces = importlib.import_module("benchmark_forces")
-    if not modules["calculix_run"].installed():
-        pytest.skip(modules["calculix_run"].MISSING)
-    case = modules["benchmark_problems"].crushing(3, 0.3)
+    forces = importlib.import_module("against_calculix")
+    if not modules["calculix"].installed():
+        pytest.skip(modules["calculix"].MISSING)
+    case = modules["harness"].crushing(3, 0.3)
     case.description["time"] = {"end": 120 * 0.15e-6, "instants": 120}
-    choices = modules["calculix_deck"].Choices(stiffness=50.0, alpha=-0.3)
+    choices = modules["calculix"].Choices(stiffness=50.0, alpha=-0.3)
     there = forces.of_calculix(case, "contact", choices, 200.0)
     here = forces.of_package(case, "here")
     assert there.complete
     assert here.distance(there) < 0.02
     assert here.separation == pytest.approx(there.separation, abs=2 * 0.15e-6)
-
-
-def test_exact_contact_stress_of_the_bars(modules: dict[str, ModuleType]) -> None:
-    """Levels and instants in closed form: gap over 2 p/(rho c) after the front, whole transits after that."""
-    exact = importlib.import_module("benchmark_exact")
-    bar = modules["benchmark_problems"].BAR
-    transit = 0.1 * np.sqrt(bar["density"] / bar["young_modulus"])
-    first = transit + 1e-5 / (2 * 100e6 / np.sqrt(bar["density"] * bar["young_modulus"]))
-    assert first == pytest.approx(21.30e-6, abs=5e-9)
-    times = [first - 5e-8, first + 5e-8, 3 * transit - 5e-8, 3 * transit + 5e-8, first + 2 * transit + 1e-6]
-    assert exact.contact_stress(np.array(times)) == pytest.approx([0.0, 100e6, 100e6, 200e6, 200e6])
 
 
 def test_says_when_there_is_no_calculix(
@@ -268,16 +254,16 @@ def test_says_when_there_is_no_calculix(
     example = importlib.import_module("against_calculix")
     monkeypatch.setattr(example, "installed", lambda: False)
     assert example.main(["-o", str(tmp_path / "none")]) == 0
-    assert capsys.readouterr().out.strip() == modules["calculix_run"].MISSING
+    assert capsys.readouterr().out.strip() == modules["calculix"].MISSING
     assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.usefixtures("modules")
 def test_figure_has_a_column_for_each_case(tmp_path: Path) -> None:
-    history = importlib.import_module("benchmark_forces").ForceHistory
+    history = importlib.import_module("against_calculix").ForceHistory
     time = np.linspace(0.0, 1e-5, 20)
     made = [history(name, 0.1 * (k + 1), time, np.sin(3e5 * time)) for k, name in enumerate(("own", "other, soft"))]
-    drawing = importlib.import_module("calculix_figure").figure(
+    drawing = importlib.import_module("against_calculix").figure(
         {"P1": (made[0], made), "P2": (made[0], made)},
         [(n, dict.fromkeys(("own", "shared", "other"), (0.1 * n, 1e-3))) for n in (4, 8)],
     )

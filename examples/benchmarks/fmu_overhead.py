@@ -27,7 +27,7 @@ from latin_fmu.cosim.communication import CommunicationRun
 from latin_fmu.cosim.variables import RATE
 from latin_fmu.kernels import entries
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 CRUSHING = "two_specimen_crushing"
 LOADS = {CRUSHING: ("press",), "impact_bar": (), "hammer_on_plate": ()}  # set from outside
 N_INSTANT, N_REPEAT, N_ROUNDED, N_SINGLE = 50, 9, 1000, 200

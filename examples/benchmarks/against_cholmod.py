@@ -1,6 +1,6 @@
 """The same factors and the same linear march by CHOLMOD, beside this package.
 
-    python examples/against_cholmod.py [--quick] [--rounds N] [--factors] [--impact]
+    python examples/benchmarks/against_cholmod.py [--quick] [--rounds N] [--factors] [--impact]
 
 Needs CHOLMOD through scikit-sparse (LGPL; nothing in the package uses it), with a BLAS made for the machine:
 
@@ -14,7 +14,7 @@ times as long), ordered by METIS, by its own nested dissection (NESDIS) and by A
   factors  operator M + c K of bodies: seconds of ordering and analysis, of the factorisation, of one solution, by the
            order of supernodal CHOLMOD with the shortest set-up; ``set-up`` is ours over that. Entries of the factor in
            our order, and over those in the order of METIS by CHOLMOD, both without the zeros of supernodes
-  impact   problem P2 with friction (``benchmark_problems``), from the matrices on: march with contact over the fastest
+  impact   problem P2 with friction (``harness``), from the matrices on: march with contact over the fastest
            CHOLMOD march of the bonded mesh, same scheme and steps, factorised once and solved once per instant; beside
            it the floor of this package, the same march by its own kernels, and its factor in the loop of CHOLMOD
 """
@@ -31,10 +31,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from benchmark_floor import Floor
-from benchmark_problems import Case, crushing
-from benchmark_timing import contact_run, cpu, in_turn, prepared
-from example_tools import MODELS
+from floor import Floor
+from harness import OWN, Case, contact_run, cpu, crushing, in_turn, prepared, tools
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -48,7 +46,6 @@ from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import Mesh, box_mesh
 
 Array = NDArray[np.float64]
-OWN = {"propagator": "direct", "share_identical": False}
 MISSING = (
     'no CHOLMOD here (apt-get install libsuitesparse-dev libopenblas-dev; pip install "scikit-sparse<0.5"): '
     "our own numbers alone"
@@ -93,7 +90,7 @@ def bodies(quick: bool) -> Iterator[tuple[str, Mesh, sp.csr_array]]:
     for n in QUICK_CUBES if quick else CUBES:
         yield f"cube {n} x {n} x {n}", *_operator(box_mesh(np.zeros(3), np.full(3, float(n)), (n, n, n)))
     for name in () if quick else FILES:
-        parts = discretise(latin_fmu.load_scene(MODELS / name / "scene.toml")).bodies
+        parts = discretise(latin_fmu.load_scene(tools.MODELS / name / "scene.toml")).bodies
         largest = max(parts, key=lambda part: parts[part].mesh.n_node)
         yield f"{name}, {largest}", *_operator(parts[largest].mesh)
 
