@@ -2,7 +2,7 @@
 
 An instant reads the factors, the sparse matrices and the condensed operators of all substructures once or several
 times. The prediction counts their entries; five times per operation turn counts into seconds on one core of a
-common server. ``examples/cost_model.py`` compares prediction and measurement, and fits the constants
+common server. ``examples/benchmarks/cost_model.py`` compares prediction and measurement, and fits the constants
 (``--fit``). On another machine all of them change by about the same factor: shares and comparisons stay.
 """
 

@@ -151,7 +151,7 @@ def test_the_search_grows_towards_a_sharper_target() -> None:
     """Runs with their halves and those across, none twice; all others cost at most three times the finest."""
     lines: list[str] = []
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"])
-    choice = choose(scene, 0.005, 60.0, lines.append)
+    choice = choose(scene, 0.01, 60.0, lines.append)
     assert choice.reached
     at = [line.split("mesh x ")[1].split(", with")[0].split(", steps x ") for line in lines if " s  mesh x" in line]
     runs = [(float(mesh), float(steps)) for mesh, steps in at]

@@ -169,6 +169,7 @@ def test_the_command_writes_page_figure_and_dataset(tmp_path: Path, capsys: pyte
         assert np.isfinite(errors).sum() == sum(r["failure"] is None for r in printed["runs"])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_what_a_reduction_costs_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two modes against all: the distance to the same march by factors, both solved here once more; the curve of the
