@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.run_checks import balance_remarks
 from latin_fmu.latin.outcome import Resultants
+from latin_fmu.run_checks import balance_remarks
 from latin_fmu.stability.scenes import STEEL, Box, column
 
 from .static_scenes import add_block, ramp, scene
