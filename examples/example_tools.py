@@ -14,6 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from latin_fmu.pictures.style import DISTINCT
+from latin_fmu.stability.scenes import STEEL, Box, Description, column
 
 Array = NDArray[np.float64]
 
@@ -71,3 +72,23 @@ def table(numbers: Mapping[str, float]) -> str:
     """The checked numbers, one a line."""
     width = max(len(name) for name in numbers)
     return "\n".join(f"{name:{width}}  {value:.6g}" for name, value in numbers.items())
+
+
+def pressed_plates(count: int, elements: Sequence[int] = (8, 8, 2)) -> Description:
+    """Stack of steel plates on a fixed base, slow: pressed by 50 MPa on top, then sheared by 5 MPa along x.
+
+    40 x 40 x 5 mm each, plates b1, b2, ..., interfaces i1, i2, .... No symmetry is used. The shear stays far below
+    sliding; its moment opens the edges of high stacks, where the plates also slip. Twenty steps without inertia.
+    """
+    law, top = {"type": "table", "times": [0.0, 0.5, 1.0]}, {"face": f"b{count}.zmax"}
+    return column(
+        {f"b{i}": Box(STEEL, (0.04, 0.04, 0.005), elements) for i in range(1, count + 1)},
+        {f"i{i}": {"friction_coefficient": 0.3, "gap": 0.0} for i in range(1, count)},
+        {"end": 1.0, "instants": 20, "quasi_static": True},
+        name="plates",
+        boundary={"base": {"type": "fixed", "face": "b1.zmin"}},
+        load={
+            "press": {**top, "pressure": 50e6, "law": {**law, "values": [0.0, 1.0, 1.0]}},
+            "shear": {**top, "traction": [5e6, 0.0, 0.0], "law": {**law, "values": [0.0, 0.0, 1.0]}},
+        },
+    )

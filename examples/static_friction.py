@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from benchmark_problems import plates
-from example_tools import BLUE, EXACT, MODELS, VERMILION, Array, options, save, tidy
+from example_tools import BLUE, EXACT, MODELS, VERMILION, Array, options, pressed_plates, save, tidy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -75,7 +74,7 @@ def exact(force: Array, time: Array) -> Array:
 
 def iterations(n: int) -> float:
     """Mean iterations per increment of a stack to 1e-3, without Newton steps."""
-    tables = plates(n).description
+    tables = pressed_plates(n)
     solver = {**tables.get("solver", {}), "newton": False, "tolerance": 1e-3}
     solution = latin_fmu.solve(latin_fmu.scene_from_dict({**tables, "solver": solver}))
     return float(np.mean([w.iterations for w in solution.windows]))

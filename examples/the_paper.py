@@ -34,7 +34,29 @@ ACCELERATED, SINGLE = ("solver.acceleration='anderson'",), ("solver.acceleration
 TIMES = (bars.SHOWN[1], bars.SHOWN[3], bars.SHOWN[4])  # L/c
 EDGE = 0.01  # of a specimen, m
 BUILT = (1, 2, 3, 4, 6)  # iterations
+# One window over the whole interval from zero fields and without acceleration: the published iteration.
+PAPER = (
+    "solver.window='whole'",
+    "solver.start='zero'",
+    "solver.acceleration='none'",
+    "solver.max_iterations=60",
+    "solver.tolerance=2e-3",
+    "solver.force_tolerance=1.0",
+)
 SHADES = [colormaps["plasma"](float(s)) for s in np.linspace(0.85, 0.1, 6)]
+
+
+class Recorder:
+    """Observer: keeps the displacement of the bars at chosen times after every iteration."""
+
+    def __init__(self, instants: Sequence[int]) -> None:
+        self.instants = list(instants)
+        self.kept: list[dict[str, Array]] = []
+
+    def __call__(self, event: latin_fmu.Iteration) -> None:
+        """The window holds instants 1, 2, ...: instant 0 is the given start."""
+        after_start = [i - 1 for i in self.instants]
+        self.kept.append({name: event.displacement(name)[after_start] for name in bars.BARS})
 
 
 @dataclass(frozen=True)
@@ -51,7 +73,7 @@ class Beam:
 def beam(settings: Sequence[str], watched: bool = False) -> Beam:
     """Solve the beam in traction."""
     scene = latin_fmu.load_scene(BEAM, settings)
-    watcher = bars.Recorder([round(TIMES[-1] * bars.TRANSIT / scene.time.time_step)])
+    watcher = Recorder([round(TIMES[-1] * bars.TRANSIT / scene.time.time_step)])
     solution = latin_fmu.solve(scene, observer=watcher if watched else None)
     nodes = {name: solution.substructures[name].nodes for name in bars.BARS}
     moved = {name: solution.substructures[name].displacement for name in bars.BARS}
@@ -93,11 +115,30 @@ def crush(settings: Sequence[str]) -> Crushing:
         numbers |= {f"passes_mu_{mu:g}": solution.passes, f"separation_us_mu_{mu:g}": 1e6 * found.separation}
         numbers[f"slip_um_mu_{mu:g}"] = 1e6 * float(found.slip[-1])
     reference, _ = crushing.solve(0.1, (*settings, "solver.tolerance=1e-6"))
-    steps, errors = crushing.iterates(0.1, settings, reference.time)
+    steps, errors = iterates(0.1, settings, reference.time)
     numbers |= {"sqrt_eta_10": errors[9], "sqrt_eta_30": errors[29]}
-    numbers["force_error_30"] = crushing.error(steps[29].normal, reference.normal)
-    numbers["friction_error_30"] = crushing.error(steps[29].friction, reference.friction)
+    numbers["force_error_30"] = error(steps[29].normal, reference.normal)
+    numbers["friction_error_30"] = error(steps[29].friction, reference.friction)
     return Crushing(reference, steps, centres, edges, numbers)
+
+
+def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[list[crushing.Crush], list[float]]:
+    """The same histories, and sqrt(eta), after each iteration of one window over the whole interval."""
+    scene = latin_fmu.load_scene(
+        crushing.SCENE, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER)
+    )
+    kept: list[crushing.Crush] = []
+
+    def keep(event: latin_fmu.Iteration) -> None:
+        kept.append(crushing.crush(time, event.interface("crush")))
+
+    solution = latin_fmu.solve(scene, observer=keep)
+    return kept, solution.windows[0].error_indicator
+
+
+def error(found: Array, reference: Array) -> float:
+    """Relative distance of two histories in the mean square."""
+    return float(np.linalg.norm(found - reference) / np.linalg.norm(reference))
 
 
 def moved(solution: latin_fmu.Solution, name: str, x: float) -> Array:

@@ -94,9 +94,10 @@ KINDS: dict[str, tuple[str, ...]] = {
     "gripped_bar": (),
     "pressed_plates": (),
 }
+LONGEST = "pressed_plates"
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*(k for k in KINDS if k != LONGEST), pytest.param(LONGEST, marks=pytest.mark.slow)])
 def test_stopped_and_continued_runs_have_the_same_bits(kind: str, scene: Path) -> None:
     """Twice stopped, at instants that no call of the kernels ends at by itself."""
     model = MODELS / kind.split(":")[0] / "scene.toml"
@@ -281,7 +282,9 @@ def started(*more: str, code: str = MAIN) -> subprocess.Popen[str]:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, *map(int, MORE)])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, *(pytest.param(int(n), marks=pytest.mark.slow) for n in MORE)]
+)
 def test_signals_leave_results_and_a_checkpoint(number: int, scene: Path) -> None:
     assert main(["run", str(scene), "-o", "whole.nc", "--quiet", *LONG]) == 0
     process = started(code=signalled(number, 700))

@@ -186,14 +186,20 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
             assert (ROOT / file).exists(), f"{page.name}: {file}"
 
 
-def pages_module() -> ModuleType:
-    """``docs/pages.py``, which writes pages."""
-    spec = importlib.util.spec_from_file_location("docs_pages", ROOT / "docs" / "pages.py")
+def module_of(path: Path) -> ModuleType:
+    """A script as a module."""
+    spec = importlib.util.spec_from_file_location(f"docs_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # for its dataclasses
     spec.loader.exec_module(module)
     return module
+
+
+def pages_module() -> ModuleType:
+    """``docs/pages.py``, which writes pages."""
+    return module_of(ROOT / "docs" / "pages.py")
 
 
 @pytest.mark.parametrize("made", ["scene_reference", "api"])
@@ -212,6 +218,27 @@ def test_every_figure_is_in_the_gallery() -> None:
     text = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
     for figure in (ROOT / "examples" / "figures").glob("*.png"):
         assert f"]({os.path.relpath(figure, ROOT / 'docs')})" in text, figure.name
+
+
+def figures_module() -> ModuleType:
+    """``examples/figures.py``, which draws the figures of the pages."""
+    return module_of(ROOT / "examples" / "figures.py")
+
+
+def test_every_figure_has_its_command() -> None:
+    figures = figures_module()
+    assert set(figures.DRAWINGS) == {path.stem for path in figures.FOLDER.glob("*.png")}
+
+
+@pytest.mark.parametrize("figure", sorted(path.stem for path in (ROOT / "examples" / "figures").glob("*.png")))
+def test_no_figure_shows_code_of_two_releases_ago(figure: str) -> None:
+    """A figure is drawn anew when the code that it shows has changed and two releases have passed."""
+    figures = figures_module()
+    drawn, code = figures.drawn_with(figures.FOLDER / f"{figure}.png")
+    releases = re.findall(r"^## (\d+\.\d+\.\d+) ", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
+    later = [v for v in releases if tuple(map(int, v.split("."))) > tuple(map(int, drawn.split(".")))]
+    current = code == figures.DRAWINGS[figure].digest()
+    assert current or len(later) <= 1, f"drawn with {drawn}, changed since: python examples/figures.py {figure}"
 
 
 def test_the_site_builds(tmp_path: Path) -> None:

@@ -250,7 +250,11 @@ def test_lines_of_keys() -> None:
     assert line_of(lines, "nothing") is None
 
 
-@pytest.mark.parametrize("path", sorted(MODELS.glob("*/scene.toml")), ids=lambda p: p.parent.name)
+@pytest.mark.parametrize(
+    "path",  # that of bolted_beam is made in tests/scene/test_remarks.py
+    sorted(p for p in MODELS.glob("*/scene.toml") if p.parent.name != "bolted_beam"),
+    ids=lambda p: p.parent.name,
+)
 def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", str(path)]) == 0
     out = capsys.readouterr().out

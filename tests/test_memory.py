@@ -341,6 +341,7 @@ THREE_BLOCKS = (
 )
 
 
+@pytest.mark.slow
 def test_memory_hardly_grows_with_the_instants(tmp_path: Path) -> None:
     """From 5,000 to 20,000 instants: the rows in memory stay 500, the windows take 100 bytes each, and what the summary
     reads at once grows (20.3 MB in all); in memory the histories would take 4.4 kB per instant, 66 MB."""
@@ -398,6 +399,7 @@ print(peak_memory())
     assert float(done.stdout.split()[-1]) < 500e6
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no process status here")
 def test_memory_is_given_back_after_a_run(tmp_path: Path) -> None:
     """In a process that goes on: after four runs whose histories take 44 MB each it is as large as after the second."""

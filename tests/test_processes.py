@@ -168,6 +168,7 @@ SCENES = {
     "class in windows": "pillars.toml",
     "bonded": "bonded.toml",
 }
+TWO = ("plain", "one window", "class", "bonded", "tables", "corrected tables")  # on two processes, in the quick tests
 THREE = ("class", "class in windows", "class by tables", "long steps")
 FOUR = ("plain", "windows of 12", "tables")
 RESIDUES = ("passes", "force_mismatch", "error_indicator", "balance", "unbalanced_force", "unbalanced_moment")
@@ -199,7 +200,8 @@ def mpiexec(place: Path, n: int, *commands: tuple[str, ...], code: str = MAIN) -
 def run(place: Path, n: int, variant: str) -> Path:
     """Results of a variant of the scene by n processes, which run all of them the first time."""
     if not (place / f"{n} {variant}.nc").exists():
-        given = {3: THREE, 4: FOUR}.get(n, tuple(VARIANTS))
+        few = TWO if variant in TWO else tuple(name for name in VARIANTS if name not in TWO)
+        given = {3: THREE, 4: FOUR}.get(n, few)
         words = [
             ("run", SCENES.get(name, "scene.toml"), "--quiet", "--no-estimate", "-o", f"{n} {name}.nc", *VARIANTS[name])
             for name in given
@@ -271,7 +273,12 @@ def test_shares_of_the_cost() -> None:
 
 @started
 @pytest.mark.parametrize(
-    ("n", "variant"), [*((2, v) for v in VARIANTS), *((3, v) for v in THREE), *((4, v) for v in FOUR)]
+    ("n", "variant"),
+    [
+        *((2, v) if v in TWO else pytest.param(2, v, marks=pytest.mark.slow) for v in VARIANTS),
+        *((3, v) for v in THREE),
+        *(pytest.param(4, v, marks=pytest.mark.slow) for v in FOUR),
+    ],
 )
 def test_results_of_one_process(place: Path, n: int, variant: str) -> None:
     assert_equal(run(place, 1, variant), run(place, n, variant))
@@ -344,11 +351,18 @@ LONG = ("--set", "time.end=2.4e-2", "--set", "time.instants=48000", "--set", "ou
 
 
 @started
-@pytest.mark.parametrize("options", [(), ("--set", "solver.window=12"), NEVER], ids=["one", "windows", "failing"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param((), id="one"),
+        pytest.param(("--set", "solver.window=12"), id="windows", marks=pytest.mark.slow),
+        pytest.param(NEVER, id="failing", marks=pytest.mark.slow),
+    ],
+)
 def test_a_limit_of_cpu_time_stops_all_before_one_instant(place: Path, options: tuple[str, ...]) -> None:
     """Exit code 7 on both, results marked; until then they are those of one process, whose limit is another one."""
     words = ("run", "scene.toml", "--quiet", *LONG, *options, "--max-cpu")
-    mpiexec(place, 1, (*words, "4", "-o", "limited alone.nc"))
+    mpiexec(place, 1, (*words, "3", "-o", "limited alone.nc"))
     done = mpiexec(place, 2, (*words, "2", "-o", "limited.nc"), (*words, "1e-6", "-o", "at once.nc"))
     assert done.stderr.count("[7, 7]") == 2, done.stderr
     alone, both, none = (open_results(place / f"{name}.nc") for name in ("limited alone", "limited", "at once"))

@@ -9,8 +9,8 @@ factor        the factor with half solves and the dense Schur complement of the 
               sparse LU where nothing is compiled, and of diagonal matrices
 ============  =======================================================================================================
 
-The factor is compared with dense Cholesky in ``tests/cholesky``, its speed with SuperLU in
-``examples/benchmark_cholesky.py``. References:
+The factor is compared with dense Cholesky in ``tests/cholesky``, its speed with CHOLMOD in
+``examples/benchmarks/against_cholmod.py``. References:
 
 * T. A. Davis, *Direct Methods for Sparse Linear Systems*, SIAM, 2006: elimination tree, row subtrees, column counts
   and postorder (chapter 4), minimum degree and nested dissection (chapter 7).

@@ -47,7 +47,7 @@ def scattered(n: int, density: float, seed: int) -> sp.csr_array:
     return sp.csr_array(both + sp.diags_array(1.0 + abs(both).sum(axis=1)))
 
 
-def check(matrix: sp.csr_array, last: Index, factor: Any, tolerance: float = 1e-12) -> None:
+def assert_factor(matrix: sp.csr_array, last: Index, factor: Any, tolerance: float = 1e-12) -> None:
     """Everything the factor offers against dense algebra, for 1, 2 and 7 members."""
     dense = matrix.toarray()
     n = len(dense)
@@ -90,7 +90,7 @@ def test_random_matrices(density: float, n_last: int, ranked: bool) -> None:
     rng = np.random.default_rng(n_last)
     last = np.sort(rng.permutation(120)[:n_last])
     rank = rng.permutation(120).astype(float) if ranked else None
-    check(matrix, last, CholeskyFactor(matrix, last, rank))
+    assert_factor(matrix, last, CholeskyFactor(matrix, last, rank))
 
 
 @pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])
@@ -108,7 +108,7 @@ def test_bodies(elements: tuple[int, int, int], interface: str, ranked: bool) ->
         "two_faces": np.r_[0:layer, n - layer : n],
         "all": np.arange(n),
     }[interface]
-    check(matrix, last, CholeskyFactor(matrix, last, rank if ranked else None))
+    assert_factor(matrix, last, CholeskyFactor(matrix, last, rank if ranked else None))
 
 
 @pytest.mark.parametrize("ranked", [False, True], ids=["own_order", "given_order"])
@@ -146,8 +146,8 @@ def test_disconnected_parts_only_one_of_which_has_the_interface() -> None:
     matrix = sp.csr_array(sp.block_diag([one, one, sp.diags_array(np.arange(1.0, 5.0)), one]))
     last = np.arange(4, 20)
     n = one.shape[0]
-    check(matrix, last, CholeskyFactor(matrix, last, np.concatenate([rank, rank, np.zeros(4), rank + n])))
-    check(matrix, last, CholeskyFactor(matrix, last))
+    assert_factor(matrix, last, CholeskyFactor(matrix, last, np.concatenate([rank, rank, np.zeros(4), rank + n])))
+    assert_factor(matrix, last, CholeskyFactor(matrix, last))
 
 
 def test_entries_that_happen_to_be_zero_may_be_missing_on_one_side() -> None:
@@ -164,7 +164,7 @@ def test_entries_that_happen_to_be_zero_may_be_missing_on_one_side() -> None:
     lopsided += sp.eye_array(len(dense), format="csr")
     last = np.arange(7, 30)
     for order in (rank, None):
-        check(lopsided, last, CholeskyFactor(lopsided, last, order))
+        assert_factor(lopsided, last, CholeskyFactor(lopsided, last, order))
 
 
 def test_ill_conditioned_matrix_has_a_small_residual() -> None:
@@ -233,7 +233,7 @@ def test_analysis_serves_matrices_of_one_pattern() -> None:
     symbolic = analyse(matrix, last, rank)
     for shift in (0.0, 3.0):
         moved = sp.csr_array(matrix + shift * sp.eye_array(matrix.shape[0]))
-        check(moved, last, CholeskyFactor(moved, last, symbolic=symbolic))
+        assert_factor(moved, last, CholeskyFactor(moved, last, symbolic=symbolic))
     full = sp.csr_array(np.eye(matrix.shape[0]) + 1e-3)
     with pytest.raises(SolverError, match="outside the pattern"):
         CholeskyFactor(full, last, symbolic=symbolic)
@@ -298,7 +298,7 @@ def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     single = CholeskyFactor(matrix, last, rank)
     assert grouped.grouped
     assert not single.grouped
-    check(matrix, last, single)
+    assert_factor(matrix, last, single)
 
 
 @pytest.mark.parametrize("m", [1, 3])

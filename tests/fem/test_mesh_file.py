@@ -107,7 +107,7 @@ def test_inverted_cells_are_turned(straight: Mesh, written: Write) -> None:
     assert face(mesh, "top").vector_areas.sum(axis=0)[2] == pytest.approx(0.8, rel=1e-12)
 
 
-def refused(call: Callable[[], object], *words: str) -> MeshError:
+def assert_refused(call: Callable[[], object], *words: str) -> MeshError:
     with pytest.raises(MeshError) as caught:
         call()
     for word in words:
@@ -117,8 +117,8 @@ def refused(call: Callable[[], object], *words: str) -> MeshError:
 
 def test_unknown_group_lists_the_known_ones(box: Mesh, written: Write) -> None:
     path = written(box.nodes, groups_of(box, top="zmax"))
-    refused(lambda: read_mesh(path, "prat"), "prat", "part", path.name)
-    refused(lambda: read_mesh(path, "top"), "top", "part")  # a surface is no volume
+    assert_refused(lambda: read_mesh(path, "prat"), "prat", "part", path.name)
+    assert_refused(lambda: read_mesh(path, "top"), "top", "part")  # a surface is no volume
 
 
 def other_cells(kind: str, corners: int) -> tuple[np.ndarray, dict[str, Any]]:
@@ -130,7 +130,7 @@ def other_cells(kind: str, corners: int) -> tuple[np.ndarray, dict[str, Any]]:
 def test_other_cells_are_refused_with_a_remedy(kind: str, corners: int, write: Write, tmp_path: Path) -> None:
     path = tmp_path / ("part.inp" if write is write_inp else "part.msh")
     write(path, *other_cells(kind, corners))
-    refused(lambda: read_mesh(path), f"1 {kind}", "hexahedron", "tetra10", "mesh the part")
+    assert_refused(lambda: read_mesh(path), f"1 {kind}", "hexahedron", "tetra10", "mesh the part")
 
 
 @pytest.mark.parametrize(
@@ -182,18 +182,20 @@ def test_a_cell_with_a_middle_node_gone_astray_is_refused(tmp_path: Path) -> Non
     nodes[middle] = 0.8 * nodes[first] + 0.2 * nodes[second]
     write_msh(tmp_path / "part.msh", nodes, {"part": ("tetra10", mesh.blocks[0].cells)})
     path = tmp_path / "part.msh"
-    refused(lambda: read_mesh(path), "tetra10", "tangled", "integration point", "number 2 of them, around [", "gmsh")
+    assert_refused(
+        lambda: read_mesh(path), "tetra10", "tangled", "integration point", "number 2 of them, around [", "gmsh"
+    )
 
 
 def test_a_surface_alone_is_no_volume(box: Mesh, written: Write) -> None:
     path = written(box.nodes, {"top": ("quad", facets(box, "zmax"))})
-    refused(lambda: read_mesh(path), "no volume cells")
+    assert_refused(lambda: read_mesh(path), "no volume cells")
 
 
 def test_flat_cells_are_refused(straight: Mesh, written: Write) -> None:
     nodes = straight.nodes.copy()
     nodes[:, 1] = 0.0
-    refused(lambda: read_mesh(written(nodes, groups_of(straight))), "no volume")
+    assert_refused(lambda: read_mesh(written(nodes, groups_of(straight))), "no volume")
 
 
 def test_a_tangled_hexahedron_is_refused(written: Write) -> None:
@@ -201,14 +203,14 @@ def test_a_tangled_hexahedron_is_refused(written: Write) -> None:
     mesh = box_mesh(np.zeros(3), np.ones(3), (1, 1, 1))
     nodes = mesh.nodes.copy()
     nodes[7] = [0.1, 0.1, 0.1]
-    refused(lambda: read_mesh(written(nodes, groups_of(mesh))), "part.")
+    assert_refused(lambda: read_mesh(written(nodes, groups_of(mesh))), "part.")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_coordinates_must_be_finite(box: Mesh, written: Write, value: float) -> None:
     nodes = box.nodes.copy()
     nodes[5, 0] = value
-    refused(lambda: read_mesh(written(nodes, groups_of(box))), "node coordinates are not finite")
+    assert_refused(lambda: read_mesh(written(nodes, groups_of(box))), "node coordinates are not finite")
 
 
 def test_a_facet_named_twice_counts_once(box: Mesh, written: Write) -> None:
@@ -263,8 +265,8 @@ def test_styles_of_abaqus_files(tmp_path: Path, style: str) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
-    refused(lambda: read_mesh(tmp_path / "none.msh"), "none.msh", "no such mesh file")
-    refused(lambda: read_content(tmp_path), tmp_path.name)
+    assert_refused(lambda: read_mesh(tmp_path / "none.msh"), "none.msh", "no such mesh file")
+    assert_refused(lambda: read_content(tmp_path), tmp_path.name)
 
 
 GARBAGE = (
@@ -287,7 +289,7 @@ def test_garbage_is_a_mesh_error_and_never_ends_the_process(tmp_path: Path, suff
     path = tmp_path / (f"bad.{suffix}" if suffix else "bad")
     for content in GARBAGE:
         path.write_bytes(content)
-        refused(lambda: read_mesh(path), path.name)
+        assert_refused(lambda: read_mesh(path), path.name)
 
 
 def test_truncated_files_are_mesh_errors(box: Mesh, written: Write) -> None:
@@ -332,7 +334,7 @@ def test_node_tags_below_one_are_refused(tag: int, binary: bool, box: Mesh, tmp_
     read_mesh(whole)
     cells[-1, 3] = tag - 1
     meshio.write(path, meshio.Mesh(box.nodes, [("hexahedron", cells)], cell_data=data), "gmsh22", binary=binary)
-    refused(lambda: read_mesh(path), "node tag below 1", str(tag))
+    assert_refused(lambda: read_mesh(path), "node tag below 1", str(tag))
 
 
 @pytest.mark.parametrize("suffix", ["vtk", "vtu"])
@@ -343,28 +345,28 @@ def test_nodes_that_are_not_there_are_refused(node: int, suffix: str, tmp_path: 
     cells[0, 5] = node
     path = tmp_path / f"damaged.{suffix}"
     meshio.write(path, meshio.Mesh(box.nodes, [("hexahedron", cells)]))
-    refused(lambda: read_mesh(path), "nodes that are not there", "8 nodes")
+    assert_refused(lambda: read_mesh(path), "nodes that are not there", "8 nodes")
 
 
 @pytest.mark.parametrize("count", [1, 8])
 def test_cells_given_twice_are_refused(count: int, box: Mesh, msh: Write) -> None:
     cells = box.blocks[0].cells
     path = msh(box.nodes, {"part": ("hexahedron", np.concatenate([cells, cells[:count]]))})
-    refused(lambda: read_mesh(path), "same corners as others", f"{min(count, len(cells))} cells")
+    assert_refused(lambda: read_mesh(path), "same corners as others", f"{min(count, len(cells))} cells")
 
 
 @pytest.mark.parametrize(("value", "words"), [(1e155, "beyond 1e+60 m"), (3e-110, "have no volume")])
 def test_absurd_sizes_are_refused_without_a_warning(value: float, words: str, box: Mesh, msh: Write) -> None:
     """Products of three edges overflow or vanish."""
     path = msh(box.nodes * value, {"part": ("hexahedron", box.blocks[0].cells)})
-    refused(lambda: read_mesh(path), words)
+    assert_refused(lambda: read_mesh(path), words)
 
 
 def test_reading_says_nothing(box: Mesh, written: Write, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     read_mesh(written(box.nodes, groups_of(box, top="zmax")))
     bad = tmp_path / "bad.msh"
     bad.write_text("hello")
-    refused(lambda: read_mesh(bad))
+    assert_refused(lambda: read_mesh(bad))
     assert capsys.readouterr() == ("", "")
 
 
@@ -375,7 +377,7 @@ def test_cells_that_share_nodes_but_no_facets_are_refused(other: str, msh: Write
     cells = box.blocks[0].cells
     upper = cut(Mesh.uniform(box.nodes, "hexahedron", cells[1:]), other)
     path = msh(upper.nodes, {"low": ("hexahedron", cells[:1]), "up": (other, upper.blocks[0].cells)})
-    refused(lambda: read_mesh(path), "share nodes but not facets", "facets of one kind", "perfect interface")
+    assert_refused(lambda: read_mesh(path), "share nodes but not facets", "facets of one kind", "perfect interface")
     assert read_mesh(path, "low").n_cell == 1
 
 

@@ -217,8 +217,8 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         assert hasattr(sys.modules[f"{root}.latin_fmu.cosim.windowed"], "OTHER") == other_version
 
 
-def test_fifty_instances(opened, fmi):
-    hosts = [opened(fmi) for _ in range(50)]
+def test_fifty_instances(opened):
+    hosts = [opened() for _ in range(50)]
     for host in hosts[:5]:
         host.start()
         assert host.step(0.0, H)

@@ -49,7 +49,11 @@ def opened(pressed):
         host.close()
 
 
-@pytest.mark.parametrize("name", sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"}))
+NAMES = sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"})
+LONG = ("beam_in_traction", "hammer_on_plate", "lap_joint")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in NAMES])
 def test_every_model_that_moves_gives_a_valid_fmu(name, tmp_path):
     if name == "stacked_blocks":
         pytest.skip("many substructures: the same code, more time")

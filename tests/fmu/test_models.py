@@ -50,7 +50,7 @@ def plain(tmp_path_factory):
     return build
 
 
-@pytest.mark.parametrize("path", SCENES, ids=names)
+@pytest.mark.parametrize(("path", "fmi"), [pair(path, fmi) for path in SCENES for fmi in ("2", "3")])
 def test_valid(path, fmi, plain):
     """fmpy and the schemas of the standard."""
     assert validate(plain(path, fmi)) == []

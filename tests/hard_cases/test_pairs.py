@@ -168,7 +168,13 @@ def test_each_pair_occurs_or_is_refused() -> None:
     assert pairs == set(product(lists["driver"], lists["propagator"])) - UNABLE.keys()
 
 
-@pytest.mark.parametrize(("scheme", "propagator", "driver"), [*cases()])
+@pytest.mark.parametrize(
+    ("scheme", "propagator", "driver"),
+    [
+        pytest.param(*case, marks=pytest.mark.slow) if case[2] == "processes" and "direct" not in case else case
+        for case in cases()
+    ],
+)
 def test_a_driver_gives_the_whole_run(scheme: str, propagator: str, driver: str, tmp_path: Path) -> None:
     if driver == "processes" and MPIEXEC is None:
         pytest.skip("there is no mpiexec: pip install latin-fmu[mpi]")

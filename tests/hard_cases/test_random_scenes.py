@@ -26,7 +26,7 @@ FOUND = {
 }
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 2**32 - 1))
 def test_two_outcomes(seed):
     assert outcome(seed) in ("converged", "not converged")
@@ -38,10 +38,10 @@ def test_found_seeds(seed):
 
 
 def test_most_converge():
-    """Of the first 30 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) five in six converge, with
+    """Of the first 18 seeds (steps from 1e-1 to 1e5 transits, k off by ten, mu to 10) five in six converge, with
     their balance of energy and, in short steps, work against the laws below 1e-4."""
-    outcomes = [outcome(seed) for seed in range(30)]
-    assert outcomes.count("converged") >= 25
+    outcomes = [outcome(seed) for seed in range(18)]
+    assert outcomes.count("converged") >= 15
 
 
 @pytest.mark.parametrize("seed", range(24))

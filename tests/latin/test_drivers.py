@@ -314,47 +314,19 @@ def reduced(n: int) -> Tables:
     return alike(n, propagator={"type": "reduced", "modes": 20})
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 8, 16])
+@pytest.mark.parametrize("n", [1, 3, 11])
 @pytest.mark.parametrize("make", [alike, layered, softly, shaken, explicitly, reduced], ids=lambda make: make.__name__)
 def test_members_of_a_class_together(make: Callable[[int], Tables], n: int, python_driver: Callable[[], None]) -> None:
     """One after the other, or eight at a time: the drivers agree to the bit; so do members alone and together, to
     round-off."""
     tables = make(n)
-    tables["output"] = {"energy": n in (1, 8)}
+    tables["output"] = {"energy": n in (1, 11)}
     tables["solver"] |= {"tolerance": 1e-10, "force_tolerance": 1e-9, "skip_unchanged": False}
     together = both_drivers(tables, python_driver)
     tables["solver"]["share_identical"] = False
     alone = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome
     for name, history in together.interfaces.items():
         other = alone.interfaces[name].traction
-        assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_without_a_factor_the_answer_is_that_with_one(n: int) -> None:
-    """Conjugate gradients through the Python driver against the compiled one."""
-    tight = {"tolerance": 1e-11, "force_tolerance": 1e-10, "max_iterations": 400}
-    outcomes = [
-        latin_fmu.solve(latin_fmu.scene_from_dict(alike(n, propagator=kind, **tight))).outcome
-        for kind in ("direct", "cg")
-    ]
-    for name in outcomes[0].interfaces:
-        for field in ("traction", "velocity"):
-            mine, its = (getattr(x.interfaces[name], field) for x in outcomes)
-            assert np.abs(mine - its).max() <= 1e-9 * np.abs(mine).max(), (name, field)
-
-
-@pytest.mark.parametrize("length", [4, "whole"])
-def test_longer_windows_without_a_factor(length: Any) -> None:
-    """Marched in Python between the halves of the kernels."""
-    tight = {"tolerance": 1e-10, "force_tolerance": 1e-9, "max_iterations": 400, "window": length}
-    outcomes = []
-    for kind in ("direct", "cg"):
-        tables = alike(2, propagator=kind, **tight)
-        tables["time"] = {"end": 1.6e-6, "instants": 8}
-        outcomes.append(latin_fmu.solve(latin_fmu.scene_from_dict(tables)).outcome)
-    for name, history in outcomes[0].interfaces.items():
-        other = outcomes[1].interfaces[name].traction
         assert np.abs(history.traction - other).max() <= 1e-7 * np.abs(other).max(), name
 
 

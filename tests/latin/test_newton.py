@@ -242,18 +242,6 @@ def test_points_held_by_several_interfaces() -> None:
 
 
 # -- the same by other ways ---------------------------------------------------------------------------------------
-def test_python_driver_makes_the_same_steps() -> None:
-    """An observer leads through the Python driver: same iterations, tractions equal to the last bit."""
-    scene = latin_fmu.scene_from_dict(pressed())
-    compiled = latin_fmu.solve(scene)
-    seen: list[float] = []
-    observed = latin_fmu.solve(scene, observer=lambda event: seen.append(event.error_indicator))
-    counts = [(w.iterations, w.newton_steps) for w in compiled.windows]
-    assert [(w.iterations, w.newton_steps) for w in observed.windows] == counts
-    assert sum(n for n, _ in counts) == len(seen)
-    np.testing.assert_array_equal(observed.interfaces["joint"].traction, compiled.interfaces["joint"].traction)
-
-
 @pytest.mark.skipif(PLAIN, reason="the kernels are Python")
 def test_snapshots_are_exact() -> None:
     """Whether the last instant ended with a Newton step belongs to the state."""

@@ -86,6 +86,28 @@ VARIANTS: dict[str, Callable[[dict[str, Any]], None]] = {
         interface__floor={"sides": ["low.zmin", "ground"], "behaviour": "perfect"},
         interface__rub={"sides": ["low.zmax", "high.zmin"], "behaviour": "perfect"},
     ),
+    "quasi-static contact": _changed(
+        time__quasi_static=True,
+        substructure__high__initial_velocity=[0.0, 0.0, 0.0],
+        load__push={
+            "face": "high.zmax",
+            "traction": [0.01, 0.0, -0.1],
+            "law": {"type": "table", "times": [0.0, 0.6], "values": [0.0, 1.0]},
+        },
+    ),
+    "nine bodies of one class": _changed(
+        substructure={
+            f"c{i}": {
+                "material": "m",
+                "box": {"origin": [2.0 * i, 0.0, 0.0], "size": [1.0, 1.0, 1.0], "elements": [1, 1, 1]},
+                "initial_velocity": [0.0, 0.01 * i, -0.1],
+            }
+            for i in range(9)
+        },
+        interface={f"i{i}": {"sides": [f"c{i}.zmin", "ground"], "friction_coefficient": 0.3} for i in range(9)},
+        load={},
+        sensor={},
+    ),
     "no slip, damping": _changed(
         interface__rub=rub(behaviour="no_slip"), material__m__rayleigh_mass=0.2, material__m__rayleigh_stiffness=0.01
     ),

@@ -13,9 +13,10 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-FOLDERS = ("kernels", "interface", "time_scheme", "propagator", "assembly")
+FOLDERS = ("kernels", "laws", "interface", "time_scheme", "propagator", "assembly")
 KINDS = ("arithmetic", "term", "operands", "comparison", "constant", "index")
 _SWAPPED: dict[type, type] = {
     ast.Add: ast.Sub,
@@ -196,6 +197,7 @@ def sites(source: str, file: str) -> list[list[Mutant]]:
     return result
 
 
+@cache
 def all_sites(package: Path) -> list[list[Mutant]]:
     """Sites of every module in ``FOLDERS``."""
     files = [path for folder in FOLDERS for path in sorted((package / folder).glob("*.py"))]

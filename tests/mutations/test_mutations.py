@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from .generator import FOLDERS, KINDS, Mutant, all_sites, drawn, sites
-from .run import COUNT, LEAST_RED, SEED, Copy, explained, verdicts
+from .run import COUNT, LEAST_RED, SEED, Copy, explained, quick_mutants, verdicts
 
 PACKAGE = Path(__file__).parents[2] / "latin_fmu"
 
@@ -81,6 +81,12 @@ def test_explained_mutants_are_there() -> None:
     assert explained().keys() <= {mutant.key for site in all_sites(PACKAGE) for mutant in site}
 
 
+def test_mutants_of_the_quick_check_are_there() -> None:
+    mutants = [mutant for mutant, _ in quick_mutants()]
+    assert len({mutant.key for mutant in mutants}) == len(mutants) == 25
+
+
+@pytest.mark.slow
 def test_mutants_are_judged_by_the_tests(tmp_path: Path) -> None:
     """The first of two kinds in the time schemes, which need no compiler; the file is as before after each."""
     every = [m for site in all_sites(PACKAGE) for m in site if m.function.endswith("predict")]

@@ -85,7 +85,9 @@ def findings_by_group(tree: xr.DataTree, folder: Path) -> dict[str, list[str]]:
 
 
 @NEEDS_CHECKER
-@pytest.mark.parametrize("kind", ["crushing", "stalled", "estimated"])
+@pytest.mark.parametrize(
+    "kind", ["crushing", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("stalled", "estimated"))]
+)
 def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     assert findings_by_group(request.getfixturevalue(kind).to_datatree(), tmp_path) == {}
 

@@ -1,4 +1,4 @@
-"""Whatever is written into a scene, the outcome is a scene or a SceneError."""
+"""Whatever is written into a scene, the outcome is a scene or a SceneError; damaged texts: ``tests/fuzz``."""
 
 from __future__ import annotations
 
@@ -160,25 +160,6 @@ def test_changed_models(data: st.DataObject) -> None:
 @given(st.dictionaries(st.one_of(st.sampled_from(list(Scene.model_fields)), st.text(max_size=5)), values, max_size=6))
 def test_any_dictionary(data: dict[str, Any]) -> None:
     check(data, MODELS)
-
-
-@SMALL_TIME
-@given(st.data())
-def test_damaged_files(tmp_path_factory: Any, data: st.DataObject) -> None:
-    """Cut out, repeat or overwrite pieces of the text of a model."""
-    path = data.draw(st.sampled_from(PATHS))
-    content = path.read_bytes()
-    start = data.draw(st.integers(0, len(content)))
-    stop = min(len(content), start + data.draw(st.integers(0, 40)))
-    piece = data.draw(
-        st.one_of(st.binary(max_size=6), st.sampled_from([b"[", b"=", b'"', b"\n", b"-", b"nan", b"#", b"."]))
-    )
-    file = tmp_path_factory.getbasetemp() / "damaged.toml"
-    file.write_bytes(content[:start] + piece * data.draw(st.integers(0, 3)) + content[stop:])
-    try:
-        load_scene(file)
-    except SceneError as error:
-        check_message(error)
 
 
 @SMALL_TIME

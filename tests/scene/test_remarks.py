@@ -117,7 +117,13 @@ def test_explain_gives_the_remarks_of_check(change: str | None) -> None:
     assert any("latin-fmu check" in text for text in told.unchecked)
 
 
-@pytest.mark.parametrize("path", sorted(MODELS.glob("*/*.toml")), ids=lambda p: f"{p.parent.name}/{p.stem}")
+MODEL_FILES = [
+    pytest.param(path, marks=pytest.mark.slow) if path.parent.name == "lap_joint" else path
+    for path in sorted(MODELS.glob("*/*.toml"))
+]
+
+
+@pytest.mark.parametrize("path", MODEL_FILES, ids=lambda p: f"{p.parent.name}/{p.stem}")
 def test_shipped_models_give_no_remark(path: Path) -> None:
     if path.parent.name == "bolted_beam":  # its bolts take a minute to be tightened
         assert explain(latin_fmu.load_scene(path)).warnings == ()

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import numpy as np
 
-import latin_fmu
-from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.stability.scenes import Box, Material, column, half_sine
 
 from .oracles.contact_march import Body, ContactFace
@@ -43,13 +40,6 @@ def stack(
         for axis in "xy":
             scene["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
     return scene
-
-
-def solve(description: dict[str, Any]) -> latin_fmu.Solution:
-    """Solve a description; must converge."""
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(description)))
-    assert solution.converged, solution.status
-    return solution
 
 
 def _block(i: int) -> Block:
@@ -98,18 +88,3 @@ def apart(n: int, friction: float, scheme: Scheme) -> tuple[list[Solid], list[Bo
         normals = np.tile([0.0, 0.0, 1.0], (len(nodes[0]), 1))
         faces.append(ContactFace((i - 1, i), nodes, normals, np.zeros(len(nodes[0])), friction))
     return solids, bodies, faces
-
-
-def segments_and_snapshots(scene: latin_fmu.Scene, tolerance: float) -> None:
-    """Cut in three, the second part gone through again from a snapshot: one run to ``tolerance``, the same part again
-    to the last bit (interface ``i1``, 60 instants)."""
-    traction = latin_fmu.solve(scene).interfaces["i1"].traction
-    run = SegmentedRun(scene)
-    run.advance(scene.time.end / 3, 20)
-    kept = run.snapshot()
-    parts = [run.advance(scene.time.end * 2 / 3, 20), run.advance(scene.time.end, 20)]
-    assert np.abs(parts[1].interfaces["i1"].traction - traction[40:]).max() <= tolerance * np.abs(traction).max()
-    other = SegmentedRun(scene)
-    other.restore(kept)
-    again = other.advance(scene.time.end * 2 / 3, 20)
-    np.testing.assert_array_equal(again.interfaces["i1"].traction, parts[0].interfaces["i1"].traction)

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
-import latin_fmu
 from latin_fmu.stability import scenes
 from latin_fmu.stability.scenes import Box, column
+from tests.scenes import ramp
 
 STEEL = scenes.STEEL.table()
-
-
-def ramp(*points: tuple[float, float]) -> dict[str, Any]:
-    """Table law through (time, value) points."""
-    return {"type": "table", "times": [t for t, _ in points], "values": [v for _, v in points]}
 
 
 def scene(steps: int, end: float = 1.0, **solver: Any) -> dict[str, Any]:
@@ -55,10 +49,3 @@ def plates(
                 "friction_coefficient": friction,
             }
     return made
-
-
-def solve(description: dict[str, Any], converged: bool = True) -> latin_fmu.Solution:
-    """Solve a description; ``converged`` : whether it must."""
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(description)))
-    assert solution.converged is converged, solution.status
-    return solution

@@ -2,7 +2,7 @@
 
 Impulse and contact instant of four models; exact solutions for the bars, for the crushing of two specimens the
 reference from finer runs of another scheme, its own error granted. The cost of the search is printed by
-``examples/price_of_accuracy.py``.
+``examples/benchmarks/price_of_accuracy.py``.
 """
 
 from __future__ import annotations

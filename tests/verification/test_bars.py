@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.scenes import pressure, solved
+
 from .oracles import cases, histories
-from .scenes import pressure, solved
 
 TRANSIT = 0.5 / np.sqrt(210e9 / 7800.0)
 ALL_BARS = ("bar1_a", "bar1_b", "bar2")

@@ -41,6 +41,7 @@ def test_parts_and_areas_are_those_of_the_drawings() -> None:
     assert [cut.area for cut in ready.cuts.values()] == pytest.approx([np.pi * 3.969e-3**2] * 3, rel=0.06)
 
 
+@pytest.mark.slow
 def test_the_script_makes_the_mesh(tmp_path: Path) -> None:
     """Parts, faces and counts of a fresh mesh are those of the shipped one."""
     pytest.importorskip("gmsh")

@@ -14,8 +14,9 @@ import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.stability.meshes import tube, write_mesh
+from tests.scenes import ramp, solve
 
-from .static_scenes import STEEL, ramp, solve
+from .static_scenes import STEEL
 
 INNER, RADIUS, OUTER, LENGTH = 1e-3, 5e-3, 9e-3, 20e-3
 

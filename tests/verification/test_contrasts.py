@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import latin_fmu
 from latin_fmu.stability.case import pressure_force
 from latin_fmu.stability.contrast import bars, blocks
+from tests.scenes import solve
 
 from .oracles.bars import Bar
 from .oracles.cases import colliding_bars
@@ -16,18 +16,12 @@ from .oracles.hexahedra import Block, matching_nodes, merged
 from .oracles.monolithic import LinearSystem, Scheme
 
 
-def solved(description):
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(description))
-    assert solution.converged, solution.status
-    return solution
-
-
 @pytest.mark.parametrize("ratio", [1.0, 10.0, 1e2, 1e4, 1e6])
 @pytest.mark.parametrize("what", ["E", "rho"])
 def test_transmission_at_any_contrast(what, ratio):
     """Exact waves of two bars: impulse to 1 % (half a step of delay of 54), mean stress to 1e-3."""
     scene, _ = bars(what, ratio)
-    solution = solved(scene)
+    solution = solve(scene)
     stuff = scene["material"]["second"]
     hard = Bar(np.sqrt(stuff["young_modulus"] / stuff["density"]), stuff["young_modulus"], stuff["density"])
     exact = colliding_bars(Bar(1.0, 1.0, 1.0, velocity=1.0), hard, 0.0, float(solution.time[-1])).pressure
@@ -64,7 +58,7 @@ def test_contact_forces_at_any_contrast(what, friction, ratio):
     normals = np.tile([0.0, 0.0, 1.0], (len(nodes[0]), 1))
     face = ContactFace((0, 1), nodes, normals, np.zeros(len(nodes[0])), friction)
     expected = march_contact(bodies, [face], tolerance=1e-10).force[0].sum(axis=1)
-    force = solved(scene).interfaces["meet"].force()
+    force = solve(scene).interfaces["meet"].force()
     assert np.abs(force - expected).max() < 1e-2 * np.abs(expected).max()
 
 
@@ -77,7 +71,7 @@ def test_iterated_far_the_points_agree_too(friction):
     normals = np.tile([0.0, 0.0, 1.0], (len(nodes[0]), 1))
     face = ContactFace((0, 1), nodes, normals, np.zeros(len(nodes[0])), friction)
     expected = march_contact(bodies, [face]).force[0]
-    history = solved(scene).interfaces["meet"]
+    history = solve(scene).interfaces["meet"]
     order = matching_nodes(history.points, solids[0].nodes[nodes[0]])
     nodal = history.traction * history.areas[:, None]
     assert np.abs(nodal - expected[:, order]).max() < 1e-6 * np.abs(expected).max()

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from .scenes import solved
+from tests.scenes import solved
 
 FRICTION = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 10.0)
 SCENE = "two_specimen_crushing/scene"

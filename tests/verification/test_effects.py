@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections import Counter
 from typing import Any
 
@@ -15,6 +14,7 @@ from latin_fmu.assembly.build import build
 from latin_fmu.fem.stress import MeanStress
 from latin_fmu.latin import windows
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+from tests.scenes import solve
 
 Tables = dict[str, Any]
 
@@ -29,12 +29,6 @@ def scene(**interface: Any) -> Tables:
         load={"push": {"face": "a.zmin", "traction": [1e6, 0.0, 5e6], "law": half_sine(8e-6)}},
         output={"fields": True},
     )
-
-
-def solved(tables: Tables) -> latin_fmu.Solution:
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
-    assert solution.converged, solution.status
-    return solution
 
 
 def same(first: latin_fmu.Solution, second: latin_fmu.Solution, within: float) -> None:
@@ -84,22 +78,22 @@ def images(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 def test_no_friction_no_tangential_unknowns() -> None:
     without, idle = scene(), scene(friction_coefficient=1e-13)
     without["solver"] = idle["solver"] = {"tolerance": 1e-8}
-    same(solved(without), solved(idle), 1e-7)
+    same(solve(without), solve(idle), 1e-7)
     few, many = (build(latin_fmu.scene_from_dict(t)).assembly for t in (without, idle))
     assert many.layout.n_flat == 3 * few.layout.n_flat == 54
     assert [p.n_channel for p in few.propagators] == [9, 9]
-    history = solved(without).interfaces["meet"]
+    history = solve(without).interfaces["meet"]
     assert history.friction_power is None
-    assert "friction_power" not in solved(without).to_datatree()["interfaces/meet"]
-    assert solved(idle).interfaces["meet"].friction_power is not None
+    assert "friction_power" not in solve(without).to_datatree()["interfaces/meet"]
+    assert solve(idle).interfaces["meet"].friction_power is not None
 
 
 def test_a_gap_that_never_closes_costs_one_check_an_instant() -> None:
     open_, free = scene(gap=1.0, friction_coefficient=0.3), scene()
     open_["time"]["scheme"] = "hht"  # where bodies may land the mass of their contact nodes is moved
     del free["interface"]
-    checked = solved(open_)
-    same(solved(free), checked, 1e-13)
+    checked = solve(open_)
+    same(solve(free), checked, 1e-13)
     assert {w.iterations for w in checked.windows} == {1}
     assert not checked.interfaces["meet"].traction.any()
 
@@ -115,21 +109,21 @@ def test_a_gap_that_never_closes_costs_one_check_an_instant() -> None:
 def test_a_layer_of_no_stiffness_is_no_interface(idle: Tables) -> None:
     free = scene()
     del free["interface"]
-    same(solved(free), solved(scene(**idle)), 1e-13)
+    same(solve(free), solve(scene(**idle)), 1e-13)
 
 
 def test_stiff_layers_and_joints_are_bonds() -> None:
-    bonded = solved(scene(behaviour="perfect"))
+    bonded = solve(scene(behaviour="perfect"))
     layer = scene(behaviour="elastic_layer", normal_stiffness=1e19, tangential_stiffness=1e19)
     joint = scene(behaviour="viscous_joint", normal_viscosity=1e15, tangential_viscosity=1e15)
     for tables in (layer, joint):
         tables["solver"] = {"tolerance": 1e-6}
-        same(bonded, solved(tables), 1e-4)
+        same(bonded, solve(tables), 1e-4)
 
 
 def test_without_layers_nothing_reads_what_they_start_from(images: list[Any]) -> None:
-    solved(scene())
-    solved(scene(behaviour="elastic_layer", normal_stiffness=1e14, tangential_stiffness=1e14))
+    solve(scene())
+    solve(scene(behaviour="elastic_layer", normal_stiffness=1e14, tangential_stiffness=1e14))
     without, layered = (image.field("layer", image.n_flat) for image in images)
     assert np.isnan(without).all()
     assert np.isfinite(layered).all()
@@ -143,12 +137,12 @@ def test_no_preload_no_balancing_force() -> None:
         for t in (none, idle)
     ]
     assert count == [1, 3]
-    same(solved(none), solved(idle), 1e-6)
+    same(solve(none), solve(idle), 1e-6)
 
 
 # -- bonds: one linear pass ---------------------------------------------------------------------------------------
 def test_perfect_interfaces_only_means_one_pass_and_no_iteration(calls: Counter[str], images: list[Any]) -> None:
-    solution = solved(scene(behaviour="perfect"))
+    solution = solve(scene(behaviour="perfect"))
     assert calls["iteration"] == 0
     assert images[0].run[0]["direct_bonds"] == 1
     assert solution.outcome.marched == 1.0
@@ -156,7 +150,7 @@ def test_perfect_interfaces_only_means_one_pass_and_no_iteration(calls: Counter[
     assert solution.error_indicator < 1e-10
     tight = scene(behaviour="perfect")
     tight["solver"] = {"bonds": "iterate", "tolerance": 1e-11}
-    iterated = solved(tight)
+    iterated = solve(tight)
     assert iterated.outcome.passes > 2.0
     same(solution, iterated, 1e-9)
     force, other = (s.interfaces["meet"].force() for s in (solution, iterated))
@@ -176,9 +170,9 @@ def test_bonds_that_say_the_same_twice_are_solved_too() -> None:
         p: {"sides": [f"{p[i]}.{f}" for i, f in enumerate(faces.split())], "behaviour": "perfect"}
         for p, faces in pairs.items()
     }
-    solution = solved(tables)
+    solution = solve(tables)
     tables["solver"] = {"bonds": "iterate", "tolerance": 1e-10, "max_iterations": 2000}
-    same(solution, solved(tables), 1e-8)
+    same(solution, solve(tables), 1e-8)
     assert solution.error_indicator < 1e-10
 
 
@@ -213,7 +207,7 @@ def test_no_damping_no_damping_matrix(key: str) -> None:
     matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[0].members[0].damping for t in (none, idle)]
     assert matrices[0] is None
     assert matrices[1] is not None
-    same(solved(none), solved(idle), 1e-9)
+    same(solve(none), solve(idle), 1e-9)
 
 
 def test_an_absorbing_end_does_nothing_before_a_wave_arrives() -> None:
@@ -223,7 +217,7 @@ def test_an_absorbing_end_does_nothing_before_a_wave_arrives() -> None:
         tables["time"] = {"end": 4e-6, "instants": 12}  # the wave is in the first block still
     matrices = [build(latin_fmu.scene_from_dict(t)).assembly.propagators[-1].members[0].damping for t in (none, idle)]
     assert matrices[0] is None
-    same(solved(none), solved(idle), 1e-3)
+    same(solve(none), solve(idle), 1e-3)
 
 
 def test_no_body_force_no_load() -> None:
@@ -235,7 +229,7 @@ def test_no_body_force_no_load() -> None:
     ]
     assert sorted(count[0]) == [0, 1]
     assert sum(count[1]) == 2
-    same(solved(none), solved(idle), 1e-6)
+    same(solve(none), solve(idle), 1e-6)
 
 
 def test_a_rigid_body_assembles_no_stiffness(calls: Counter[str]) -> None:
@@ -253,14 +247,14 @@ def test_what_is_not_asked_for_is_neither_computed_nor_kept(calls: Counter[str],
     bare, full = scene(), scene()
     bare["output"] = {}
     full["output"] = {"fields": True, "stress": True, "energy": True}
-    without = solved(bare)
+    without = solve(bare)
     assert calls["stress"] == 0
     assert images[0].classes["accounted"].all()  # the iteration stops by the work of its error, too
     tree = without.to_datatree()
     assert "substructures" not in tree
     assert "energy" not in tree
     assert without.energy is None
-    complete = solved(full)
+    complete = solve(full)
     assert images[1].classes["accounted"].all()
     assert len(np.unique(complete.energy["work_of_loads"][:20])) == 20  # brought up to date at every instant
     assert calls["stress"] == 2 * 61

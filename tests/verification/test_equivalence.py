@@ -12,8 +12,9 @@ from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.merged_assembly import _check_start, merge
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.propagator import DirectPropagator
+from tests.scenes import solve
 
-from .blocks import apart, solve, stack
+from .blocks import apart, stack
 from .blocks import bonded as bonded_reference
 from .oracles.contact_march import march_contact
 from .oracles.hexahedra import matching_nodes

@@ -10,9 +10,9 @@ import pytest
 import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Material, bar, column, half_sine
+from tests.scenes import MODELS, pressure, solve, solved
 
-from .blocks import segments_and_snapshots, solve, stack
-from .scenes import MODELS, pressure, solved
+from .blocks import stack
 
 TRANSIT = 0.5 / np.sqrt(210e9 / 7800.0)
 EXPLICIT = "solver.propagator=explicit", "time.scheme=central_difference"
@@ -120,11 +120,6 @@ def test_longer_windows_give_the_same_answer(window):
     scene["solver"]["window"] = window
     longer = solve(scene).interfaces["i1"].normal_resultant()
     np.testing.assert_allclose(longer, sequential, atol=2e-3 * np.abs(sequential).max())
-
-
-def test_segments_and_snapshots_are_exact():
-    scene = latin_fmu.scene_from_dict(stack(2, "contact", 0.3, propagator="explicit"))
-    segments_and_snapshots(scene, 1e-9)
 
 
 def test_a_step_that_is_not_stable_names_the_one_that_is():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ import latin_fmu
 from latin_fmu.assembly import build as building
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import solve
 
 Tables = dict[str, Any]
 EXACT, PULL = 1e-8, 50e6
@@ -44,12 +44,6 @@ def bars(behaviour: str = "contact", scale: float = 1.0, **time: Any) -> Tables:
     return made
 
 
-def solved(tables: Tables) -> latin_fmu.Solution:
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
-    assert solution.converged, solution.status
-    return solution
-
-
 def stresses(solution: latin_fmu.Solution) -> np.ndarray:
     return np.concatenate([np.asarray(b.stress)[-1] for b in solution.substructures.values()])
 
@@ -77,9 +71,9 @@ def held_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_stresses_are_those_of_a_statically_determinate_support(
     behaviour: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    free = solved(bars(behaviour))
+    free = solve(bars(behaviour))
     held_by_hand(monkeypatch)
-    pinned = solved(bars(behaviour))
+    pinned = solve(bars(behaviour))
     assert off(stresses(free), stresses(pinned)) < EXACT
     assert off(free.interfaces["i1"].traction, pinned.interfaces["i1"].traction) < EXACT
     places = [s.substructures["b2"].displacement[-1] for s in (free, pinned)]
@@ -92,7 +86,7 @@ def test_no_support_carries_anything() -> None:
     tables["load"] = {n: load for n, load in tables["load"].items() if "z" in n}
     for load in tables["load"].values():
         load["traction"][0] = 0.0
-    solution = solved(tables)
+    solution = solve(tables)
     stress = stresses(solution)
     assert np.abs(stress[:, 2] + PULL).max() < EXACT * PULL
     assert np.abs(np.delete(stress, 2, axis=1)).max() < EXACT * PULL
@@ -104,20 +98,20 @@ def test_no_support_carries_anything() -> None:
 
 def test_loads_out_of_balance_are_told_with_their_number() -> None:
     with pytest.raises(SceneError, match=r"substructure\.b1: nothing holds it.*move x?.*out of balance by") as caught:
-        solved(bars(scale=1.001))
+        solve(bars(scale=1.001))
     assert "[-1.8, 0, 0] N" in str(caught.value)
     assert "balance its loads" in str(caught.value)
     tables = bars()
     tables["load"]["b2_xmin"]["law"] = "input"
     with pytest.raises(SceneError, match="out of balance"):  # an input is in balance with nothing
-        solved(tables)
+        solve(tables)
 
 
 def test_a_couple_is_out_of_balance_too() -> None:
     tables = bars()
     tables["load"]["b2_ymin"]["traction"][0] = tables["load"]["b2_ymax"]["traction"][0] = 0.0
     with pytest.raises(SceneError, match="out of balance"):
-        solved(tables)
+        solve(tables)
 
 
 def test_a_static_start_of_a_free_assembly_stays_at_rest() -> None:
@@ -125,14 +119,14 @@ def test_a_static_start_of_a_free_assembly_stays_at_rest() -> None:
     tables = bars(quasi_static=False, end=2e-5, instants=40, start="static")
     for load in tables["load"].values():
         load["law"] = "constant"
-    solution = solved(tables)
+    solution = solve(tables)
     speed = max(float(np.abs(b.velocity).max()) for b in solution.substructures.values())
     c = np.sqrt(STEEL.young / STEEL.density)
     assert speed < EXACT * PULL / (STEEL.density * c)
     assert any("displacements of nodes are held, without reactions" in w for w in solution.outcome.warnings)
     del tables["load"]["b2_zmax"]
     with pytest.raises(SceneError, match="nothing holds it"):
-        solved(tables)
+        solve(tables)
 
 
 def test_a_block_on_ice_has_a_place_where_nothing_pushes_it_along() -> None:
@@ -141,9 +135,9 @@ def test_a_block_on_ice_has_a_place_where_nothing_pushes_it_along() -> None:
     tables["interface"]["i1"]["friction_coefficient"] = 0.0
     tables["boundary"]["base"] = {"type": "fixed", "face": "b1.zmin"}
     tables["load"] = {"press": {"face": "b2.zmax", "pressure": PULL, "law": RAMP}}
-    solution = solved(tables)
+    solution = solve(tables)
     meeting = solution.interfaces["i1"]
     assert meeting.areas @ meeting.traction[-1, :, 2] == pytest.approx(-PULL * SIDE**2, rel=EXACT)
     tables["load"]["push"] = {"face": "b2.xmin", "force": [1.0, 0.0, 0.0], "law": RAMP}
     with pytest.raises(SceneError, match=r"it can move along x, along y and turn.*by \[1, 0, 0\] N"):
-        solved(tables)
+        solve(tables)

@@ -13,6 +13,7 @@ from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.inactive_substructures import arrival_times, cut_by_arrival
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+from tests.scenes import solve
 
 LENGTH = 0.02
 TRANSIT = LENGTH / STEEL.pressure_speed
@@ -31,12 +32,6 @@ def chain(
         load={"push": {"face": "b1.zmin", "pressure": 1e8, "law": half_sine(TRANSIT)}},
         output={"fields": True},
     )
-
-
-def solved(tables: dict[str, Any]) -> latin_fmu.Solution:
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
-    assert solution.converged, solution.status
-    return solution
 
 
 def arrivals(tables: dict[str, Any]) -> dict[str, float]:
@@ -60,7 +55,7 @@ def apart(first: latin_fmu.Solution, second: latin_fmu.Solution) -> tuple[float,
 def test_eight_bodies_of_which_the_wave_reaches_three(behaviour: str) -> None:
     """Marched: below 45 % of all substructure-instants; the result changes by less than the tolerance of 1e-5."""
     rules = ("off", "tolerance")
-    every, few = (solved(chain(behaviour=behaviour, elements=16, skip_at_rest=s, tolerance=1e-5)) for s in rules)
+    every, few = (solve(chain(behaviour=behaviour, elements=16, skip_at_rest=s, tolerance=1e-5)) for s in rules)
     assert every.outcome.marched == 1.0
     assert few.outcome.marched < 0.45
     displacement, force = apart(few, every)
@@ -72,7 +67,7 @@ def test_eight_bodies_of_which_the_wave_reaches_three(behaviour: str) -> None:
 
 @pytest.mark.parametrize("window", [7, "whole"])
 def test_long_windows_pass_over_bodies_at_rest_too(window: Any) -> None:
-    every, few = (solved(chain(4, 1.5, window=window, bonds="iterate", skip_at_rest=s)) for s in ("off", "tolerance"))
+    every, few = (solve(chain(4, 1.5, window=window, bonds="iterate", skip_at_rest=s)) for s in ("off", "tolerance"))
     assert few.outcome.marched < 0.8 * every.outcome.marched
     assert max(apart(few, every)) < 2e-3  # two runs iterated to 1e-3
 
@@ -80,7 +75,7 @@ def test_long_windows_pass_over_bodies_at_rest_too(window: Any) -> None:
 def test_energies_are_accounted_for_all_the_same() -> None:
     tables = chain(4)
     tables["output"]["energy"] = True
-    every, few = (solved({**tables, "solver": {"skip_at_rest": s}}).energy for s in ("off", "tolerance"))
+    every, few = (solve({**tables, "solver": {"skip_at_rest": s}}).energy for s in ("off", "tolerance"))
     for term in ("kinetic", "elastic", "work_of_loads"):
         np.testing.assert_allclose(few[term], every[term], atol=1e-4 * every["work_of_loads"].max())
     # the traction that a body woken now did not see before is in its work
@@ -95,7 +90,7 @@ def test_what_nothing_has_reached_is_passed_over_exactly(window: int) -> None:
     tables["interface"]["i2"]["gap"] = 2e-6
     tables["load"]["push"]["law"]["start"] = 0.5 * TRANSIT
     every, few = (
-        solved({**tables, "solver": {"window": window, "skip_at_rest": s, "skip_unchanged": False}})
+        solve({**tables, "solver": {"window": window, "skip_at_rest": s, "skip_unchanged": False}})
         for s in ("off", "exact")
     )
     assert few.outcome.marched < 0.7 * every.outcome.marched
@@ -131,7 +126,7 @@ def test_nothing_that_moves_is_passed_over(moving: dict[str, Any]) -> None:
     tables["substructure"]["b2"] |= moving.get("substructure", {})
     tables["interface"] |= moving.get("interface", {})
     tables["boundary"] = moving.get("boundary", {})
-    every, few = (solved({**tables, "solver": {"skip_at_rest": s}}) for s in ("off", "exact"))
+    every, few = (solve({**tables, "solver": {"skip_at_rest": s}}) for s in ("off", "exact"))
     assert few.substructures["b2"].displacement.any()
     assert apart(few, every) == (0.0, 0.0)
 
@@ -139,11 +134,11 @@ def test_nothing_that_moves_is_passed_over(moving: dict[str, Any]) -> None:
 def test_rounding_errors_do_not_wake_a_body() -> None:
     """The default: fewer substructure-instants than where nothing but zero counts as rest, the same to round-off."""
     scenes = {s: chain(elements=16, bonds="iterate", skip_at_rest=s) for s in ("exact", "round_off")}
-    every, few = (solved(scene) for scene in scenes.values())
+    every, few = (solve(scene) for scene in scenes.values())
     assert few.outcome.marched < 0.9 * every.outcome.marched
     assert few.outcome.passes < every.outcome.passes - 0.1
     assert max(apart(few, every)) < 1e-10
-    assert solved(chain(elements=16, bonds="iterate")).outcome.marched == few.outcome.marched
+    assert solve(chain(elements=16, bonds="iterate")).outcome.marched == few.outcome.marched
 
 
 # -- arrival times ------------------------------------------------------------------------------------------------

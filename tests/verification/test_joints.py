@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import api
 from latin_fmu.errors import SceneError
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
+from tests.scenes import solve
 
 AREA, FIRST, SECOND = 0.01, 1.0, 2.0  # m2, kg, kg
 REDUCED = 1 / (1 / FIRST + 1 / SECOND)
@@ -20,12 +20,6 @@ STIFFNESS, VISCOSITY = 1e8, 1e3
 PULSATION = np.sqrt(STIFFNESS * AREA / REDUCED)
 DECAY = VISCOSITY * AREA / REDUCED
 WINDOWS = [1, 20, "whole"]
-
-
-def solved(tables: dict[str, Any]) -> Any:
-    outcome = api.solve(scene_from_dict(copy.deepcopy(tables)))
-    assert outcome.converged, outcome.status
-    return outcome
 
 
 def masses(behaviour: str, end: float, n: int, scheme: str = "newmark", window: Any = 1, **keys: Any) -> dict[str, Any]:
@@ -53,7 +47,7 @@ def spring(**more: Any) -> dict[str, Any]:
 @cache
 def dashed(window: Any) -> Any:
     """Two masses and a dashpot over two time constants."""
-    return solved(
+    return solve(
         masses("viscous_joint", 2 / DECAY, 100, window=window, normal_viscosity=VISCOSITY, tangential_viscosity=0.0)
     )
 
@@ -67,7 +61,7 @@ def elongation(outcome: Any) -> np.ndarray:
 @pytest.mark.parametrize("window", WINDOWS)
 def test_two_masses_on_a_layer_swing_at_their_frequency(window: Any) -> None:
     """Average acceleration: sin w t with the pulsation tan(w' dt / 2) = w dt / 2 of the scheme, to the tolerance."""
-    outcome = solved(spring(window=window))
+    outcome = solve(spring(window=window))
     t = outcome.time
     dt = t[1] - t[0]
     shifted = 2 / dt * np.arctan(PULSATION * dt / 2)
@@ -79,7 +73,7 @@ def test_two_masses_on_a_layer_swing_at_their_frequency(window: Any) -> None:
 
 
 def test_energy_goes_into_the_layer_and_comes_back() -> None:
-    energy = solved(spring()).energy
+    energy = solve(spring()).energy
     total = energy["kinetic"] + energy["layer_energy"]
     np.testing.assert_allclose(total, total[0], rtol=1e-7)
     np.testing.assert_allclose(energy["interface_work"], -energy["layer_energy"], atol=1e-7 * total[0])
@@ -89,7 +83,7 @@ def test_energy_goes_into_the_layer_and_comes_back() -> None:
 
 @pytest.mark.parametrize("scheme", ["hht", "central_difference"])
 def test_other_schemes_swing_alike(scheme: str) -> None:
-    outcome = solved(spring(scheme=scheme))
+    outcome = solve(spring(scheme=scheme))
     exact = -np.sin(PULSATION * outcome.time) / PULSATION
     np.testing.assert_allclose(elongation(outcome), exact, atol=1e-2 / PULSATION)
 
@@ -116,7 +110,7 @@ def test_dashpot_takes_the_energy_of_the_relative_motion() -> None:
 def test_soft_impact_is_elastic(window: Any) -> None:
     """Half a swing of the layer, then free: velocities exchanged as in an elastic impact, the energy with them."""
     period = 2 * np.pi / PULSATION
-    outcome = solved(masses("soft_contact", 0.75 * period, 150, window=window, normal_stiffness=STIFFNESS))
+    outcome = solve(masses("soft_contact", 0.75 * period, 150, window=window, normal_stiffness=STIFFNESS))
     final = [outcome.substructures[n].velocity[-1, 0, 2] for n in "ab"]
     np.testing.assert_allclose(final, [-1 / 3, 2 / 3], atol=2e-5)
     history = outcome.interfaces["joint"]
@@ -172,7 +166,7 @@ def behind_the_front(outcome: Any) -> np.ndarray:
 def test_wave_through_an_elastic_layer(ratio: float) -> None:
     """Transmitted stress sigma (1 - exp(-2 k t / Z)) behind the front, the rest is reflected."""
     stiffness = ratio * IMPEDANCE * SOUND / 0.5
-    outcome = solved(bars("elastic_layer", normal_stiffness=stiffness, tangential_stiffness=stiffness))
+    outcome = solve(bars("elastic_layer", normal_stiffness=stiffness, tangential_stiffness=stiffness))
     t = behind_the_front(outcome)
     impulse = -outcome.interfaces["joint"].impulse(outcome.time)[:, 2] / 4e-4
     tau = IMPEDANCE / (2 * stiffness)
@@ -186,7 +180,7 @@ def test_wave_through_an_elastic_layer(ratio: float) -> None:
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 3.0])
 def test_wave_through_a_viscous_joint(ratio: float) -> None:
     """Transmission 2c / (2c + Z) of the stress, at once."""
-    outcome = solved(bars("viscous_joint", normal_viscosity=ratio * IMPEDANCE, tangential_viscosity=0.0))
+    outcome = solve(bars("viscous_joint", normal_viscosity=ratio * IMPEDANCE, tangential_viscosity=0.0))
     t = behind_the_front(outcome)
     impulse = -outcome.interfaces["joint"].impulse(outcome.time)[:, 2] / 4e-4
     exact = 1e6 * t * 2 * ratio / (2 * ratio + 1)
@@ -205,7 +199,7 @@ def test_matched_dashpot_against_the_ground_absorbs() -> None:
         "tangential_viscosity": IMPEDANCE,
     }
     tables["time"] = {"end": 3.8 * 0.5 / SOUND, "instants": 380}
-    outcome = solved(tables)
+    outcome = solve(tables)
     stress = -outcome.interfaces["joint"].force()[:, 2] / 4e-4
     late = outcome.time > 3.2 * 0.5 / SOUND
     np.testing.assert_allclose(stress[late], 1e6, rtol=2e-2)
@@ -230,7 +224,7 @@ def test_preload_lets_a_tension_wave_through_up_to_its_level(pressed: dict[str, 
     """
     tables = bars(**pressed)
     tables["load"]["step"]["pressure"] = -2e6
-    outcome = solved(tables)
+    outcome = solve(tables)
     stress = -outcome.interfaces["joint"].force()[:, 2] / 4e-4
     before = outcome.time < 0.7 * 0.5 / SOUND
     np.testing.assert_allclose(stress[before], 3e5, rtol=2e-3)

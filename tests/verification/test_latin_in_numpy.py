@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from .scenes import solved
+from tests.scenes import solved
 
 PATH = Path(__file__).parents[2] / "examples" / "latin_in_numpy.py"
 LONGEST = 300  # lines: it is to be read beside the paper
@@ -54,7 +54,7 @@ def package(friction: float | None, alpha: float, whole: bool, scene) -> tuple[n
     [
         (0.1, -0.1, True),
         (0.1, -0.1, False),
-        (0.1, 0.0, True),
+        pytest.param(0.1, 0.0, True, marks=pytest.mark.slow),
         (10.0, 0.0, False),
         (0.0, -0.1, False),
         (None, -0.1, True),

@@ -15,9 +15,10 @@ from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.stability.meshes import turned, typed_box, write_mesh
 from latin_fmu.stability.scenes import Box, Material, column
+from tests.scenes import ramp, solve
 
-from .blocks import segments_and_snapshots, stack
-from .static_scenes import STEEL, add_block, ramp, scene, solve
+from .blocks import stack
+from .static_scenes import STEEL, add_block, scene
 
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SIZE, PRESSURE = (0.02, 0.01, 0.01), 80e6
@@ -319,11 +320,6 @@ def thrown_stack(**solver: Any) -> dict[str, Any]:
     made = stack(3, "contact", 0.2, **solver)
     made["substructure"]["b2"]["box"]["elements"] = [4, 4, 3]
     return made
-
-
-def test_segments_and_snapshots() -> None:
-    """Cut in segments and gone through again from a snapshot: one run, the same bits."""
-    segments_and_snapshots(latin_fmu.scene_from_dict(thrown_stack(tolerance=1e-7)), 1e-5)
 
 
 def test_a_session_is_a_run() -> None:

@@ -120,6 +120,7 @@ def test_undamped_schemes(scheme: str, mode: int) -> None:
     assert abs(ringing(modes, mode, step, scheme)) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_bolted_joint(tmp_path: Path) -> None:
     """Two plates under one bolt, tight: the layer gives the third mode 0.3 % of critical."""
     data = joint(write_joint(tmp_path), mu=10.0, solver={"tolerance": 1e-9}, output={"fields": True})

@@ -11,8 +11,9 @@ import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.propagator import reduction
 from latin_fmu.stability.meshes import turned, typed_box, write_mesh
+from tests.scenes import solve
 
-from .blocks import segments_and_snapshots, solve, stack
+from .blocks import stack
 from .test_explicit import closes
 
 
@@ -77,11 +78,6 @@ def test_stress_and_sensors_come_from_the_whole_mesh():
     exact["output"] = {"stress": True}
     stress, expected = (solve(s).substructures["b1"].stress for s in (scene, exact))
     assert np.linalg.norm(stress - expected) <= 0.05 * np.linalg.norm(expected)
-
-
-def test_segments_and_snapshots_are_exact():
-    scene = latin_fmu.scene_from_dict(stack(2, "contact", 0.3, propagator={"type": "reduced", "modes": 30}))
-    segments_and_snapshots(scene, 1e-7)
 
 
 def test_rigid_bodies_stay_as_they_are():

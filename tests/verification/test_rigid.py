@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements, mass, rigid_body
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
+from tests.scenes import solve
 
 from .oracles import sliding_block
 
@@ -29,12 +28,6 @@ def block(**more: Any) -> dict[str, Any]:
     body = Box(STEEL, SIZE, (2, 2, 2), keys={"rigid": True, **more})
     time, output = {"end": 1e-2, "instants": 20}, {"fields": True, "energy": True}
     return column({"block": body}, {}, time, name="block", output=output)
-
-
-def solved(tables: dict[str, Any]) -> Any:
-    outcome = api.solve(scene_from_dict(copy.deepcopy(tables)))
-    assert outcome.converged, outcome.status
-    return outcome
 
 
 # -- mass ---------------------------------------------------------------------------------------------------------
@@ -66,7 +59,7 @@ def test_pushed_and_spinning_block_follows_newton() -> None:
     """Constant force off the centre, initial velocity and spin: every node on its parabola."""
     tables = block(initial_velocity=[1.0, 0.5, 0.0], initial_spin=[0.2, 0.0, 0.7], body_force=[0.0, -100.0, 0.0])
     tables["load"] = {"push": {"face": "block.zmax", "traction": [4e4, 0.0, 0.0]}}
-    outcome = solved(tables)
+    outcome = solve(tables)
     m, force, t = 7800.0 * 0.006, 4e4 * 0.02, outcome.time
     inertia = m * (SIZE[0] ** 2 + SIZE[2] ** 2) / 12
     shift = np.outer(t, [1.0, 0.5, 0.0]) + 0.5 * np.outer(t**2, [force / m, -100.0 * 0.006 / m, 0.0])
@@ -118,7 +111,7 @@ def test_a_guided_block_moves_where_it_may() -> None:
         "driven": {"type": "velocity", "face": "block.ymax", "components": ["x"], "value": [0.3]},
     }
     tables["load"] = {"push": {"face": "block.zmax", "pressure": -5e4}}
-    outcome = solved(tables)
+    outcome = solve(tables)
     u, t = outcome.substructures["block"].displacement, outcome.time
     m = 7800.0 * 0.006
     np.testing.assert_allclose(u[..., 0], np.repeat(0.3 * t[:, None], u.shape[1], axis=1), atol=1e-14)
@@ -171,7 +164,7 @@ def ram(rigid: bool = True, young_modulus: float = 210e9, behaviour: str = "cont
 def test_mass_on_a_long_bar_slows_down_exponentially(behaviour: str) -> None:
     """F = Z A V exp(-Z A t / m) until waves come back; bonded or in contact alike (Saint-Venant). At the default
     tolerance single instants are off by 3 to 7 per cent of the force that is left, a tenth of its peak."""
-    outcome = solved({**ram(behaviour=behaviour), "solver": {"tolerance": 1e-4}})
+    outcome = solve({**ram(behaviour=behaviour), "solver": {"tolerance": 1e-4}})
     area, m, z = 4e-4, 7800.0 * 4e-4 * 0.05, 7800.0 * WAVE
     t = outcome.time
     exact = m * (1 - np.exp(-z * area * t / m))  # impulse
@@ -184,7 +177,7 @@ def test_mass_on_a_long_bar_slows_down_exponentially(behaviour: str) -> None:
 
 
 def test_rigid_is_the_limit_of_a_stiff_elastic_body() -> None:
-    rigid, stiff = (solved(ram(flag, 210e15)) for flag in (True, False))
+    rigid, stiff = (solve(ram(flag, 210e15)) for flag in (True, False))
     a, b = (o.interfaces["hit"].impulse(o.time)[:, 2] for o in (rigid, stiff))
     assert np.abs(a - b).max() < 2e-3 * np.abs(b).max()
 
@@ -192,8 +185,8 @@ def test_rigid_is_the_limit_of_a_stiff_elastic_body() -> None:
 @pytest.mark.parametrize("window", [1, 10, "whole"])
 def test_every_window_gives_the_same_answer(window: object) -> None:
     tables = ram()
-    reference = solved({**tables, "solver": {"tolerance": 1e-6}})
-    outcome = solved({**tables, "solver": {"window": window, "tolerance": 1e-6}})
+    reference = solve({**tables, "solver": {"tolerance": 1e-6}})
+    outcome = solve({**tables, "solver": {"window": window, "tolerance": 1e-6}})
     a, b = (o.interfaces["hit"].impulse(o.time)[:, 2] for o in (outcome, reference))
     assert np.abs(a - b).max() < 1e-4 * np.abs(b).max()
 
@@ -206,7 +199,7 @@ def test_rigid_tool_at_constant_speed_sends_the_wave_of_its_speed() -> None:
         "components": ["x", "y", "z"],
         "value": [0.0, 0.0, -1.0],
     }
-    outcome = solved(tables)
+    outcome = solve(tables)
     assert build(scene_from_dict(tables)).assembly.propagators[1].n_dof == 0
     impulse = -outcome.interfaces["hit"].impulse(outcome.time)[-1, 2]
     assert impulse == pytest.approx(7800.0 * WAVE * 4e-4 * outcome.time[-1], rel=5e-3)
@@ -216,7 +209,7 @@ def test_rigid_tool_at_constant_speed_sends_the_wave_of_its_speed() -> None:
 def test_block_under_a_harmonic_force_sticks_and_slips_on_time() -> None:
     """Mass 1, mu = 0.8, pushed by 8 cos t: slip and stick within one step, positions to 1e-3 of the travel."""
     step = 0.005
-    outcome = solved(shaken(step))
+    outcome = solve(shaken(step))
     time, slips = outcome.time, sliding_block.slips(8.0)
     slipping = (outcome.interfaces["floor"].contact_status == 2).all(axis=1)
     events = np.array([[s.begin, s.end] for s in slips]).ravel()
@@ -242,7 +235,7 @@ def test_a_block_stands_on_the_ground_from_the_first_instant(sliding: float, pre
     block["body_force"] = [0.0, 0.0, (1 - preload) * block["body_force"][2]]
     tables["interface"]["floor"]["preload_force"] = preload * 9.81  # a part of the force is there beforehand
     tables["time"] = {"end": 0.1, "instants": 20}
-    outcome = solved(tables)
+    outcome = solve(tables)
     force, t = outcome.interfaces["floor"].force(), outcome.time
     np.testing.assert_allclose(force[:, 2], 9.81, rtol=1e-5)
     moved = outcome.substructures["block"].displacement[:, 0]

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import numpy as np
 import pytest
 
-import latin_fmu
-from latin_fmu.assembly.run_checks import balance_remarks
 from latin_fmu.latin.outcome import Resultants
+from latin_fmu.run_checks import balance_remarks
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import ramp, solve
 
-from .static_scenes import add_block, ramp, scene
+from .static_scenes import add_block, scene
 
 SIZE = (0.04, 0.04, 0.02)
-
-
-def solve(tables: dict[str, Any]) -> latin_fmu.Solution:
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
-    assert solution.converged, solution.status
-    return solution
 
 
 def remarks(tables: dict[str, Any], word: str) -> list[str]:

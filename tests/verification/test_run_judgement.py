@@ -17,8 +17,9 @@ from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.latin.status import with_energy
 from latin_fmu.scene.schema import toml_text
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import ramp
 
-from .static_scenes import add_block, ramp, scene
+from .static_scenes import add_block, scene
 from .test_clamped_joints import bolt, lap, pulse
 
 Tables = dict[str, Any]
@@ -56,6 +57,7 @@ def test_a_clamped_joint_that_sinks_is_not_trustworthy() -> None:
     assert f"interface washer_bolt: {whole} points that never opened" in solution.status
 
 
+@pytest.mark.slow
 def test_the_same_joint_at_the_default_is_trustworthy() -> None:
     solution = solve(lap(290, pulse()))
     assert solution.trustworthy

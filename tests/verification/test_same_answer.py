@@ -9,8 +9,9 @@ import latin_fmu
 from latin_fmu.assembly.propagator_choice import PROPAGATORS
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.errors import SceneError
+from tests.scenes import solve
 
-from .blocks import solve, stack
+from .blocks import stack
 from .test_explicit import closes
 
 # what solves the equations of the direct march in another way: largest difference of tractions, energy balance
@@ -54,9 +55,9 @@ def test_float32_is_felt():
     assert np.abs(traction - exact).max() > 1e-12 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_segments_and_snapshots_are_exact(way):
-    scene = latin_fmu.scene_from_dict(stack(2, "contact", 0.3, **WAYS[way][0]))
+@pytest.mark.parametrize("settings", [*({"propagator": kind} for kind in EVERY), {"precision": "float32"}], ids=str)
+def test_a_part_after_a_snapshot_is_exact(settings):
+    scene = latin_fmu.scene_from_dict(stack(2, "contact", 0.3, **settings))
     run = SegmentedRun(scene)
     run.advance(scene.time.end / 3, 20)
     kept = run.snapshot()

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-
-from .scenes import MODELS, solved
+from tests.scenes import MODELS, solved
 
 
 def test_passes_do_not_grow_with_the_number_of_interfaces():
@@ -24,6 +23,7 @@ def test_passes_do_not_grow_with_the_number_of_interfaces():
     assert all(not w.fallbacks for w in many.windows)
 
 
+@pytest.mark.slow
 def test_memory_of_sixteen_blocks(tmp_path):
     """Interior history is not kept unless requested: a run in a process of its own stays below 500 MB."""
     scene = str(MODELS / "stacked_blocks/n16.toml")

@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from tests.scenes import ramp
 
 from .curved_meshes import about_zero, outwards, write_block
-from .static_scenes import ramp
 
 E, NU, RADIUS, FRICTION, WIDTH = 210e9, 0.3, 0.1, 0.5, 1e-3  # WIDTH: half of the contact aimed at
 STAR, G = E / (2 * (1 - NU**2)), E / (2 * (1 + NU))

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from .static_scenes import STEEL, add_block, ramp, scene, solve
+from tests.scenes import ramp, solve
+
+from .static_scenes import STEEL, add_block, scene
 
 E = STEEL["young_modulus"]
 SIZE, ELEMENTS, PRESSURE = (0.02, 0.01, 0.01), (2, 1, 1), 50e6

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from .static_scenes import STEEL, add_block, ramp, scene, solve
+from tests.scenes import ramp, solve
+
+from .static_scenes import STEEL, add_block, scene
 
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SHEAR = E / (2 * (1 + NU))

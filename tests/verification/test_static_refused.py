@@ -15,8 +15,9 @@ from latin_fmu.assembly import body as bodies
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.errors import SceneError
+from tests.scenes import ramp, solve
 
-from .static_scenes import add_block, plates, ramp, scene, solve
+from .static_scenes import add_block, plates, scene
 
 SIZE, ELEMENTS = (0.03, 0.02, 0.01), (3, 2, 1)
 Damage = Callable[[dict[str, Any]], object]

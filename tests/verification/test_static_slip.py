@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from tests.scenes import ramp, solve, solved
 
-from .scenes import solved
-from .static_scenes import add_block, ramp, scene, solve
+from .static_scenes import add_block, scene
 
 E, FRICTION, GRIP = 200e9, 0.25, 50e6
 LENGTH, WIDTH, HEIGHT, N = 0.5, 0.02, 0.02, 50

@@ -12,10 +12,10 @@ import scipy.sparse.linalg as spla
 import latin_fmu
 from latin_fmu.effects.explanation import explain
 from latin_fmu.latin.coarse_problem import CoarseProblem
+from tests.scenes import solve, solved
 
 from .oracles.hexahedra import Block, merged
-from .scenes import solved
-from .static_scenes import STEEL, plates, solve
+from .static_scenes import STEEL, plates
 
 SIZE, ELEMENTS = (0.06, 0.03, 0.01), (6, 3, 2)
 PRESSURE, SHEAR = 50e6, 20e6

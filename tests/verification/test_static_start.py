@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import solve
 
 Tables = dict[str, Any]
 SIDE, HEIGHT, PRESSURE, SHEAR = 0.02, 0.01, 50e6, 4e6
@@ -36,12 +36,6 @@ def stack(start: Any = "static", **solver: Any) -> Tables:
     )
 
 
-def solved(tables: Tables) -> latin_fmu.Solution:
-    solution = latin_fmu.solve(latin_fmu.scene_from_dict(copy.deepcopy(tables)))
-    assert solution.converged, solution.status
-    return solution
-
-
 def speed(solution: latin_fmu.Solution) -> float:
     """Largest velocity of any node at any instant, m s-1."""
     return max(float(np.abs(body.velocity).max()) for body in solution.substructures.values())
@@ -53,7 +47,7 @@ def rest(n: int, scheme: str | None = None) -> float:
     tables["time"] |= {"end": n * 2e-7, "instants": n} | ({} if scheme is None else {"scheme": scheme})
     tables["output"] = {}
     del tables["solver"]["tolerance"]
-    velocities = [np.abs(history.velocity).max() for history in solved(tables).interfaces.values()]
+    velocities = [np.abs(history.velocity).max() for history in solve(tables).interfaces.values()]
     return float(max(velocities)) * STEEL.density * np.sqrt(STEEL.young / STEEL.density) / PRESSURE
 
 
@@ -164,7 +158,7 @@ def test_dead_loads_move_nothing_after_the_hand_over(change: Callable[[Tables], 
     tables, without = stack(), stack("given")
     change(tables)
     change(without)
-    ringing, still = solved(without), solved(tables)
+    ringing, still = solve(without), solve(tables)
     assert speed(ringing) > 0.2 * PRESSURE / STEEL.impedance
     limit = 1e-7 if change is glued_and_soft else 1e-8
     assert speed(still) < limit * speed(ringing)
@@ -176,13 +170,13 @@ def test_dead_loads_move_nothing_after_the_hand_over(change: Callable[[Tables], 
 def test_short_steps_do_not_magnify_what_the_tolerance_has_left_of_the_gaps() -> None:
     tables = stack()
     tables["time"]["end"] = 1e-9
-    assert speed(solved(tables)) < 1e-8 * PRESSURE / STEEL.impedance
+    assert speed(solve(tables)) < 1e-8 * PRESSURE / STEEL.impedance
 
 
 def test_partial_slip_is_there_and_handed_over() -> None:
     tables = stack()
     slipping_in_part(tables)
-    status = solved(tables).interfaces["i0"].contact_status
+    status = solve(tables).interfaces["i0"].contact_status
     assert {1, 2} == set(np.unique(status[0]).tolist())
     np.testing.assert_array_equal(status[0], status[1])
 
@@ -211,7 +205,7 @@ def test_a_shock_on_a_bonded_bar_adds_to_its_static_state(bonds: str, shocked: s
             }
         return tables
 
-    both, alone = solved(bar("static", True)), solved(bar("given", False))
+    both, alone = solve(bar("static", True)), solve(bar("given", False))
     for name, body in both.substructures.items():
         other = alone.substructures[name]
         added = body.displacement - body.displacement[0]
@@ -258,7 +252,7 @@ def end_of(solution: latin_fmu.Solution) -> np.ndarray:
 
 def test_a_clamped_block_stays_stuck_below_the_limit() -> None:
     """Slip over F / q from the pulled end, u = F^2 / (2 E A q), at the start and after the slow pull; else stick."""
-    solution = solved(clamped(0.4, 0.8, 40))
+    solution = solve(clamped(0.4, 0.8, 40))
     u = end_of(solution)
     for instant, part in ((0, 0.4), (-1, 0.8)):
         exact = (part * LOST * LENGTH) ** 2 / (2 * STIFFNESS * LOST)
@@ -273,7 +267,7 @@ def test_a_clamped_block_stays_stuck_below_the_limit() -> None:
 
 def test_a_clamped_block_slips_at_the_limit() -> None:
     """The far end begins to slide when the pull reaches the friction of the whole length, and not before."""
-    solution = solved(clamped(0.4, 1.1, 70))
+    solution = solve(clamped(0.4, 1.1, 70))
     history = solution.interfaces["zmin"]
     far = history.points[:, 0] < 1e-9
     first = int(np.argmax((history.contact_status[:, far] == 2).any(axis=1)))
@@ -290,7 +284,7 @@ def test_a_projectile_takes_no_part_until_it_arrives(tolerance: float) -> None:
     tables["substructure"]["shot"] = {"material": "steel", "box": box, "initial_velocity": [0.0, 0.0, -5.0]}
     tables["interface"]["hit"] = {"sides": ["b2.zmax", "shot.zmin"]}
     tables["solver"] = {"tolerance": tolerance}
-    solution = solved(tables)
+    solution = solve(tables)
     arrival = (2e-5 - solution.substructures["b2"].displacement[0, :, 2].max()) / 5.0
     before = solution.time < 0.95 * arrival
     assert 5 < before.sum() < 95
@@ -312,7 +306,7 @@ def test_a_stretched_bar_is_stretched_from_the_start() -> None:
         },
         output={"fields": True},
     )
-    bar = solved(tables).substructures["bar"]
+    bar = solve(tables).substructures["bar"]
     np.testing.assert_allclose(bar.displacement[0, :, 0], 1e-4 * bar.nodes[:, 0], rtol=0, atol=1e-15)
     assert np.abs(bar.velocity).max() < 1e-9
 
@@ -414,4 +408,4 @@ def test_explain_tells_it() -> None:
 def test_nothing_that_acts_is_no_start() -> None:
     tables = stack()
     tables["load"] = {}
-    assert speed(solved(tables)) == 0.0
+    assert speed(solve(tables)) == 0.0

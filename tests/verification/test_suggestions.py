@@ -21,6 +21,7 @@ MODELS = Path(__file__).parents[2] / "models"
 SHIPPED = sorted(
     {path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"}
 )  # bolted_beam takes minutes
+QUICK = [pytest.param(name, marks=pytest.mark.slow) if name == "lap_joint" else name for name in SHIPPED]
 OTHER_RESULT = {LUMPED: 0.05}
 """Relative change of impulse and peak force by what is lost; nothing for what concerns stored quantities only."""
 
@@ -39,7 +40,7 @@ def forces(solution: latin_fmu.Solution) -> np.ndarray:
     return np.array([value for i in report for value in (*i["impulse"], i["peak_force"])])
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", QUICK)
 def test_suggestions_of_shipped_models_are_accepted_and_keep_their_word(name: str) -> None:
     made = suggestions(name)
     plain = forces(latin_fmu.solve(model(name))) if made else np.zeros(0)
@@ -71,7 +72,7 @@ def test_suggestions_of_shipped_models_cost_what_they_say(name: str) -> None:
             assert 1 / 1.5 <= measured / suggestion.factor <= 1.5, (suggestion, measured)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", QUICK)
 def test_the_switch_of_a_gap_is_accepted(name: str) -> None:
     """On meshes that stand apart a gap of zero is refused: it is switched off as closed."""
     effect = next(e for e in explain(model(name)).effects if e.name == "initial gap")

@@ -1,0 +1,141 @@
+"""Draw the figures of README and docs/ anew, each by its command: ``python examples/figures.py [NAME ...]``.
+
+A figure carries the version it was drawn with and a digest of the code that it shows, in the text of the PNG file.
+``tests/test_docs.py`` fails where that code has changed since and the figure is older than the last release. Without a
+name all are drawn: hours, on a machine without other work for those with CPU times; ``--list`` prints what each needs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from argparse import ArgumentParser
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+import latin_fmu
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "examples" / "figures"
+RUN = ("kernels", "laws", "latin", "time_scheme", "fem")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Command that draws a figure into the current folder, and the folders of ``latin_fmu`` that it shows.
+
+    Commands run one after the other where ``&&`` joins them; ``-`` : the Python block of README.md.
+    """
+
+    command: str
+    shows: tuple[str, ...] = RUN
+
+    def digest(self) -> str:
+        """Of the sources of what it shows, and of its script."""
+        files = [path for name in self.shows for path in sorted((ROOT / "latin_fmu" / name).glob("*.py"))]
+        files += [ROOT / word for word in self.command.split() if word.startswith("examples/")]
+        return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()[:16]
+
+
+def _script(name: str, *shows: str) -> Drawing:
+    return Drawing(f"python examples/{name} -o .", (*RUN, *shows))
+
+
+DRAWINGS = {
+    "lap_joint": Drawing(
+        "latin-fmu run models/lap_joint/scene.toml -o lap_joint.nc --set output.fields=true "
+        "&& latin-fmu plot lap_joint.nc --bodies -o lap_joint.png",
+        (*RUN, "pictures"),
+    ),
+    "hammer_on_plate": Drawing(
+        "latin-fmu plot models/hammer_on_plate/scene.toml -o hammer_on_plate.png", ("pictures",)
+    ),
+    "friction_force": Drawing("-", RUN),
+    "work_precision": Drawing(
+        "latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml --budget 50 -o .",
+        (*RUN, "accuracy"),
+    ),
+    "waves_in_bars": _script("waves_in_bars.py"),
+    "landing": _script("landing.py"),
+    "front_through_joint": _script("front_through_joint.py"),
+    "crushing_friction": _script("crushing_friction.py"),
+    "the_paper_beam": _script("the_paper.py"),
+    "the_paper_crushing": _script("the_paper.py"),
+    "convergence_friction": _script("convergence_friction.py"),
+    "static_friction": _script("static_friction.py"),
+    "joint_damping": _script("joint_damping.py", "assembly"),
+    "piston": _script("fmu_piston.py", "cosim"),
+    "estimated_error": _script("estimated_error.py", "accuracy"),
+    "price_of_friction": _script("benchmarks/price_of_friction.py", "propagator", "cholesky"),
+    "large_faces": _script("benchmarks/large_faces.py", "propagator", "cholesky"),
+    "growth": _script("benchmarks/growth.py", "propagator", "cholesky"),
+    "against_calculix": _script("benchmarks/against_calculix.py --static", "propagator", "cholesky"),
+}
+
+
+def drawn_with(figure: Path) -> tuple[str, str]:
+    """Version of the package and digest of the code that a figure was drawn with."""
+    with Image.open(figure) as image:
+        text = image.info
+    return str(text.get("latin_fmu", "")), str(text.get("code", ""))
+
+
+def stamp(source: Path, target: Path, version: str, digest: str) -> None:
+    """Write a figure with its version and digest."""
+    with Image.open(source) as image:
+        text = PngInfo()
+        text.add_text("latin_fmu", version)
+        text.add_text("code", digest)
+        image.save(target, pnginfo=text, dpi=image.info.get("dpi", (150, 150)), optimize=True)
+
+
+def draw(name: str) -> None:
+    """Run the command of a figure in a folder of its own and keep the figure."""
+    drawing = DRAWINGS[name]
+    with TemporaryDirectory() as folder:
+        for shared in ("models", "examples"):
+            (Path(folder) / shared).symlink_to(ROOT / shared)
+        for command in drawing.command.split(" && "):
+            words = [sys.executable, *_words(command)]
+            subprocess.run(
+                words, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}, check=True
+            )
+        (made,) = Path(folder).rglob(f"{name}.png")
+        stamp(made, FOLDER / f"{name}.png", latin_fmu.__version__, drawing.digest())
+
+
+def _words(command: str) -> list[str]:
+    """Arguments of Python for a command."""
+    if command == "-":
+        text = (ROOT / "README.md").read_text(encoding="utf-8")
+        (block,) = re.findall(r"```python\n(.*?friction_force\.png.*?)```", text, re.S)
+        return ["-c", block.replace("two_specimen_crushing/scene", "models/two_specimen_crushing/scene")]
+    words = shlex.split(command)
+    return ["-m", "latin_fmu", *words[1:]] if words[0] == "latin-fmu" else words[1:]
+
+
+def main() -> None:
+    """Draw what is named."""
+    parser = ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("name", nargs="*", choices=[[], *DRAWINGS], default=[])
+    parser.add_argument("--list", action="store_true", help="print version, state of the code and command of each")
+    given = parser.parse_args()
+    for name in given.name or DRAWINGS:
+        if given.list:
+            version, digest = drawn_with(FOLDER / f"{name}.png")
+            state = "as it is now" if digest == DRAWINGS[name].digest() else "changed since"
+            print(f"{name:22}{version:8}{state:15}{DRAWINGS[name].command}")
+        else:
+            draw(name)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,378 @@
+"""Checks of a finished run: whether its end can be trusted, and remarks on what its assumptions leave out.
+
+The method is one of small perturbations: pairs of points are those of the start, strains are linear in the
+displacements, and a rotation enters by its tangent. Beyond a slip of an element, or a rotation of two degrees (whose
+cosine differs from 1 by 6e-4, as a strain would), these assumptions do not hold.
+
+In statics every body is in balance by its loads, its supports and its interfaces. From the displacements u of the run
+
+    g = K u - loads - T^T (area * tractions),
+
+the reactions are the g of held directions, and what is left on free ones is not in balance. The resultants are those of
+all nodes; moments are about the centre of the body.
+
+The end of a run is not trustworthy, though its instants have converged, by three measures that no test of an instant
+contains, each with the number, the place and a remedy:
+
+    sinking    a point that never opened and has sunk (``InterfaceHistory.sunk``) by more than 1 % of the shortening
+               of the bolt around whose shank it is, else of the elastic approach p (L/E + L'/E') of both bodies,
+               p the largest mean pressure of the interface and L/E as in ``body.side_stiffness``; bodies without
+               elasticity have none
+    energy     the sum of the account of energies (``kernels.energy``) beyond 1 % of its largest term
+    rotation   a body that has turned by more than 10 degrees: strains and normals are those of small rotations
+
+The account of energies sums up to round-off; where it does not, the numbers of the run are beyond the precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import scipy.spatial as spatial
+
+from .assembly.problem import SolverReadyProblem
+from .interface.laws import SEPARATION, bonds
+from .latin.assembly import Array, Assembly
+from .latin.outcome import InterfaceHistory, Resultants
+from .latin.recorder import SubstructureInfo
+from .latin.status import Account
+from .propagator import SubstructureModel
+from .remarks import Remark, remarks_of
+from .results.quantities_of_interest import slip_in_contact
+from .results.summary import percent
+from .scene.units import SI, UnitSystem
+
+LARGEST_ROTATION = 2.0  # degrees
+LARGEST_TURN = 10.0
+"""Rotation of a body, degrees, beyond which a run is not trustworthy."""
+LARGEST_STRAIN = 0.05
+_EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
+_DRIFT = 1e-2  # of the largest displacement, reported from there on
+_ROUND_OFF = 1e-9  # of the displacement that the loads can bring
+_CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the elements, left where they cancel
+_UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
+SUNK, OPEN = 0.01, 0.01
+"""Share of the shortening of a bolt or of the elastic approach, and of the largest energy, likewise."""
+_PRECISION = 1e-12  # of sizes and displacements: round-off of a gap
+
+
+def run_remarks(
+    problem: SolverReadyProblem,
+    histories: Mapping[str, InterfaceHistory],
+    time: Array,
+    balance: Mapping[str, Resultants],
+) -> list[Remark]:
+    """Remarks on drift, slip, rotations, strains, faces that never touch, and resultants; ``time`` (n_time,) of the
+    instants of the run, s."""
+    return [
+        *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
+        *remarks_of("motion", [*small_motion_remarks(problem, histories, time), *strain_remarks(problem)]),
+        *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
+        *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
+    ]
+
+
+def small_motion_remarks(
+    problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array
+) -> list[str]:
+    """Sentences on interfaces that slip by more than an element, and on bodies that turn by more than two degrees."""
+    remarks, length = [], problem.unit_system["m"]
+    for history in histories.values():
+        slip, edge = _slip_in_contact(history, time), _edge(history)
+        if slip > edge:
+            remarks.append(
+                f"interface {history.name}: its sides slip by {slip:.3g} {length} while in contact, over elements of "
+                f"{edge:.3g} {length}; pairs of points are fixed, so that the pressure does not move with the sliding "
+                "face"
+            )
+    for name, degrees in rotations(problem).items():
+        if LARGEST_ROTATION < degrees <= LARGEST_TURN:  # beyond, the run is not trustworthy (``faults_of``)
+            remarks.append(
+                f"substructure {name} has turned by {degrees:.3g} degrees at the end: strains and contact normals are "
+                f"those of small rotations, valid up to about {LARGEST_ROTATION:g} degrees"
+            )
+    return remarks
+
+
+def strain_remarks(problem: SolverReadyProblem) -> list[str]:
+    """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
+    remarks: list[str] = []
+    for propagator in problem.assembly.propagators if problem.unit_system.measurable else ():
+        for j, name in enumerate(propagator.names):
+            strain = _largest_strain(problem.info[name], propagator.full_displacement(j))
+            if strain > LARGEST_STRAIN:
+                remarks.append(
+                    f"substructure {name} is strained by {100 * strain:.2g} % at the end: strains are taken as small, "
+                    f"valid up to about {100 * LARGEST_STRAIN:g} %; check the units of loads and materials"
+                )
+    return remarks
+
+
+def _largest_strain(info: SubstructureInfo, u: Array) -> float:
+    """Largest change of the length of an edge over the length, the turn of the body as a whole left out."""
+    if not u.any():
+        return 0.0
+    u = u - np.cross(_spin(info.nodes, u), info.nodes - info.nodes.mean(axis=0))
+    largest, cells = 0.0, np.asarray(info.cells)
+    for first, second in _EDGES:
+        if second < cells.shape[1]:
+            a, b = cells[:, first], cells[:, second]
+            a, b = a[b >= 0], b[b >= 0]
+            edge, change = info.nodes[b] - info.nodes[a], u[b] - u[a]
+            length = np.einsum("ei,ei->e", edge, edge)
+            largest = max(largest, float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0)))
+    return largest
+
+
+def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
+    """Sentences on interfaces that may open and were never closed at an instant that is kept."""
+    return [
+        f"interface {name}: its sides never touch in this run"
+        + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} {units['m']})")
+        + ": check the gap, the direction of the motion and time.end, or leave it out, which costs less"
+        for name, history in histories.items()
+        if history.contact_status is not None
+        and history.contact_status.size
+        and (history.contact_status == SEPARATION).all()
+    ]
+
+
+def _slip_in_contact(history: InterfaceHistory, time: Array) -> float:
+    """Largest relative displacement along the face of a point in contact, m; 0 where the sides cannot open."""
+    status = history.contact_status
+    if status is None or len(time) < 2 or len(time) != len(history.velocity):
+        return 0.0
+    touching = status != SEPARATION
+    if not touching.any():
+        return 0.0
+    fastest = float(np.abs(history.velocity).max())
+    if 4.0 * fastest * float(time[-1] - time[0]) < _edge(history):  # most that velocities can sum up to
+        return 0.0
+    return float(np.linalg.norm(slip_in_contact(history, time), axis=2).max())
+
+
+def _edge(history: InterfaceHistory) -> float:
+    """Length of an element of the face, m: the median distance of neighbouring points."""
+    if len(history.points) < 2:
+        return float(np.sqrt(history.areas.sum()))
+    distances = np.asarray(spatial.KDTree(history.points).query(history.points, k=2)[0])
+    return float(np.median(distances[:, 1]))
+
+
+def rotations(problem: SolverReadyProblem) -> dict[str, float]:
+    """Rotation of every body as a whole in the present state, degrees: the closest one to its displacements."""
+    degrees = {}
+    for propagator in problem.assembly.propagators:
+        for j, name in enumerate(propagator.names):
+            u = propagator.full_displacement(j)
+            if not np.isfinite(u).all():
+                degrees[name] = np.inf
+            elif u.any():
+                degrees[name] = float(np.degrees(np.linalg.norm(_spin(problem.info[name].nodes, u))))
+    return degrees
+
+
+def _spin(nodes: Array, u: Array) -> Array:
+    """Rotation vector (3,) of the linear motion closest to displacements (n, 3): J w = sum x x u."""
+    centred, moved = nodes - nodes.mean(axis=0), u - u.mean(axis=0)
+    inertia = (centred**2).sum() * np.eye(3) - centred.T @ centred
+    spin: Array = np.linalg.lstsq(inertia, np.cross(centred, moved).sum(axis=0), rcond=1e-12)[0]
+    return spin
+
+
+def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
+    """A sentence per bonded interface whose sides are apart by more than 1 % of the largest displacement.
+
+    The iteration ties the velocities of the sides to its tolerance; displacements sum up the differences. The trapezoid
+    rule adds half a step of the jump of the initial velocities, which no tolerance removes. Displacements far below
+    those that the loads can bring are round-off of bodies that no wave has reached.
+    """
+    if not any(bonds(unit.behaviour) for unit in assembly.interfaces):
+        return []
+    u = assembly.displacement()
+    moved = float(np.abs(u).max())
+    if moved <= _ROUND_OFF * _travel(assembly):
+        return []
+    remarks = []
+    for i, unit in enumerate(assembly.interfaces):
+        if not bonds(unit.behaviour):
+            continue
+        first, second = (assembly.layout.channels(i, side) for side in (0, 1))
+        frames = unit.geometry.frames[:, : unit.behaviour.n_component]
+        jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
+        drift = u[second] - u[first]
+        apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
+        share = f"{apart:.3g} {units['m']}, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
+        if min(apart, rest) > _DRIFT * moved:
+            remarks.append(
+                f"bonded interface {unit.name}: its sides have drifted apart by {share}: lower solver.tolerance"
+            )
+        elif apart > _DRIFT * moved:
+            remarks.append(
+                f"bonded interface {unit.name}: its sides are apart by {share}: half a step times the jump of their "
+                "initial velocities, whatever the tolerance; take smaller steps, or give both sides the same initial "
+                "velocity"
+            )
+    return remarks
+
+
+def _longest(vectors: Array) -> float:
+    """Largest length of vectors (n_point, n_component)."""
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+
+
+def _travel(assembly: Assembly) -> float:
+    """Distance that the largest tractions of the loads move a face in the run, m."""
+    moving = assembly.impedance[assembly.impedance > 0.0]
+    duration = float(assembly.time[-1] - assembly.time[0])
+    return assembly.characteristic_traction * duration / float(moving.min()) if moving.size else 0.0
+
+
+def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resultants]:
+    """Resultants of every elastic body of a static problem in its present state; none with inertia.
+
+    tractions : (n_flat,) of the interfaces, Pa.
+    """
+    assembly, made = problem.assembly, dict[str, Resultants]()
+    if not assembly.quasi_static:
+        return made
+    tensions = dict[str, float]()
+    for bolt in problem.output.bolts.values():
+        forces = (0.0, *bolt.description.tightening)
+        tensions[bolt.substructure] = max(*forces, tensions.get(bolt.substructure, 0.0))
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        for j, member in enumerate(propagator.members):
+            if member.nodal is not None:  # a rigid body has no stiffness of its own
+                continue
+            nodes = problem.info[member.name].nodes
+            amplitudes = problem.timeline.histories(member, assembly.time).amplitudes
+            loads = np.zeros(member.n_full)
+            for load, amplitude in zip(member.loads, amplitudes, strict=True):
+                if assembly.instant > 0:  # they come with the first increment
+                    loads += amplitude[assembly.instant] * load.pattern
+            faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
+            rest = member.stiffness @ propagator.full_displacement(j).ravel() - loads - faces
+            free = np.diff(member.expansion.indptr) > 0
+            tension = tensions.get(member.name, 0.0)
+            reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
+            wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
+            loose = _round_off(member, propagator.full_displacement(j))
+            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose)
+    return made
+
+
+def _round_off(member: SubstructureModel, u: Array) -> float:
+    """Force, N, that the products of a stiffness matrix with displacements (n, 3) may leave where they cancel."""
+    return float(_CANCELLED * (abs(member.stiffness) @ np.abs(u.ravel())).sum())
+
+
+def _wrench(nodes: Array, forces: Array) -> Array:
+    """Force and moment (6,) of nodal forces (3 n_node,), N and N m."""
+    nodal = forces.reshape(-1, 3)
+    return np.concatenate([nodal.sum(axis=0), np.cross(nodes - nodes.mean(axis=0), nodal).sum(axis=0)])
+
+
+def balance_words(made: Mapping[str, Resultants]) -> str:
+    """How far the forces on every body are in balance, for the status of a run; empty where nothing is known."""
+    if made and all(r.vanishes for r in made.values()):
+        return "; no force on any body beyond round-off"
+    largest = max((r.largest for r in made.values()), default=0.0)
+    off = max((float(np.linalg.norm(r.unbalanced[:3])) for r in made.values()), default=0.0)
+    return f"; forces on every body in balance to {off / largest:.1e} of the largest" if largest > 0.0 else ""
+
+
+def balance_remarks(made: Mapping[str, Resultants], tolerance: float, units: UnitSystem = SI) -> list[str]:
+    """A sentence on bodies whose forces are out of balance by more than ten tolerances of the largest force."""
+    largest = max((r.largest for r in made.values()), default=0.0)
+    return [
+        f"substructure {name}: its forces are out of balance by {100 * off / largest:.2g} % of the largest force "
+        f"({off:.3g} {units['N']}): lower solver.tolerance"
+        for name, r in made.items()
+        if (off := float(np.linalg.norm(r.unbalanced[:3]))) > _UNBALANCED * tolerance * largest + r.round_off
+    ]
+
+
+# -- whether the end can be trusted -----------------------------------------------------------------------------------
+def faults_of(
+    problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], account: Account | None
+) -> list[str]:
+    """Sentences on what makes a run not trustworthy at its end; none where it is.
+
+    ``account`` : the energies at the end, None where they are not accounted for.
+    """
+    return [*_sunk(problem, histories), *_open(account, problem.unit_system["J"]), *_turned(problem)]
+
+
+def with_faults(sentence: str, faults: Sequence[str]) -> str:
+    """The status of a run with what makes it not trustworthy."""
+    return f"not trustworthy: {'; '.join(faults)} ({sentence})" if faults else sentence
+
+
+def _sunk(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory]) -> Iterator[str]:
+    """Interfaces whose points have sunk into each other while they were closed."""
+    length, clamps = problem.unit_system["m"], problem.clamps
+    for name, history in histories.items():
+        sunk = history.sunk()
+        if not sunk.any():
+            continue
+        approach = problem.flexibility[name] * _mean_pressure(history)
+        allowed, whose = np.full(len(sunk), SUNK * approach), np.full(len(sunk), -1)
+        for number, clamp in enumerate(clamps):
+            held = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
+            allowed[held], whose[held] = SUNK * clamp.shortening, number
+        deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))
+        if not deep.any():
+            continue
+        worst = int(np.argmax(np.where(deep, sunk / np.maximum(allowed, np.finfo(float).tiny), 0.0)))
+        of = f"the shortening of bolt {clamps[whose[worst]].bolt}" if whose[worst] >= 0 else "the elastic approach"
+        at = ", ".join(f"{x:.4g}" for x in history.points[worst])
+        yield (
+            f"interface {name}: {int(deep.sum())} of {len(sunk)} points that never opened have sunk, at [{at}] by "
+            f"{sunk[worst]:.3g} {length}, {percent(SUNK * sunk[worst] / allowed[worst])} "
+            f"of {of} (allowed: {percent(SUNK)}), so that the clamp force is wrong: lower solver.tolerance, as to "
+            f"{0.1 * problem.settings.tolerance:g}"
+        )
+
+
+def _mean_pressure(history: InterfaceHistory) -> float:
+    """Largest pressure over time, mean over the points that touch, Pa."""
+    pressed = history.pressure() > 0.0
+    force, area = np.maximum(history.pressure(), 0.0) @ history.areas, pressed @ history.areas
+    return float(np.divide(force, area, out=np.zeros_like(force), where=area > 0.0).max(initial=0.0))
+
+
+def _size(problem: SolverReadyProblem, history: InterfaceHistory) -> float:
+    """Size of coordinates and displacements at an interface, m."""
+    sides = {side.split(".")[0] for side in history.sides}
+    moved = [
+        float(np.abs(p.full_displacement(j)).max())
+        for p in problem.assembly.propagators
+        for j, name in enumerate(p.names)
+        if name in sides
+    ]
+    return float(np.ptp(history.points, axis=0).max()) + max(moved, default=0.0)
+
+
+def _open(account: Account | None, joule: str) -> Iterator[str]:
+    """The balance of energies, where it does not close."""
+    if account is not None and not abs(account.open) <= OPEN * account.largest + account.negligible:
+        share = abs(account.open) / account.largest if account.largest > 0.0 else np.inf
+        yield (
+            f"energy: the account of the bodies is open by {account.open:.3g} {joule} at the end, {percent(share)} of "
+            f"its largest term, {account.largest:.3g} {joule} (allowed: {percent(OPEN)}): the numbers are beyond the "
+            "precision; take smaller steps, and check the units of times and loads"
+        )
+
+
+def _turned(problem: SolverReadyProblem) -> Iterator[str]:
+    """Bodies that have turned too far."""
+    far = {name: degrees for name, degrees in rotations(problem).items() if not degrees <= LARGEST_TURN}
+    if far:
+        worst = max(far, key=lambda name: far[name])
+        others = "" if len(far) == 1 else f" (and {len(far) - 1} more bodies by more than {LARGEST_TURN:g})"
+        yield (
+            f"substructure {worst} has turned by {far[worst]:.3g} degrees at the end{others}, where strains and "
+            f"contact normals are those of small rotations (allowed: {LARGEST_TURN:g} degrees): end the run before, by "
+            "time.end, or hold what turns"
+        )
