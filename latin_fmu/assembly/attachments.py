@@ -22,23 +22,23 @@ a solid has no rotation: it is joined by its three translations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problems
-from ..fem.location import MeanMotion
 from ..fem.mesh import Array, Index
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry, Perfect, Rods
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..propagator.model import diagonal_matrix
-from ..scene.attachments import End, Place, PointMass
+from ..scene.attachments import End, PointMass
 from ..scene.fields import split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
-from .body import AddedMass, Body, located
+from .body import AddedMass, Body
+from .places import PlaceOnBody, place_on
 
 _NONE: Index = np.zeros(0, dtype=np.int64)
 _TOGETHER = 1e-9  # of the size of an end: ends closer to each other have no direction
@@ -55,17 +55,6 @@ def with_masses(scene: Scene, bodies: dict[str, Body], problems: Problems) -> di
     return {n: replace(b, added=_sum(added[n])) if n in added else b for n, b in bodies.items()}
 
 
-def motion_of(body: Body, place: Place, where: str, problems: Problems) -> tuple[Array, MeanMotion] | None:
-    """Point (3,), m, of a place and the motion that it follows; None, with a problem at the key ``where``, where the
-    point is outside the body."""
-    if place.face is not None:
-        motion = MeanMotion.of_face(body.mesh.nodes, body.face(split_face(place.face)[1]))
-        return motion.centre if place.point is None else np.asarray(place.point, dtype=float), motion
-    point = np.asarray(place.point, dtype=float)
-    location = located(body, point, f"{where}.point", problems)
-    return None if location is None else (point, MeanMotion.of_point(point, location, body.mesh.n_node))
-
-
 def _spread(body: Body, mass: PointMass) -> AddedMass:
     """A mass spread evenly over a face."""
     face = body.face(split_face(str(mass.face))[1])
@@ -77,12 +66,12 @@ def _spread(body: Body, mass: PointMass) -> AddedMass:
 
 def _at_place(body: Body, mass: PointMass, where: str, problems: Problems) -> AddedMass | None:
     """A mass at a point of the body, or of an arm on a face."""
-    place = motion_of(body, mass, where, problems)
-    if place is None:
+    place = place_on(body, mass.face, mass.point, where, problems)
+    if place is None or place.motion is None:
         return None
-    at = place[1].at(place[0])
+    at = place.motion.at(place.point)
     matrix = sp.csr_array(mass.mass * (at.T @ at))
-    lumped, rotation = np.zeros(body.full_size()), place[1].rotation
+    lumped, rotation = np.zeros(body.full_size()), place.motion.rotation
     if rotation is None:
         weights = np.maximum(at.sum(axis=0), 0.0)  # functions of quadratic cells have negative values
         return AddedMass(matrix, 3.0 * mass.mass * weights / weights.sum(), _NONE)
@@ -100,26 +89,12 @@ def _sum(masses: list[AddedMass]) -> AddedMass:
     return AddedMass(matrix, lumped, np.unique(np.concatenate([m.arms for m in masses])))
 
 
-@dataclass(frozen=True)
-class EndPoint:
-    """An end of a spring or coupling on its body.
-
-    Attributes
-    ----------
-    point : (3,), m. motion : that it follows; None for the ground. area : of the face, or of an element's side, m2.
-    """
-
-    point: Array
-    motion: MeanMotion | None
-    area: float
-
-
 def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> list[InterfaceUnit]:
     """Interfaces that stand for the springs of a scene (``Scene.joints``); bad places are added to ``problems``."""
     units = []
     for name, spring in scene.spring.items():
         where = f"spring.{name}"
-        ends = [end_point(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(spring.ends)]
+        ends = [_end(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(spring.ends)]
         first, second = ends
         if first is None or second is None:
             continue
@@ -148,7 +123,7 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
     units = []
     for name, coupling in scene.coupling.items():
         where = f"coupling.{name}"
-        ends = [end_point(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(coupling.ends)]
+        ends = [_end(bodies, end, f"{where}.ends[{i}]", problems) for i, end in enumerate(coupling.ends)]
         made = [end for end in ends if end is not None]
         if len(made) < 2:
             continue
@@ -164,7 +139,7 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
     return units
 
 
-def _ball_joint(ends: list[EndPoint], point: Array, area: float) -> InterfaceGeometry:
+def _ball_joint(ends: list[PlaceOnBody], point: Array, area: float) -> InterfaceGeometry:
     """One point (3,), m, whose translations are joined."""
     first, second = (None if end.motion is None else end.motion.at(point) for end in ends)
     assert first is not None
@@ -173,7 +148,7 @@ def _ball_joint(ends: list[EndPoint], point: Array, area: float) -> InterfaceGeo
     )
 
 
-def _rods(ends: list[EndPoint], point: Array, length: float, area: float) -> InterfaceGeometry:
+def _rods(ends: list[PlaceOnBody], point: Array, length: float, area: float) -> InterfaceGeometry:
     """Six rods about a point (3,), m (module docstring)."""
     axes = np.eye(3)
     directions = np.repeat(axes, 2, axis=0)
@@ -197,18 +172,11 @@ def with_rigid_faces(scene: Scene, bodies: dict[str, Body]) -> dict[str, Body]:
     return {n: replace(b, rigid_faces=tuple(dict.fromkeys(faces.get(n, ())))) for n, b in bodies.items()}
 
 
-def end_point(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> EndPoint | None:
-    """The end of a spring or coupling in terms of its nodes; None, with a problem, where it has no place."""
+def _end(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> PlaceOnBody | None:
+    """The place of an end of a spring or coupling; None, with a problem, where it has none."""
     if end.against_ground:
-        return EndPoint(np.zeros(3) if end.point is None else np.asarray(end.point, dtype=float), None, np.inf)
-    body = bodies[end.body]
-    place = motion_of(body, end, where, problems)
-    if place is None:
-        return None
-    if end.face is not None:
-        return EndPoint(*place, float(body.face(split_face(end.face)[1]).areas.sum()))
-    volumes = body.shape.elements.volume
-    return EndPoint(*place, float(volumes.mean()) ** (2 / 3))
+        return PlaceOnBody(np.zeros(3) if end.point is None else np.asarray(end.point, dtype=float))
+    return place_on(bodies[end.body], end.face, end.point, where, problems)
 
 
 def _law(interface: Interface, area: float) -> Behaviour:

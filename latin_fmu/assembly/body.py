@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import MeshError, Problem, Problems, shown
+from ..errors import MeshError, Problem, Problems
 from ..fem.dissection import dissection
 from ..fem.elements import (
     BENDING_CELLS,
@@ -26,12 +26,10 @@ from ..fem.elements import (
     wave_speeds,
 )
 from ..fem.faces import Face, face_of, nodal_values
-from ..fem.location import Location, MeanMotion, locate, nearest_surface_point
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
 from ..fem.stress import MeanStress, Recovery
 from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit, Layout
-from ..latin.probes import SensorPlace
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
@@ -312,44 +310,6 @@ def _length(body: Body, unit: InterfaceUnit) -> float:
     along = float(np.ptp(body.mesh.nodes @ normal))
     along = max(along, 1e-3 * body.mesh.size)
     return float(np.sqrt(along * max(along, np.sqrt(unit.geometry.areas.sum()))))
-
-
-def sensor_places(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, SensorPlace]:
-    """Places of the sensors of a scene; a point outside its body is added to ``problems``."""
-    places = {}
-    for name, sensor in scene.sensor.items():
-        mesh = bodies[sensor.body].mesh
-        if sensor.face is not None:
-            face = bodies[sensor.body].face(split_face(sensor.face)[1])
-            mean = Location.of(face.nodes, face.areas / face.areas.sum())
-            centre, arm = mean.weights @ mesh.nodes[mean.nodes], None
-            if sensor.point is not None:
-                centre = np.asarray(sensor.point, dtype=float)
-                arm = MeanMotion.of_face(mesh.nodes, face).at(centre)
-            places[name] = SensorPlace(sensor.body, mean, centre, sensor.face, arm)
-            continue
-        point = np.asarray(sensor.point, dtype=float)
-        location = located(bodies[sensor.body], point, f"sensor.{name}.point", problems)
-        if location is not None:
-            places[name] = SensorPlace(sensor.body, location, point)
-    return places
-
-
-def located(body: Body, point: Array, where: str, problems: Problems) -> Location | None:
-    """A point (3,), m, in terms of the nodes of a body; None, with a problem at the key ``where``, outside it."""
-    location = locate(body.mesh, point)
-    if location is not None:
-        return location
-    distance, near = nearest_surface_point(body.mesh, point)
-    at = ", ".join(f"{x:.6g}" for x in near)
-    problems.add(
-        where,
-        f"the point is outside {body.name}, {distance:.4g} {body.units['m']} from its surface",
-        shown(point.tolist()),
-        "a point in or on the body",
-        f"the nearest point of the surface is [{at}]",
-    )
-    return None
 
 
 class _MeshFiles:

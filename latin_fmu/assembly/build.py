@@ -14,7 +14,7 @@ from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
-from .body import Body, build_bodies, sensor_places
+from .body import Body, build_bodies
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .face_pairs import unconnected_remarks, with_found
@@ -24,6 +24,7 @@ from .initial_state import InitialState, check_fields, field_remarks, initial_pr
 from .interfaces import build_interface, with_behaviours
 from .kept_operators import Kept, KeptOperators
 from .models import scheme_remarks, store_of
+from .places import sensor_places
 from .plausibility import plausibility_remarks
 from .ports import port_places
 from .problem import DiscretisedProblem, SolverReadyProblem

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problems
-from ..fem.location import Location, MeanMotion, cross_matrix
+from ..fem.location import cross_matrix
 from ..fem.mesh import Array, Index
 from ..latin.assembly import Assembly
 from ..latin.probes import SensorPlace
@@ -26,10 +26,10 @@ from ..latin.reactions import Support
 from ..latin.recorder import Recorder
 from ..propagator import SubstructureModel
 from ..propagator.model import diagonal_matrix
-from ..scene.fields import split_face
 from ..scene.ports import COMPONENTS, TRANSLATIONS, Port
 from ..scene.schema import Scene
 from .body import Body
+from .places import mean_over, place_on_face
 from .supports import Motion
 
 _MOST = 3000  # nodes of a face whose dashpot couples all of them: nine million entries
@@ -41,10 +41,6 @@ def port_key(name: str, turned: bool = False) -> str:
     return f"port.{name}.rotation" if turned else f"port.{name}"
 
 
-def _mean_motion(body: Body, port: Port) -> MeanMotion:
-    return MeanMotion.of_face(body.mesh.nodes, body.face(split_face(port.face)[1]))
-
-
 def port_places(scene: Scene, bodies: Mapping[str, Body]) -> dict[str, SensorPlace]:
     """Places where the motion of ports is measured, by ``port_key``; a rotation has the rows of one for its arm."""
     places = {}
@@ -52,12 +48,11 @@ def port_places(scene: Scene, bodies: Mapping[str, Body]) -> dict[str, SensorPla
         if port.causality == "motion_in":
             continue
         body = bodies[port.body]
-        motion, face = _mean_motion(body, port), body.face(split_face(port.face)[1])
-        location = Location.of(face.nodes, face.areas / face.areas.sum())
-        places[port_key(name)] = SensorPlace(port.body, location, motion.centre, port.face)
+        motion, mean = place_on_face(body, port.face).motion, mean_over(body, port.face)
+        places[port_key(name)] = SensorPlace(port.body, mean.rows(body.mesh.n_node), motion.centre, port.face)
         if port.rotates:
-            turning = SensorPlace(port.body, location, motion.centre, port.face, motion.rotation)
-            places[port_key(name, turned=True)] = turning
+            assert motion.rotation is not None, "a face of one node"
+            places[port_key(name, turned=True)] = SensorPlace(port.body, motion.rotation, motion.centre, port.face)
     return places
 
 
@@ -65,9 +60,8 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
     """Face, inputs, centre and area of every port, and rho c A of its body, for the command ``check``."""
     lines, units = [], scene.unit_system
     for name, port in scene.port.items():
-        body, face = bodies[port.body], bodies[port.body].face(split_face(port.face)[1])
-        area, at = float(face.areas.sum()), _mean_motion(body, port).centre
-        material = body.shape.material
+        place, material = place_on_face(bodies[port.body], port.face), bodies[port.body].shape.material
+        area, at = place.area, place.point
         bar = area * float(np.sqrt(material.young_modulus * material.density))
         centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
         lines.append(
@@ -81,7 +75,8 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
 def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: Problems) -> sp.csr_array:
     """Dashpots (n_full, n_full) of a wave port, N s m-1; with ``diagonal`` those of translations by area. A face of too
     many nodes is added to ``problems``."""
-    motion, face = _mean_motion(body, port), body.face(split_face(port.face)[1])
+    place = place_on_face(body, port.face)
+    motion, face = place.motion, place.face
     full, shares = sp.csr_array((body.full_size(), body.full_size())), np.zeros((body.mesh.n_node, 3))
     if len(face.nodes) > _MOST and not diagonal:
         problems.add(
@@ -107,9 +102,9 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
 def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[Index, Array]:
     """Dofs (n,) that a moved face drives, and their displacements (n, n_component) for unit motions of the components;
     a rotation that would move nodes along an axis that is not driven is added to ``problems``."""
-    face = body.face(split_face(port.face)[1])
-    arms = body.mesh.nodes[face.nodes] - _mean_motion(body, port).centre
-    shapes = np.zeros((len(face.nodes), 3, len(port.components)))
+    place = place_on_face(body, port.face)
+    arms = place.arms
+    shapes = np.zeros((len(arms), 3, len(port.components)))
     for j, component in enumerate(port.components):
         axis = np.eye(3)[COMPONENTS.index(component) % 3]
         shapes[:, :, j] = axis if component in TRANSLATIONS else np.cross(axis, arms)
@@ -124,7 +119,7 @@ def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[
                 "translations along every axis that a rotation moves nodes along",
                 f"add {', '.join(missing)} to the components, or leave {component} out",
             )
-    dofs = (3 * face.nodes[:, None] + np.flatnonzero(driven)).ravel()
+    dofs = (3 * place.face.nodes[:, None] + np.flatnonzero(driven)).ravel()
     return dofs, shapes[:, driven].reshape(len(dofs), -1)
 
 
@@ -142,17 +137,17 @@ def port_supports(
     for name, port in scene.port.items():
         if port.causality != "motion_in":
             continue
-        body, face = bodies[port.body], bodies[port.body].face(split_face(port.face)[1])
+        place = place_on_face(bodies[port.body], port.face)
+        nodes, arms = place.face.nodes, place.arms
         driven = np.array([component in port.components for component in TRANSLATIONS], dtype=float)
-        dofs = (3 * face.nodes[:, None] + np.flatnonzero(driven)).ravel()
-        arms = body.mesh.nodes[face.nodes] - _mean_motion(body, port).centre
+        dofs = (3 * nodes[:, None] + np.flatnonzero(driven)).ravel()
         for turned, blocks in ((False, np.tile(np.eye(3), (len(arms), 1, 1))), (True, cross_matrix(arms))):
             if turned and not port.rotates:
                 continue
-            columns = np.broadcast_to(3 * face.nodes[:, None, None] + np.arange(3), blocks.shape)
+            columns = np.broadcast_to(3 * nodes[:, None, None] + np.arange(3), blocks.shape)
             rows = np.broadcast_to(np.arange(3)[:, None], blocks.shape)
             entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
-            parts = sp.csr_array(sp.coo_array(entries, shape=(3, body.full_size())))
+            parts = sp.csr_array(sp.coo_array(entries, shape=(3, place.body.full_size())))
             parts.eliminate_zeros()
             made[port_key(name, turned)] = Support(port.body, port.face, dofs, models[port.body], parts)
     return made

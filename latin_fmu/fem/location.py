@@ -44,6 +44,10 @@ class Location:
         weights = weights[kept]
         return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
 
+    def rows(self, n_node: int) -> sp.csr_array:
+        """Motion (3, 3 n_node) of the location from those of all nodes."""
+        return _rows(self.nodes, self.weights[:, None, None] * np.eye(3), n_node)
+
 
 @dataclass(frozen=True)
 class MeanMotion:
@@ -81,8 +85,7 @@ class MeanMotion:
     @staticmethod
     def of_point(point: Array, location: Location, n_node: int) -> MeanMotion:
         """Motion of a point (3,), m, of a solid."""
-        rows = _rows(location.nodes, location.weights[:, None, None] * np.eye(3), n_node)
-        return MeanMotion(point, rows, None, 0.0)
+        return MeanMotion(point, location.rows(n_node), None, 0.0)
 
     def at(self, point: Array) -> sp.csr_array:
         """Motion (3, 3 n_node) of a point (3,), m, that follows the mean motion."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..fem.location import Location
 from ..propagator.image import Image
 from ..propagator.model import SubstructureModel
 from .assembly import Array, Assembly
@@ -26,24 +25,15 @@ class SensorPlace:
 
     Attributes
     ----------
-    substructure : its body. location : nodes and weights. point : (3,) of a point sensor, the centre of the face for
-        the mean over a face, reference configuration, m. face : the face of a mean over a face, else None.
-    arm : (3, 3 n_node) motion of a point that follows the mean motion of the face by a rigid arm, else None.
+    substructure : its body. rows : (3, 3 n_node) its motion from those of all nodes. point : (3,) of a point sensor,
+        the centre of the face for the mean over a face, reference configuration, m.
+    face : that a mean, or the arm to a point, is of, else None.
     """
 
     substructure: str
-    location: Location
+    rows: sp.csr_array
     point: Array
     face: str | None = None
-    arm: sp.csr_array | None = None
-
-    def matrix(self, n_node: int) -> sp.csr_array:
-        """Motion of the sensor (3,) from those of all nodes, (3, 3 n_node)."""
-        if self.arm is not None:
-            return self.arm
-        nodes, weights = self.location.nodes, self.location.weights
-        row = sp.coo_array((weights, (np.zeros(len(nodes), dtype=np.int64), nodes)), shape=(1, n_node))
-        return sp.csr_array(sp.kron(row, sp.eye_array(3), format="csr"))
 
 
 def nodes_of(model: SubstructureModel) -> sp.csr_array:
@@ -70,7 +60,7 @@ class SensorProbes:
             model = propagator.members[0]
             here = {name: place for name, place in places.items() if place.substructure in propagator.names}
             n_node = (model.n_full if model.nodal is None else len(model.nodal)) // 3
-            blocks = [sp.csr_array((0, 3 * n_node)), *(place.matrix(n_node) for place in here.values())]
+            blocks = [sp.csr_array((0, 3 * n_node)), *(place.rows for place in here.values())]
             full = sp.csr_array(sp.vstack(blocks))
             full = full if model.nodal is None else sp.csr_array(full @ model.nodal)
             rows = sp.csr_array(full @ model.expansion)

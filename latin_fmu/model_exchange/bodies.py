@@ -267,7 +267,7 @@ class ReducedBody:
         if place.substructure not in self.body.where:
             return np.zeros((3, self.size))
         here = self.basis[self.body.where[place.substructure]]
-        return np.asarray(place.matrix(len(here) // 3) @ here)
+        return np.asarray(place.rows @ here)
 
 
 def _transmits(cuts: Sequence[Cut]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
