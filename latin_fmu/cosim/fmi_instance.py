@@ -93,7 +93,8 @@ class FmiInstance:
     @exception_barrier(None, computes=False)
     def _get(self, references: Sequence[int] | Index) -> Array | None:
         variables = self._variables
-        if not variables.fixed and self._set_up and not self._failure and variables.calculates(references):
+        initializing = not variables.fixed and self._set_up and not self._failure
+        if initializing and any(self.table[reference].causality == "output" for reference in references):
             with np.errstate(all="ignore"):
                 self._open()  # in Initialization Mode: outputs under the inputs as they are set now
         return variables.get(references, self._session)

@@ -18,7 +18,7 @@ from ..latin.outcome import Array, InterfaceHistory
 from ..latin.windows import Run
 from ..propagator.image import COMMUNICATION_ROWS, Image
 from ..scene.schema import Scene
-from .loads import Loads, Part
+from .loads import GridPart, Loads
 from .output_rows import OutputRows
 from .outputs import first_event
 from .variables import ENERGIES
@@ -34,7 +34,7 @@ class Origin(NamedTuple):
 
     state: dict[str, Any]
     loads: Loads
-    part: Part
+    part: GridPart
     n: int
 
 
@@ -91,7 +91,7 @@ class KernelSteps:
         assert self._run.run is not None
         return self._run.run.image
 
-    def _lay_out(self, loads: Loads, part: Part) -> None:
+    def _lay_out(self, loads: Loads, part: GridPart) -> None:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, made = self._run, self._run.made
         given = loads.driving(part, run.dt, self._rule)
@@ -109,7 +109,7 @@ class KernelSteps:
         self.must_record = accounted and not self._followed
 
     # -- steps ----------------------------------------------------------------------------------------------------
-    def march(self, loads: Loads, part: Part, early: bool = False) -> Array | None:
+    def march(self, loads: Loads, part: GridPart, early: bool = False) -> Array | None:
         """Make a communication step; outputs at its end, None where a time step did not converge: then nothing has
         changed. ``early`` : up to the end of the first time step with a contact event."""
         run = self._run

@@ -37,7 +37,7 @@ Histories = dict[str, tuple[Array, Array]]
 """Times, s, and amplitudes by load."""
 
 
-class Part(NamedTuple):
+class GridPart(NamedTuple):
     """Part of the grid that a communication step takes: number of the time steps that end in it, and the fraction of a
     time step between the last instant and its end."""
 
@@ -164,7 +164,7 @@ class Loads:
         """Values and rates that are set, in the order of the loads."""
         return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
 
-    def driving(self, part: Part, dt: float, rule: int) -> dict[str, Array]:
+    def driving(self, part: GridPart, dt: float, rule: int) -> dict[str, Array]:
         """What drives the run over the time steps of dt, s, that a step ends: amplitudes (n + 1,); of displacements
         their rates, 1/s, over the time steps. rule : HOLD, RATE, LINE or CAUSAL."""
         lines = np.zeros((len(self._start), part.n + 1))
@@ -197,13 +197,13 @@ class Loads:
         inputs.rates(*self._given(), self.memory.reshape(-1), self.kinds, self.span, rule, rates)
         return dict(zip(self._start, rates.tolist(), strict=True))
 
-    def part(self, made: int, t: float, h: float, t0: float, dt: float) -> Part:
+    def part(self, made: int, t: float, h: float, t0: float, dt: float) -> GridPart:
         """What of the grid of time steps of dt, s, the step from t to t + h, s, ends; ``made`` : time steps so far,
         since t0."""
         off = 4e-16 * (abs(t) + abs(t + h)) / dt
-        return Part(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
+        return GridPart(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
 
-    def accept(self, part: Part, dt: float, rule: int, done: int | None = None) -> None:
+    def accept(self, part: GridPart, dt: float, rule: int, done: int | None = None) -> None:
         """End a step, at its end, or after ``done`` of its time steps of dt, s."""
         made, begin, memory = part.n if done is None else done, self.behind, self.memory.reshape(-1)
         self.span = inputs.accept(

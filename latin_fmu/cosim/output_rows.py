@@ -79,7 +79,7 @@ class OutputRows:
             amplitudes = np.stack(table, axis=1) if table else np.zeros((len(assembly.time), 0))
             drives, made = self._drives.rows(amplitudes), self._run.made
             opens = self.start if self._run.run is None else None
-            return OutputRecorder(assembly, request, info, drives, self.n, made, opens, every)
+            return OutputRecorder(assembly, request, info, drives, made, opens, every)
 
         return made
 
@@ -109,7 +109,7 @@ class OutputRecorder(Recorder):
 
     Parameters
     ----------
-    drives : (n_time, n_drive). n_output : number of outputs. made : time steps before the segment. opens : time of its
+    drives : (n_time, n_drive). made : time steps before the segment. opens : time of its
     start, s, where it begins a simulation, else None. every : keep the rows of all instants.
 
     Attributes
@@ -125,19 +125,18 @@ class OutputRecorder(Recorder):
         request: OutputRequest,
         info: dict[str, SubstructureInfo],
         drives: Array,
-        n_output: int,
         made: int,
         opens: float | None,
         every: bool,
     ) -> None:
         super().__init__(assembly, request, info)
         self._drives, self._opens, self._made = drives, opens, made
-        self._table = np.zeros((len(drives) if every else 0, n_output))
+        self._every, self._rows = every, list[Array]()
 
     @property
     def outputs(self) -> Array:
         """Outputs at the instants kept so far, (n, n_output); none unless ``every``."""
-        return self._table[: self.n_kept]
+        return np.concatenate(self._rows)
 
     def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, and their outputs."""
@@ -153,5 +152,6 @@ class OutputRecorder(Recorder):
             image.call(entries.FOLLOW, 0, int(self._opens is not None))
         else:
             image.call(entries.FOLLOW, row, n, self._made + first - 1)
-        if len(self._table):
-            self._table[first : first + n] = image.field("output", image.rows, self._table.shape[1])[row : row + n]
+        if self._every:
+            n_output = int(image.run_fields["n_output"])
+            self._rows.append(image.field("output", image.rows, n_output)[row : row + n].copy())

@@ -17,7 +17,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .kernel_steps import KernelSteps
-from .loads import Loads, Part
+from .loads import GridPart, Loads
 from .output_rows import OutputRecorder, OutputRows
 from .outputs import first_event
 from .settings import MAX_INSTANTS, Settings, StepReport, refused
@@ -32,7 +32,7 @@ class LastStep(NamedTuple):
 
     before: Callable[[], None]
     loads: Loads
-    part: Part
+    part: GridPart
     n: int
     h: float
 
@@ -131,7 +131,7 @@ class Windowed:
         self._window, self.segment = (self.run.made, 0), None
         return StepReport(True)
 
-    def _by_kernels(self, loads: Loads, part: Part, early: bool) -> StepReport | None:
+    def _by_kernels(self, loads: Loads, part: GridPart, early: bool) -> StepReport | None:
         """A step in calls of the kernels; None where the Python driver has to make it, for which nothing changes."""
         kernels, made, segment = self._kernels, self.run.made, None
         row = kernels.march(loads, part, early) if kernels.fit(part.n) else None
@@ -148,7 +148,7 @@ class Windowed:
         return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
     # -- the Python driver ----------------------------------------------------------------------------------------
-    def _by_python(self, loads: Loads, part: Part, early: bool) -> StepReport:
+    def _by_python(self, loads: Loads, part: GridPart, early: bool) -> StepReport:
         """A step by the Python driver; not accepted: nothing has changed, and the message says what the run says."""
         before, made, n = self.run.get_state(), self.run.made, part.n
         driving = loads.driving(part, self.run.dt, self.rule)

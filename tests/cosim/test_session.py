@@ -9,7 +9,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import Part
+from latin_fmu.cosim.loads import GridPart
 from latin_fmu.errors import InputError, SolverError
 
 from .scenes import bar, blocks
@@ -115,7 +115,7 @@ def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
     session.initialize()
     session.set_load("press", 0.5, 0.25 / H)
-    amplitude = session._loads.driving(Part(4, 0.0), H / 4, session.settings.interpolation)["press"]
+    amplitude = session._loads.driving(GridPart(4, 0.0), H / 4, session.settings.interpolation)["press"]
     assert amplitude[[0, -1]] == pytest.approx(expected)
     assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
 
@@ -127,7 +127,7 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    line = session._loads.driving(Part(2, 0.0), H / 2, session.settings.interpolation)["press"]
+    line = session._loads.driving(GridPart(2, 0.0), H / 2, session.settings.interpolation)["press"]
     assert line == pytest.approx([0.5, 0.3, 0.1])
 
 
