@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Final, TextIO
 
 from . import __version__
-from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, Signals
+from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, Signals, say
 from .errors import InputError, LatinError, ResultsError
 
 COMMANDS: Final = MappingProxyType(
@@ -161,7 +161,7 @@ def _code(error: LatinError) -> int:
 
 def _told(text: str, code: int) -> int:
     """The exit code, after ``text`` has gone to stderr."""
-    print(f"latin-fmu: {text}", file=sys.stderr)
+    say(f"latin-fmu: {text}")
     return code
 
 

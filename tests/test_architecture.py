@@ -42,6 +42,7 @@ Settings Signals Sources Table Variable _Deck _Model _Point _Points
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "remarks", "compiled", "machine", "file_digest"),
+    ("operator_store",),
     ("scene",),
     ("mesh_files",),
     ("reader",),

@@ -21,8 +21,7 @@ from harness import tools
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import Choice, choose
 from latin_fmu.accuracy.runs import measure_solution, run_at
-from latin_fmu.accuracy.study import Row, Study, main_variant, study, variants_of
-from latin_fmu.accuracy.study_report import price
+from latin_fmu.accuracy.study import Row, Study, cheapest, main_variant, study, variants_of
 from latin_fmu.scene.schema import Scene
 
 QUANTITIES = {
@@ -78,7 +77,7 @@ def compared(model: str, found: Study, quantity: str, target: float) -> Case:
     """One search beside the cheapest settings of the study, measured in turns."""
     accuracy = found.scene.accuracy.model_copy(update={"quantity": quantity})
     scene = found.scene.model_copy(update={"accuracy": accuracy})
-    rows = [price(found, quantity, target, name).row for name in (found.main, None)]
+    rows = [cheapest(found, quantity, target, name) for name in (found.main, None)]
     choice, first = timed(lambda: choose(scene, target, LIMIT, lambda _: None))
     rounds = ROUNDS if first < SHORT else 1
     seconds: list[list[float]] = [[], [], []]

@@ -7,12 +7,10 @@ error of the target quantity (``estimate.quantity_estimate``) is below the targe
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from .. import api
 from ..errors import LatinError
 from ..fem.elements import wave_speeds
 from ..latin.settings import tolerance_for
@@ -35,7 +33,7 @@ from .resolution import (
     mesh_files,
     with_tolerance,
 )
-from .runs import Log, Run, RunTimeFit, as_run, cost_exponent, memory_at, message_of
+from .runs import Log, Run, RunTimeFit, cost_exponent, memory_at, message_of, solved
 
 COURANT: Final = 0.75
 """Target of the Courant number c_p dt / h: with the same mesh, a step twice as short gains nothing (impulse of the
@@ -141,9 +139,7 @@ class RefinementSequence:
         return self._runs[resolution]
 
     def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
-        start = clock.process_time()
-        solution = api.solve(scene, max_cpu=self.limit)
-        run = as_run(self.scene, solution, resolution, clock.process_time() - start)
+        run, solution = solved(self.scene, scene, resolution, max_cpu=self.limit)
         self.seconds += run.cpu
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
         self.log(label if run.converged else f"{label}: {run.status}")

@@ -366,7 +366,8 @@ def estimate_error(
             log(f"error estimate: {text}")
         left = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
         try:
-            run = run_at(lean, resolution, shares.of(resolution), processes, stream, left)
+            progress = shares.of(resolution)
+            run = run_at(lean, resolution, progress=progress, processes=processes, stream=stream, max_cpu=left)
             shares.update(1, 1, run.iterations[1], 0.0)
         except LatinError as error:
             remarks.append(f"no coarser run ({text}): {message_of(error)}")

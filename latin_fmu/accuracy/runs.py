@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from .. import api
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
 from ..latin.outcome import Array, SensorHistory, Timings
-from ..latin.processes import Processes
 from ..results.solution import Solution
 from ..scene.schema import Scene
 from .quantities import Quantities, measure
@@ -23,55 +22,56 @@ from .resolution import Resolution, at_resolution, mesh_files
 
 @dataclass(frozen=True)
 class Run:
-    """Quantities and cost of a run.
+    """Quantities and cost of a run; NaN and no quantities where it was not made.
 
     Attributes
     ----------
     resolution : relative to the scene. quantities : of the run. cpu : CPU seconds of the process, set-up included.
-    timings : by part. iterations : per window, mean and largest. converged, status : as of the solution.
+    timings : by part. iterations : per window, mean and largest. converged, status : as of the solution; the reason
+        where the run was not made, then ``steps`` is 0.
     steps : time steps. time, sensors : instants, s, and motions of the sensors.
     """
 
     resolution: Resolution
-    quantities: Quantities
-    cpu: float
-    timings: Timings
-    iterations: tuple[float, int]
-    converged: bool
-    status: str
-    steps: int
-    passes: float
+    quantities: Quantities = field(default_factory=Quantities)
+    cpu: float = math.nan
+    timings: Timings = field(default_factory=lambda: Timings(math.nan, math.nan, math.nan, math.nan))
+    iterations: tuple[float, int] = (math.nan, 0)
+    converged: bool = False
+    status: str = ""
+    steps: int = 0
+    passes: float = math.nan
     time: Array = field(default_factory=lambda: np.zeros(0))
     sensors: Mapping[str, SensorHistory] = field(default_factory=dict)
 
 
-def run_at(
-    scene: Scene,
-    resolution: Resolution,
-    progress: api.ProgressSink | None = None,
-    processes: Processes | None = None,
-    stream: Path | None = None,
-    max_cpu: float | None = None,
-) -> Run:
-    """Solve the scene at a resolution; ``progress``, ``processes``, ``stream``, ``max_cpu`` as for ``api.solve``.
+def run_at(scene: Scene, resolution: Resolution, **options: Any) -> Run:
+    """Solve the scene at a resolution; options as for ``api.solve`` (``progress``, ``processes``, ``stream``,
+    ``max_cpu``).
 
     Raises
     ------
     SceneError : the scene cannot be built at this resolution.
     """
-    start = clock.process_time()
-    coarse = at_resolution(scene, resolution)
-    solution = api.solve(coarse, progress=progress, processes=processes, stream=stream, max_cpu=max_cpu)
-    run = as_run(scene, solution, resolution, clock.process_time() - start)
+    run, solution = solved(scene, at_resolution(scene, resolution), resolution, **options)
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
     return run
 
 
-def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float) -> Run:
-    """A finished solution as a run of a study."""
+def solved(scene: Scene, lean: Scene, resolution: Resolution, **options: Any) -> tuple[Run, Solution]:
+    """The run and the solution of ``lean``, which is the scene at a resolution: its last instant may be a step later,
+    so that quantities are those until the end of ``scene``. Options as for ``api.solve``.
+
+    Raises
+    ------
+    LatinError : the scene cannot be built or solved.
+    """
+    start = clock.process_time()
+    solution = api.solve(lean, **options)
+    cpu = clock.process_time() - start
     counts = [window.iterations for window in solution.windows] or [0]
-    return Run(
+    run = Run(
         resolution=resolution,
         quantities=measure_solution(scene, solution),
         cpu=cpu,
@@ -84,6 +84,7 @@ def as_run(scene: Scene, solution: Solution, resolution: Resolution, cpu: float)
         time=solution.time,
         sensors=solution.sensors,
     )
+    return run, solution
 
 
 def measure_solution(scene: Scene, solution: Solution) -> Quantities:
@@ -93,6 +94,7 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
 
 
 Log = Callable[[str], None]
+"""Takes a line of text."""
 
 
 def message_of(error: LatinError) -> str:

@@ -1,4 +1,5 @@
-"""Work-precision study of a scene: runs over meshes, time steps, tolerances, time schemes and propagators."""
+"""Work-precision study of a scene: runs over meshes, time steps, tolerances, time schemes and propagators; and its
+results as text: orders, sources of error, the cost of an accuracy, failed runs."""
 
 from __future__ import annotations
 
@@ -11,18 +12,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .. import api
 from ..errors import LatinError
 from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate
+from ..results.quantities_of_interest import FLOOR
+from ..results.summary import aligned as columns
+from ..results.summary import percent
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
-from .estimate import coarser_runs_of
+from .estimate import coarser_runs_of, observed_order, relative, same_way
 from .quantities import Quantities
 from .reference import Reference, declared
 from .resolution import Resolution, aligned, at_resolution, coarsens_mesh, in_short_windows, mesh_factor
-from .runs import Log, Run, RunTimeFit, as_run, message_of
+from .runs import Log, Run, RunTimeFit, message_of, run_at, solved
 
 AS_WRITTEN = "as written"
 
@@ -122,14 +125,27 @@ def _name(scene: Scene) -> str:
 
 @dataclass
 class Row:
-    """One run of the study: series, variant, resolution and the run; ``failure`` is the reason where there is none."""
+    """One run of the study: series, variant, tolerance on sqrt(eta), and the run, also one that could not be made."""
 
     series: str
     variant: str
-    resolution: Resolution
     tolerance: float
-    run: Run | None
-    failure: str = ""
+    run: Run
+
+    @property
+    def resolution(self) -> Resolution:
+        """Of the run."""
+        return self.run.resolution
+
+    @property
+    def factor(self) -> float:
+        """By which the row is refined: of the mesh, or of the steps where the mesh is as written."""
+        return self.resolution.mesh if self.resolution.mesh != 1.0 else self.resolution.time
+
+    @property
+    def failure(self) -> str:
+        """Reason why the run was not made or did not converge; empty for a good one."""
+        return "" if self.run.converged else self.run.status
 
 
 @dataclass
@@ -145,7 +161,7 @@ class StudyRuns:
     log: Log
     rows: list[Row] = field(default_factory=list)
     spent: float = 0.0
-    _made: dict[tuple[str, Resolution], tuple[Run | None, str]] = field(default_factory=dict)
+    _made: dict[tuple[str, Resolution], Run] = field(default_factory=dict)
 
     def run(self, series: str, variant: Variant, resolution: Resolution, save: bool = False) -> Run | None:
         """The run of a variant at a resolution; None where it failed (the row has the reason).
@@ -155,40 +171,38 @@ class StudyRuns:
         key = (variant.name, resolution)
         if key not in self._made:
             self._made[key] = self._solve(variant, resolution, save)
-        run, failure = self._made[key]
-        scene = variant.scene
+        run, scene = self._made[key], variant.scene
         tolerance = resolution.tolerance or (math.nan if scene is None else scene.solver.tolerance)
-        self.rows.append(Row(series, variant.name, resolution, tolerance, run, failure))
-        return run if run is not None and not failure else None
+        self.rows.append(Row(series, variant.name, tolerance, run))
+        return run if run.converged else None
 
     def warm_up(self, variant: Variant, resolution: Resolution) -> None:
         """One run that is in no row, so that no row includes the time to load or compile kernels."""
         if variant.scene is not None:
             with contextlib.suppress(LatinError):
-                api.solve(at_resolution(variant.scene, resolution))
+                run_at(variant.scene, resolution)
 
-    def _solve(self, variant: Variant, resolution: Resolution, save: bool) -> tuple[Run | None, str]:
+    def _solve(self, variant: Variant, resolution: Resolution, save: bool) -> Run:
         label = f"{variant.name}, mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if resolution.tolerance is not None:
             label += f", tolerance {resolution.tolerance:g}"
-        if variant.scene is None:
-            self.log(f"refused  {label}: {variant.refusal}")
-            return None, variant.refusal
         start = clock.process_time()
+        refusal = variant.refusal
         try:
-            solution = api.solve(at_resolution(variant.scene, resolution), max_cpu=self.budget)
+            if variant.scene is not None:
+                lean = at_resolution(variant.scene, resolution)
+                run, solution = solved(variant.scene, lean, resolution, max_cpu=self.budget)
         except LatinError as error:
-            failure = message_of(error)
-            self.log(f"refused  {label}: {failure}")
-            return None, failure
-        cpu = clock.process_time() - start
+            refusal = message_of(error)
+        if refusal:
+            self.log(f"refused  {label}: {refusal}")
+            return Run(resolution, status=refusal)
         if save:
             with tempfile.TemporaryDirectory() as folder:
                 solution.save(Path(folder) / "out.nc")
-        run = as_run(variant.scene, solution, resolution, cpu)
         self.spent += clock.process_time() - start
-        self.log(f"{cpu:7.2f} s  {label}" + ("" if run.converged else f": {run.status}"))
-        return run, "" if run.converged else run.status
+        self.log(f"{run.cpu:7.2f} s  {label}" + ("" if run.converged else f": {run.status}"))
+        return run
 
     @property
     def left(self) -> float:
@@ -225,13 +239,13 @@ class Study:
     def of(self, series: str, variant: str | None = None) -> list[Row]:
         """Rows of a series without failure, in order of cost; of the main variant where none is named."""
         name = self.main if variant is None else variant
-        rows = [r for r in self.rows if r.series == series and r.variant == name and r.run and not r.failure]
+        rows = [r for r in self.rows if r.series == series and r.variant == name and r.run.converged]
         return sorted(rows, key=lambda r: (r.resolution.mesh, r.resolution.time, -r.tolerance))
 
     def error(self, row: Row, quantity: str) -> float:
         """Relative error of a quantity of a row against the reference; NaN where unknown, where the run has not
         converged, or where the reference is a run hardly finer."""
-        if row.run is None or row.failure or quantity not in row.run.quantities.values:
+        if not row.run.converged or quantity not in row.run.quantities.values:
             return math.nan
         finest = self.reference.resolution
         if finest is not None and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75:
@@ -241,8 +255,8 @@ class Study:
     @property
     def quantities(self) -> list[str]:
         """Names of the quantities of both the reference and the runs."""
-        runs = [r.run for r in self.rows if r.run is not None]
-        return [q for q in self.reference.quantities.values if any(q in r.quantities.values for r in runs)]
+        measured = {q for row in self.rows for q in row.run.quantities.values}
+        return [q for q in self.reference.quantities.values if q in measured]
 
 
 def study(scene: Scene, budget: float, log: Log) -> Study:
@@ -359,3 +373,259 @@ def _vary_windows(scene: Scene, made: StudyRuns, result: Study) -> None:
             run = made.run(WINDOWS, variant, at)
             if run is not None:
                 result.windows[(str(length), direction)] = (run.iterations[0], run.passes)
+
+
+# -- results as text ---------------------------------------------------------------------------------------------------
+NEGLIGIBLE = 0.1
+"""Share of the whole error below which the iteration error is negligible."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Relative error of a quantity at the scene's own resolution by source, and observed orders (NaN: none).
+
+    ``reduction``: change by the modes that reduced substructures leave out; NaN where none is reduced.
+    """
+
+    quantity: str
+    total: float
+    space: float
+    time: float
+    iteration: float
+    reduction: float
+    order_together: float
+    order_space: float
+    order_time: float
+
+
+def sources(study: Study, quantity: str) -> Sources:
+    """Error by source: mesh and step from their own series, assuming first order beyond its finest run."""
+
+    def at_scene(row: Row) -> bool:
+        return row.resolution.mesh == row.resolution.time == 1.0
+
+    own = next((r for r in study.of(TOGETHER) if at_scene(r)), None)
+    tight = next((r for r in study.of(TOLERANCE) if r.tolerance == TIGHT and at_scene(r)), None)
+    whole = next((r for r in study.rows if r.series == REDUCTION and r.run.converged), None)
+    return Sources(
+        quantity,
+        math.nan if own is None else study.error(own, quantity),
+        _remaining(study.of(SPACE), quantity, mesh=True),
+        _remaining(study.of(TIME), quantity, mesh=False),
+        _distance(own, tight, quantity),
+        _distance(own, whole, quantity),
+        _order(study.of(TOGETHER), quantity, mesh=False),
+        _order(study.of(SPACE), quantity, mesh=True),
+        _order(study.of(TIME), quantity, mesh=False),
+    )
+
+
+def _distance(row: Row | None, other: Row | None, quantity: str) -> float:
+    """Relative distance of a quantity between two rows, over the scale of the second; NaN where one is missing."""
+    if row is None or other is None:
+        return math.nan
+    return relative(quantity, other.run.quantities, row.run.quantities, other.run.quantities)
+
+
+def _remaining(rows: list[Row], quantity: str, mesh: bool) -> float:
+    """Error at factor 1 from the distance d to the finest of a series: d / (1 - 1 / ratio), order 1."""
+    by_factor = {_factor(r, mesh): r for r in rows}
+    base = min(by_factor, key=lambda f: abs(f - 1.0), default=math.nan)
+    finest = max(by_factor, default=math.nan)
+    if not finest > base:
+        return math.nan
+    return _distance(by_factor[base], by_factor[finest], quantity) / (1.0 - base / finest)
+
+
+def _order(rows: list[Row], quantity: str, mesh: bool) -> float:
+    """Observed order of the finest runs whose factors are about 1 : 2 : 4 (NaN where the changes differ in sign)."""
+    runs = {_factor(r, mesh): r.run.quantities for r in reversed(rows)}
+    if len(runs) < 3:
+        return math.nan
+    finest = max(runs)
+    half, quarter = (min(runs, key=lambda f: abs(math.log(part * f / finest))) for part in (2.0, 4.0))
+    if not finest > half > quarter:
+        return math.nan
+    a, b, c = runs[finest], runs[half], runs[quarter]
+    if quantity not in a.values or not same_way(quantity, a, b, c):
+        return math.nan
+    changes = relative(quantity, a, a, b), relative(quantity, a, b, c)
+    return observed_order(*changes, (finest / half, finest / quarter))
+
+
+def _factor(row: Row, mesh: bool) -> float:
+    return row.resolution.mesh if mesh else row.resolution.time
+
+
+def cheapest(study: Study, quantity: str, target: float, variant: str | None = None) -> Row | None:
+    """The cheapest row that reaches a target accuracy, as all finer runs of its variant do; None where none does.
+
+    Over all variants refined in mesh and step together, or one of them. The error of a reference that is not exact is
+    added to the errors.
+    """
+    best: Row | None = None
+    own = study.reference.own_error
+    own_error = 0.0 if own is None else own[quantity].error
+    tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
+    for name in tried if variant is None else (variant,):
+        for row in reversed(study.of(TOGETHER, name)):
+            error = study.error(row, quantity)
+            if math.isnan(error):
+                continue
+            if error + own_error > target:
+                break
+            if best is None or row.run.cpu < best.run.cpu:
+                best = row
+    return best
+
+
+def useful_tolerances(study: Study, quantity: str) -> dict[float, float]:
+    """Largest tolerance by mesh factor below which the iteration error is negligible.
+
+    The iteration error (against a tight tolerance on the same mesh) is then at most a tenth of the error of that mesh,
+    or of 0.1 %.
+    """
+    useful = {}
+    for factor in sorted({r.factor for r in study.of(TOLERANCE)}):
+        rows = sorted((r for r in study.of(TOLERANCE) if r.factor == factor), key=lambda r: r.tolerance)
+        tight = next((r for r in rows if r.tolerance == TIGHT), None)
+        if tight is None:
+            continue
+        allowed = NEGLIGIBLE * max(study.error(tight, quantity), FLOOR)
+        useful[factor] = math.nan
+        for row in rows[rows.index(tight) + 1 :]:
+            if not _distance(row, tight, quantity) <= allowed:
+                break
+            useful[factor] = row.tolerance
+    return useful
+
+
+TARGETS = (0.05, 0.01, 0.002)
+"""Target accuracies listed in the cost table."""
+
+_SPLIT = ("quantity", "error as written", "mesh", "time step", "iteration", "reduction")
+_ORDERS = ("order", "mesh alone", "step alone")
+
+
+def as_text(study: Study) -> str:
+    """Text for the terminal: cost of each accuracy, sources of error, orders, tolerances, failed runs."""
+    own = study.reference.own_error
+    lines = [
+        f"{study.scene.name}: cost of accuracy ({study.seconds:.0f} CPU s for the study)",
+        f"reference: {study.reference.text}",
+    ]
+    if own is not None:
+        lines.append("  its own error: " + ", ".join(f"{q.quantity} {percent(q.error)}" for q in own.quantities))
+    prices: list[tuple[str, ...]] = [("quantity", *(f"for {percent(t)}" for t in TARGETS))]
+    prices += [(q, *(_price(cheapest(study, q, t)) for t in TARGETS)) for q in study.quantities]
+    split = [(*_SPLIT, *_ORDERS), *(_source(sources(study, q)) for q in study.quantities)]
+    lines += ["", "cheapest setting that reaches an accuracy, and keeps it when refined (CPU s):", *columns(prices)]
+    lines += ["", "sources of error at the resolution of the scene, and observed orders:", *columns(split)]
+    lines += ["", "tolerance on sqrt(eta) below which the iteration error is negligible, by mesh:"]
+    lines += columns(_useful(study))
+    failed = failures(study)
+    lines += ["", f"{len(failed)} run(s) failed or were refused" + (":" if failed else "")]
+    return "\n".join([*lines, *(f"  {text}" for text in failed)])
+
+
+def as_markdown(study: Study, picture: str) -> str:
+    """The text as a page with the figure and the table of all runs."""
+    head = [f"# Cost of accuracy: {study.scene.name}", "", f"![Work-precision diagrams]({picture})", ""]
+    runs = ["series", "scheme", "mesh", "steps", "tolerance", "CPU s", "iterations", *study.quantities]
+    table = ["| " + " | ".join(runs) + " |", "|" + "---|" * len(runs)]
+    table += ["| " + " | ".join(_cells(study, row)) + " |" for row in study.rows]
+    return "\n".join([*head, "```", as_text(study), "```", "", "## Every run", "", *table]) + "\n"
+
+
+def as_data(study: Study) -> dict[str, Any]:
+    """Plain data for strict JSON."""
+    own = study.reference.own_error
+    return {
+        "scene": study.scene.name,
+        "cpu_seconds": study.seconds,
+        "reference": {
+            "exact": study.reference.exact,
+            "source": study.reference.text,
+            "values": {q: _plain(v) for q, v in study.reference.quantities.values.items()},
+            "error_estimate": None if own is None else own.report(),
+        },
+        "runs": [
+            {
+                "series": row.series,
+                "scheme": row.variant,
+                "mesh": row.resolution.mesh,
+                "steps": row.resolution.time,
+                "tolerance": _plain(row.tolerance),
+                "cpu_seconds": _plain(row.run.cpu),
+                "iterations": _plain(row.run.iterations[0]),
+                "failure": row.failure or None,
+                "errors": {q: _plain(study.error(row, q)) for q in study.quantities},
+            }
+            for row in study.rows
+        ],
+        "sources": {q: {k: _plain(v) for k, v in vars(sources(study, q)).items()} for q in study.quantities},
+        "prices": {q: [_price_data(study, q, t) for t in TARGETS] for q in study.quantities},
+        "useful_tolerances": {
+            q: [{"mesh": m, "tolerance": _plain(t)} for m, t in useful_tolerances(study, q).items()]
+            for q in study.quantities
+        },
+        "windows": [
+            {"window": length, "search_direction": direction, "iterations": iterations, "passes": passes}
+            for (length, direction), (iterations, passes) in study.windows.items()
+        ],
+    }
+
+
+def _useful(study: Study) -> list[tuple[str, ...]]:
+    """Table of the useful tolerances: one row a quantity, one column a mesh."""
+    tables = {q: useful_tolerances(study, q) for q in study.quantities}
+    meshes = sorted({m for table in tables.values() for m in table})
+    rows: list[tuple[str, ...]] = [("quantity", *(f"x {m:.2g}" for m in meshes))]
+    for q, table in tables.items():
+        values = (table.get(m, math.nan) for m in meshes)
+        rows.append((q, *("none tried" if math.isnan(t) else f"{t:g}" for t in values)))
+    return rows
+
+
+def failures(study: Study) -> list[str]:
+    """Failed or refused runs with the reason, those included that succeed with shorter steps."""
+    lines = [
+        f"{r.variant}, mesh x {r.resolution.mesh:.3g}, steps x {r.resolution.time:.3g}, "
+        f"tolerance {r.tolerance:g}: {r.failure}"
+        for r in study.rows
+        if r.failure
+    ]
+    return list(dict.fromkeys(lines))
+
+
+def _price(row: Row | None) -> str:
+    if row is None:
+        return "not reached"
+    mesh, steps = row.resolution.mesh, row.resolution.time
+    return f"{row.run.cpu:.2g} ({row.variant}, x {mesh:.2g}, steps x {steps:.2g})"
+
+
+def _price_data(study: Study, quantity: str, target: float) -> dict[str, Any]:
+    row = cheapest(study, quantity, target)
+    if row is None:
+        return {"target": target, "reached": False}
+    setting = {"scheme": row.variant, "mesh": row.resolution.mesh, "steps": row.resolution.time}
+    cost = {"target": target, "reached": True, "cpu_seconds": row.run.cpu}
+    return {**cost, **setting, "error": _plain(study.error(row, quantity))}
+
+
+def _source(s: Sources) -> tuple[str, ...]:
+    shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration, s.reduction))
+    orders = ("-" if math.isnan(p) else f"{p:.1f}" for p in (s.order_together, s.order_space, s.order_time))
+    return (s.quantity, *shares, *orders)
+
+
+def _cells(study: Study, row: Row) -> list[str]:
+    cost = [f"{row.run.cpu:.3g}", f"{row.run.iterations[0]:.1f}"] if row.run.steps else ["-", "-"]
+    at = row.resolution
+    errors = ["failed" if row.failure else percent(study.error(row, q)) for q in study.quantities]
+    return [row.series, row.variant, f"{at.mesh:.3g}", f"{at.time:.3g}", f"{row.tolerance:g}", *cost, *errors]
+
+
+def _plain(value: Any) -> Any:
+    return value if not isinstance(value, float) or math.isfinite(value) else None

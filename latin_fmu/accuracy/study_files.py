@@ -13,8 +13,7 @@ from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
 from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
-from .study import TIGHT, TOGETHER, TOLERANCE, Study
-from .study_report import sources, useful_tolerances
+from .study import TIGHT, TOGETHER, TOLERANCE, Study, sources, useful_tolerances
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -58,19 +57,18 @@ def _runs(study: Study) -> xr.Dataset:
         ("mesh", [r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
         ("steps", [r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
         ("tolerance", [r.tolerance for r in rows], "1", "tolerance on sqrt(eta)"),
-        ("iterations", [r.run.iterations[0] if r.run else np.nan for r in rows], "1", "mean iterations of a window"),
-        ("passes", [r.run.passes if r.run else np.nan for r in rows], "1", "substructure-instants solved over all"),
-        ("cpu", [r.run.cpu if r.run else np.nan for r in rows], "s", "CPU time, set-up included, output not"),
+        ("iterations", [r.run.iterations[0] for r in rows], "1", "mean iterations of a window"),
+        ("passes", [r.run.passes for r in rows], "1", "substructure-instants solved over all"),
+        ("cpu", [r.run.cpu for r in rows], "s", "CPU time, set-up included, output not"),
     ]
     for part, _ in _PARTS:
-        seconds = [getattr(r.run.timings, part) if r.run else np.nan for r in rows]
+        seconds = [getattr(r.run.timings, part) for r in rows]
         numbers.append((f"cpu_{part}", seconds, "s", f"CPU time: {part}"))
     for name, values, unit, long_name in numbers:
         _add(table, name, ("run",), values, long_name, unit)
     dims = ("run", "quantity")
     _add(table, "error", dims, [study.error(r, q) for r in rows for q in quantities], "relative error")
-    kept = [r.run if not r.failure else None for r in rows]
-    read = [run.quantities.values.get(q, np.nan) if run else np.nan for run in kept for q in quantities]
+    read = [r.run.quantities.values.get(q, np.nan) if r.run.converged else np.nan for r in rows for q in quantities]
     _add(table, "value", dims, read, "value, in its unit", None)
     return table
 
@@ -155,10 +153,12 @@ def quantities_shown(study: Study) -> list[str]:
 
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     """Error against CPU seconds, log-log, one curve per scheme or propagator."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
     for look, name in zip(curve_styles(len(names), markers=True), names, strict=True):
         rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
-        cost = [r.run.cpu for r in rows if r.run is not None]
+        cost = [r.run.cpu for r in rows]
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
         axes.plot(cost, 100 * errors, label=name, **look)
     own = study.reference.own_error
@@ -167,6 +167,10 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     axes.axhline(100 * FLOOR, color="0.6", linewidth=0.8, linestyle=":")
     axes.set_xscale("log")
     axes.set_yscale("log")
+    # times span a decade or two, over which matplotlib labels every subdivision: they overlap
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     title = quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else "")
     _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
@@ -181,9 +185,8 @@ def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
     tolerances = sorted({r.tolerance for r in rows}, reverse=True)
     table = np.full((len(meshes), len(tolerances)), np.nan)
     for r in rows:
-        factor = r.resolution.mesh if r.resolution.mesh != 1.0 else r.resolution.time
-        if factor in meshes:
-            table[meshes.index(factor), tolerances.index(r.tolerance)] = study.error(r, quantity)
+        if r.factor in meshes:
+            table[meshes.index(r.factor), tolerances.index(r.tolerance)] = study.error(r, quantity)
     if table.size and np.isfinite(table).any():
         image = axes.imshow(np.log10(np.maximum(table, 1e-5)), aspect="auto", cmap=f"{SEQUENTIAL}_r", origin="lower")
         axes.figure.colorbar(image, ax=axes, label="log10 relative error").ax.tick_params(labelsize=7)
@@ -230,10 +233,9 @@ def iterations(axes: Axes, study: Study) -> None:
 
 def cost_split(axes: Axes, study: Study) -> None:
     """Shares of the CPU time along the refinement of the scene's own scheme."""
-    rows = [r for r in study.of(TOGETHER) if r.run is not None]
-    labels = [f"x {r.resolution.mesh:.2g}" if r.resolution.mesh != 1.0 else f"x {r.resolution.time:.2g}" for r in rows]
-    table = np.array([[getattr(r.run.timings, part) for part, _ in _PARTS] for r in rows if r.run is not None])
-    table = table.reshape(len(rows), len(_PARTS))
+    rows = study.of(TOGETHER)
+    labels = [f"x {r.factor:.2g}" for r in rows]
+    table = np.array([[getattr(r.run.timings, part) for part, _ in _PARTS] for r in rows]).reshape(-1, len(_PARTS))
     shares = 100 * table / np.maximum(table.sum(axis=1, keepdims=True), 1e-12)
     bottom = np.zeros(len(rows))
     for i, (_, name) in enumerate(_PARTS):

@@ -23,7 +23,7 @@ from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems
 from .interfaces import build_interface, with_behaviours
 from .kept_operators import Kept, KeptOperators
-from .models import scheme_remarks
+from .models import scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .ports import port_places
 from .problem import DiscretisedProblem, SolverReadyProblem
@@ -79,6 +79,7 @@ def discretise(
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     remarks: list[Remark] = []
+    store_of(scene).recount()
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     if problems:

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from ..propagator import Propagator, SubstructureModel
 from .body import Body
 
-_OWN: Final = frozenset(("name", "loads", "displacement", "velocity", "imposed_start"))
+_OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start"))
 """Fields of a model that no operator depends on."""
 
 

@@ -15,6 +15,7 @@ from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
 from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
+from ..operator_store import NO_STORE, OperatorStore, store_at
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
@@ -93,6 +94,7 @@ def model_classes(
     kept : operators of a scene solved before.
     """
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
+    store = store_of(scene)
     for name, body in bodies.items():
         layer = layers.get(name)
         loading = layer if moved is None else moved.get(name)
@@ -100,6 +102,7 @@ def model_classes(
         own = [cut for cut in cuts.values() if cut.table.substructure == name]
         loads += [cut.loads(cut.name in free) for cut in own]
         model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
+        model = replace(model, store=store)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.name in free]:
@@ -170,6 +173,12 @@ def _model(
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
+
+
+def store_of(scene: Scene) -> OperatorStore:
+    """Where the operators of a scene are looked for, and kept."""
+    table = scene.solver.operators
+    return NO_STORE if table is None else store_at((scene.base_dir / table.folder).absolute(), 1e9 * table.limit)
 
 
 def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:

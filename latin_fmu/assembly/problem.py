@@ -137,7 +137,9 @@ class SolverReadyProblem:
     def choices(self) -> dict[str, str]:
         """Automatic choices, in words."""
         start = {} if self.start is None else {"start": self.start.message}
-        return {"time scheme": self.scheme, **start}
+        stores = {id(p.members[0].store): p.members[0].store for p in self.assembly.propagators}
+        kept = "; ".join(filter(None, (store.remark() for store in stores.values())))
+        return {"time scheme": self.scheme, **start, **({"operators": kept} if kept else {})}
 
 
 @dataclass(frozen=True)

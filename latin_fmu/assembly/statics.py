@@ -305,6 +305,8 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
             material.pop(key, None)
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
     data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
+    if scene.solver.operators is not None:
+        data["solver"]["operators"] = scene.solver.operators.model_dump()
     for key in ("sensor", "accuracy", "output", "bolt"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)

@@ -13,6 +13,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..errors import SolverError
+from ..operator_store import NO_STORE, OperatorStore
 from .many_columns import MANY, solve_on_face
 from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
 from .selected_inverse import selected_inverse
@@ -62,12 +63,17 @@ class InterfaceFactor(Protocol):
 
 
 def interface_factor(
-    matrix: sp.csr_array, last: NDArray[np.int64], rank: NDArray[np.float64] | None = None, dtype: Any = np.float64
+    matrix: sp.csr_array,
+    last: NDArray[np.int64],
+    rank: NDArray[np.float64] | None = None,
+    dtype: Any = np.float64,
+    store: OperatorStore = NO_STORE,
 ) -> InterfaceFactor:
     """Factor of a symmetric positive definite ``matrix`` (n, n), the sorted dofs ``last`` kept for the interface.
 
     ``rank`` (n,) is the elimination order of the others, ``dtype`` the type the factor is stored in (float64 or
-    float32). Where compilation is off (``LATIN_FMU_COMPILE=0``) it is SciPy's sparse LU, always in float64.
+    float32), ``store`` where it is looked for, and kept. Where compilation is off (``LATIN_FMU_COMPILE=0``) it is
+    SciPy's sparse LU, always in float64, which is not kept.
 
     Raises
     ------
@@ -75,7 +81,7 @@ def interface_factor(
     """
     if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
         return CondensedFactor(matrix, last, rank)
-    return CholeskyFactor(matrix, last, rank, dtype)
+    return CholeskyFactor(matrix, last, rank, dtype, store=store)
 
 
 class CholeskyFactor:
@@ -93,11 +99,12 @@ class CholeskyFactor:
         minimum degree. dtype : float64, or float32 to store the factor in half the memory (S stays in float64).
     symbolic : analysis of another matrix with the same pattern and interface, to be used again.
     face : sorted dofs that ``face_solve`` and ``face_inverse`` are for; none of them in ``last``.
+    store : where the numbers are looked for, and kept.
 
     Attributes
     ----------
     panels : the numbers of L, L11^-1 in place of the diagonal blocks L11. grouped : whether
-    ``substitution`` takes four rows at a time.
+    ``substitution`` takes four rows at a time. name : of the numbers in the store.
 
     Raises
     ------
@@ -112,8 +119,9 @@ class CholeskyFactor:
         dtype: Any = np.float64,
         symbolic: Symbolic | None = None,
         face: Index | None = None,
+        store: OperatorStore = NO_STORE,
     ) -> None:
-        shape = shared_analysis(Pattern(matrix, last, rank, face)) if symbolic is None else symbolic
+        shape = shared_analysis(Pattern(matrix, last, rank, face, store)) if symbolic is None else symbolic
         self.symbolic = shape
         self.face = np.zeros(0, dtype=np.int64) if face is None else face
         self.dtype: np.dtype[Any] = np.dtype(dtype)
@@ -121,11 +129,20 @@ class CholeskyFactor:
             raise ValueError(f"dtype of the factor: {self.dtype}; allowed: float64, float32")
         self.last = np.asarray(last, dtype=np.int64)
         self.interior = shape.order[: shape.n_interior]
-        self.panels: NDArray[Any] = np.empty(shape.panel_start[-1], dtype=self.dtype)
-        self.grouped = self.panels.nbytes <= _CACHE
         self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         _check_finite(matrix)
-        self.schur: Array = np.zeros((len(self.last), len(self.last)))
+        given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
+        self.name = store.name("factor", *given)
+        made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
+        self.panels: NDArray[Any] = made["panels"]
+        self.schur: Array = made["schur"]
+        self.schur_inverse: Array = made["schur_inverse"]
+        self.grouped = self.panels.nbytes <= _CACHE
+
+    def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
+        """Panels, Schur complement and its inverse."""
+        shape = self.symbolic
+        panels, schur = np.empty(shape.panel_start[-1], dtype=self.dtype), np.zeros((len(self.last), len(self.last)))
         failed = factorise(
             routines(),
             matrix.indptr.astype(np.int64, copy=False),
@@ -137,17 +154,18 @@ class CholeskyFactor:
             shape.n_children,
             shape.is_root,
             shape.stack_size,
-            self.panels,
-            self.schur,
+            panels,
+            schur,
         )
         if failed == OUTSIDE_PATTERN:
             raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
-        mirror(self.schur)
-        self.schur_inverse: Array = self.schur.copy()
-        if failed := invert(routines(), self.schur_inverse):
+        mirror(schur)
+        inverse = schur.copy()
+        if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
+        return {"panels": panels, "schur": schur, "schur_inverse": inverse}
 
     def keep_in(self, memory: NDArray[Any]) -> None:
         """Copy the panels to ``memory``, an array of their size and type, and read them there from now on: the array

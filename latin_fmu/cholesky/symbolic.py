@@ -6,14 +6,16 @@ Done on the quotient graph, whose vertices are sets of dofs with one pattern (th
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from ..operator_store import NO_STORE, OperatorStore
 from .tree import amalgamate, column_counts, elimination_tree, postorder, supernode_rows, vertex_graph
 
 Array = NDArray[np.float64]
@@ -59,22 +61,37 @@ class Symbolic:
 
 
 class Pattern:
-    """What an analysis depends on; equal patterns share theirs (``shared_analysis``)."""
+    """What an analysis depends on; equal patterns share theirs (``shared_analysis``), which may be in a ``store``."""
 
-    def __init__(self, matrix: sp.csr_array, last: Index, rank: Array | None, face: Index | None = None) -> None:
+    def __init__(
+        self,
+        matrix: sp.csr_array,
+        last: Index,
+        rank: Array | None,
+        face: Index | None = None,
+        store: OperatorStore = NO_STORE,
+    ) -> None:
         digest = hashlib.blake2b(digest_size=16)
         nothing = np.zeros(0)
         for array in (matrix.indptr, matrix.indices, last, *(nothing if x is None else x for x in (rank, face))):
             digest.update(f"{array.dtype}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).data)
         self._digest = digest.digest()
+        self._store = store
         self._given: tuple[sp.csr_array, Index, Array | None, Index | None] | None = (matrix, last, rank, face)
 
     def analyse(self) -> Symbolic:
         """The analysis; the matrix is let go."""
-        assert self._given is not None
-        analysis, self._given = analyse(*self._given), None
-        return analysis
+        given = self._given
+        assert given is not None
+
+        def make() -> dict[str, NDArray[Any]]:
+            return {name: np.asarray(value) for name, value in asdict(analyse(*given)).items()}
+
+        known: dict[str, Any] = dict(self._store.remember(self._store.name("analysis", self._digest), make))
+        known |= {name: int(known[name]) for name in ("n_interior", "stack_size")}
+        self._given = None
+        return Symbolic(**known)
 
     def __hash__(self) -> int:
         return hash(self._digest)

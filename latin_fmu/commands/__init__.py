@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import argparse
 import io
+import json
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -158,6 +159,16 @@ def declare(
     return parser
 
 
+def option(parser: argparse.ArgumentParser, flags: str, metavar: str, text: str, kind: Any = None, **more: Any) -> None:
+    """Declare an option with a value: ``flags`` as in "-o --output", help ``text``, ``kind`` : of the value."""
+    parser.add_argument(*flags.split(), metavar=metavar, type=kind, help=text, **more)
+
+
+def switch(parser: argparse.ArgumentParser, flag: str, text: str) -> None:
+    """Declare an option without a value."""
+    parser.add_argument(flag, action="store_true", help=text)
+
+
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Declare SCENE and ``--set``."""
     parser.add_argument("scene", metavar="SCENE", type=Path, help="scene file (TOML)")
@@ -166,13 +177,12 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 def add_strict(parser: argparse.ArgumentParser) -> None:
     """Declare the option ``--strict``."""
-    text = f"exit code {REMARKED} where there are warnings; everything else is as without it"
-    parser.add_argument("--strict", action="store_true", help=text)
+    switch(parser, "--strict", f"exit code {REMARKED} where there are warnings; everything else is as without it")
 
 
 def add_max_cpu(parser: argparse.ArgumentParser, text: str) -> None:
     """Declare ``--max-cpu`` with its help ``text``."""
-    parser.add_argument("--max-cpu", metavar="SECONDS", type=_seconds, help=text)
+    option(parser, "--max-cpu", "SECONDS", text, _seconds)
 
 
 def _seconds(text: str) -> float:
@@ -193,7 +203,7 @@ def _seconds(text: str) -> float:
 
 def add_settings(parser: argparse.ArgumentParser, text: str) -> None:
     """Declare ``--set`` with its help ``text``."""
-    parser.add_argument("--set", metavar="a.b.c=value", action="append", default=[], dest="overrides", help=text)
+    option(parser, "--set", "a.b.c=value", text, action="append", default=[], dest="overrides")
 
 
 def output_file(text: str) -> Path:
@@ -229,3 +239,14 @@ def read_scene(arguments: argparse.Namespace) -> Scene:
     from ..reader import load_scene
 
     return load_scene(arguments.scene, arguments.overrides)
+
+
+def say(text: str) -> None:
+    """Print a line on stderr, where people read what is no result."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def json_lines(data: Mapping[str, Any]) -> str:
+    """Strict JSON with one key a line: the count of iterations of a thousand windows stays on one."""
+    lines = (f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items())
+    return "{\n" + ",\n".join(lines) + "\n}"

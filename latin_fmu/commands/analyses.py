@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, output_file, read_scene
+from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, option, output_file, read_scene
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -51,28 +51,23 @@ def register(add: AddParser) -> None:
     text = "make shock response spectra of the sensors of a results file: table, dataset and figure"
     parser = declare(add, "srs", text, _srs, _EXAMPLES)
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
-    parser.add_argument(
-        "--sensor", metavar="NAME", action="append", default=[], help="sensor, repeatable (default: every one)"
-    )
-    parser.add_argument("--lowest", metavar="HZ", type=float, help="first frequency (default: 1 / duration)")
-    parser.add_argument("--highest", metavar="HZ", type=float, help="last frequency (default: sampling rate / 10)")
-    parser.add_argument("--per-octave", metavar="N", type=int, help="frequencies per octave (default: 12)")
-    parser.add_argument("--quality", metavar="Q", type=float, help="amplification of the oscillators (default: 10)")
+    option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
+    option(parser, "--lowest", "HZ", "first frequency (default: 1 / duration)", float)
+    option(parser, "--highest", "HZ", "last frequency (default: sampling rate / 10)", float)
+    option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
+    option(parser, "--quality", "Q", "amplification of the oscillators (default: 10)", float)
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
-    parser.add_argument("-o", "--output", metavar="STEM", type=Path, help="default: RESULT_srs beside the results")
+    option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
 
 
 def _register_modes(add: AddParser) -> None:
     text = "print natural frequencies of the assembly of a scene and their damping in a run, and write its shapes"
     add_scene(parser := declare(add, "modes", text, _modes, _MODES_EXAMPLES))
-    parser.add_argument(
-        "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
-    )
-    parser.add_argument("--count", metavar="N", type=int, default=10, help="elastic modes (default: 10)")
-    parser.add_argument(
-        "-o", "--output", metavar="MODES.nc", type=output_file, help="also write frequencies and shapes"
-    )
-    parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
+    joints = ("sticking", "open", "bonded")
+    parser.add_argument("--joints", choices=joints, default=joints[0], help="default: sticking")
+    option(parser, "--count", "N", "elastic modes (default: 10)", int, default=10)
+    option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
+    option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
 
 
 def _modes(arguments: argparse.Namespace) -> int:
@@ -158,7 +153,7 @@ def _spectra(
     request = _request(given)
     chosen = arguments.sensor or (stored if stored and not given else known)
     for number, name in enumerate(chosen):
-        waiting.update(number / len(chosen), f"spectrum of {name}")
+        waiting.reached(number / len(chosen), f"spectrum of {name}")
         node = tree[f"sensors/{name}"]
         made = name in stored and not given
         yield name, stored_spectrum(node["spectrum"]) if made else (_computed(name, node, request), None)

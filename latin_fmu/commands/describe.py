@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +19,11 @@ from . import (
     add_settings,
     add_strict,
     declare,
+    option,
     output_file,
     read_scene,
+    say,
+    switch,
 )
 from .progress import Waiting
 
@@ -37,18 +39,15 @@ def register(add: AddParser) -> None:
     text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
     add_strict(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON instead")
-    parser.add_argument("--run", action="store_true", help="also solve the scene coarsely and print what matters in it")
-    add_max_cpu(
-        parser,
-        f"with --run: CPU seconds that the coarse run may take; one that reaches them stops (exit code {LIMITED}), "
-        "what is found until then is printed and marked",
-    )
+    switch(parser, "--json", "print JSON instead")
+    switch(parser, "--run", "also solve the scene coarsely and print what matters in it")
+    text = "with --run: CPU seconds that the coarse run may take; one that reaches them stops (exit code"
+    add_max_cpu(parser, f"{text} {LIMITED}), what is found until then is printed and marked")
     text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
-    parser.add_argument("--fmu", metavar="N", nargs="?", type=int, const=0, help=text)
+    option(parser, "--fmu", "N", text, int, nargs="?", const=0)
     text = "print every key of a scene file, with units and defaults"
     parser = declare(add, "reference", text, _reference)
-    parser.add_argument("--schema", action="store_true", help="print the JSON schema instead")
+    switch(parser, "--schema", "print the JSON schema instead")
     _register_plot(add)
 
 
@@ -58,32 +57,20 @@ def _register_plot(add: AddParser) -> None:
     )
     parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FIGURE",
-        type=output_file,
-        help="png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)",
-    )
+    text = "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)"
+    option(parser, "-o --output", "FIGURE", text, output_file)
     add_settings(parser, "of a scene: change one setting; may be repeated")
-    parser.add_argument(
-        "--bodies",
-        action="store_true",
-        help="of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)",
-    )
-    parser.add_argument(
-        "--quantity", metavar="NAME", action="append", help="of a study: draw this quantity; may be repeated"
-    )
-    parser.add_argument(
-        "--map", action="store_true", help="of a results file: pressure, friction and contact states of an interface"
-    )
+    text = "of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)"
+    switch(parser, "--bodies", text)
+    option(parser, "--quantity", "NAME", "of a study: draw this quantity; may be repeated", action="append")
+    switch(parser, "--map", "of a results file: pressure, friction and contact states of an interface")
     both = "with --bodies or --map"
-    parser.add_argument("--interface", metavar="NAME", help=f"{both}: the interface (default: largest force)")
-    parser.add_argument("--time", metavar="S", type=float, help=f"{both}: the instant (default: largest force)")
-    parser.add_argument("--magnify", metavar="X", type=float, help="with --bodies: factor on the displacements")
-    parser.add_argument("--from", metavar="S", type=float, dest="first", help="of a film: its first instant")
-    parser.add_argument("--to", metavar="S", type=float, dest="last", help="of a film: its last instant")
-    parser.add_argument("--frames", metavar="N", type=int, help="of a film: number of pictures (default: 40)")
+    option(parser, "--interface", "NAME", f"{both}: the interface (default: largest force)")
+    option(parser, "--time", "S", f"{both}: the instant (default: largest force)", float)
+    option(parser, "--magnify", "X", "with --bodies: factor on the displacements", float)
+    option(parser, "--from", "S", "of a film: its first instant", float, dest="first")
+    option(parser, "--to", "S", "of a film: its last instant", float, dest="last")
+    option(parser, "--frames", "N", "of a film: number of pictures (default: 40)", int)
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -136,7 +123,7 @@ def _compiled_size(arguments: argparse.Namespace) -> int:
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from ..pictures.interface_map import FILM
+    from ..pictures.result_picture import FILM
     from ..pictures.style import FORMATS, check_figure_path, save_figure
     from ..results.writing import check_target
 
@@ -154,13 +141,13 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 
 def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None:
-    from ..pictures.interface_map import Window, save_film
+    from ..pictures.result_picture import Window, save_film
     from ..results.files import open_results, readable
 
     window = Window(arguments.first, arguments.last, arguments.frames or Window.frames)
-    waiting.update(0.0, "film")
+    waiting.reached(0.0, "film")
     with closing(open_results(arguments.file)) as tree, readable(arguments.file):
-        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.update)
+        save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.reached)
 
 
 def _is_scene(file: Path) -> bool:
@@ -174,13 +161,12 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
     warnings: list[str] = []
     figure = assembly_figure(load_scene(arguments.file, arguments.overrides), warnings)
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        say(f"warning: {warning}")
     return figure
 
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
-    from ..pictures.interface_map import map_figure
-    from ..pictures.result_picture import result_figure
+    from ..pictures.result_picture import map_figure, result_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results, readable
     from ..results.groups import units_of

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -22,8 +21,11 @@ from . import (
     add_max_cpu,
     add_scene,
     declare,
+    option,
     output_file,
     read_scene,
+    say,
+    switch,
 )
 from .progress import Waiting
 
@@ -68,57 +70,32 @@ def _register_fmu(add: AddParser) -> None:
     text = "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
     parser = declare(add, "fmu", text, _fmu, _BUILD_EXAMPLES)
     add_scene(parser)
-    parser.add_argument(
-        "-o", "--output", metavar="X.fmu", type=output_file, help="file to write (default: <name of the scene>.fmu)"
-    )
+    option(parser, "-o --output", "X.fmu", "file to write (default: <name of the scene>.fmu)", output_file)
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
-    parser.add_argument(
-        "--inputs", metavar="LOAD,...", default="", help="loads that become inputs; 'all' for every load"
-    )
-    parser.add_argument(
-        "--cross-check", action="store_true", help="solve the default experiment and give its results along"
-    )
-    parser.add_argument("--compiled", action="store_true", help="an FMU that needs nothing but the C library to run")
-    parser.add_argument(
-        "--model-exchange", action="store_true", help="a reduced model as differential equations (FMI 3 only)"
-    )
-    modes = (
-        "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and print the error"
-    )
-    parser.add_argument("--modes", metavar="N", type=int, help=modes)
-    parser.add_argument("--patches", metavar="P", type=int, help="reduced model: patches per contact (default: 4)")
+    option(parser, "--inputs", "LOAD,...", "loads that become inputs; 'all' for every load", default="")
+    switch(parser, "--cross-check", "solve the default experiment and give its results along")
+    switch(parser, "--compiled", "an FMU that needs nothing but the C library to run")
+    switch(parser, "--model-exchange", "a reduced model as differential equations (FMI 3 only)")
+    text = "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and print the error"
+    option(parser, "--modes", "N", text, int)
+    option(parser, "--patches", "P", "reduced model: patches per contact (default: 4)", int)
 
 
 def _register_simulate(add: AddParser) -> None:
     text = "run an FMU with fmpy"
     parser = declare(add, "simulate", text, _simulate, _RUN_EXAMPLES)
-    parser.add_argument(
-        "fmu", metavar="X.fmu", type=Path, help="FMU for co-simulation, or for model exchange (by CVode)"
-    )
-    parser.add_argument("--input", metavar="IN.csv", type=Path, help="inputs over time")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT.csv",
-        type=output_file,
-        default=Path("out.csv"),
-        help="outputs at every step (default: out.csv)",
-    )
-    parser.add_argument("--step", metavar="H", type=float, help="communication step, s (default: that of the FMU)")
-    parser.add_argument("--stop", metavar="T", type=float, help="end, s (default: that of the FMU)")
-    parser.add_argument(
-        "--start",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="start value of an input or parameter; repeatable",
-    )
-    add_max_cpu(
-        parser,
-        f"CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code "
-        f"{LIMITED}): the rows until then are written",
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
+    text = "FMU for co-simulation, or for model exchange (by CVode)"
+    parser.add_argument("fmu", metavar="X.fmu", type=Path, help=text)
+    option(parser, "--input", "IN.csv", "inputs over time", Path)
+    text = "outputs at every step (default: out.csv)"
+    option(parser, "-o --output", "OUT.csv", text, output_file, default=Path("out.csv"))
+    option(parser, "--step", "H", "communication step, s (default: that of the FMU)", float)
+    option(parser, "--stop", "T", "end, s (default: that of the FMU)", float)
+    text = "start value of an input or parameter; repeatable"
+    option(parser, "--start", "NAME=VALUE", text, action="append", default=[])
+    text = "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code"
+    add_max_cpu(parser, f"{text} {LIMITED}): the rows until then are written")
+    switch(parser, "--quiet", "no progress and no summary")
 
 
 def _fmu(arguments: argparse.Namespace) -> int:
@@ -135,7 +112,7 @@ def _fmu(arguments: argparse.Namespace) -> int:
         with Waiting("FMU") as waiting:
             files, lines = _made(arguments, scene, target, waiting)
     except ModuleNotFoundError as error:
-        print(f"latin-fmu: {error.msg}; {_NEEDED}", file=sys.stderr)
+        say(f"latin-fmu: {error.msg}; {_NEEDED}")
         return BAD_INPUT
     problems, verdict = [], "valid"
     try:
@@ -164,9 +141,9 @@ def _made(
     checks = import_module("fmu_build.checks")
     inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
     if arguments.compiled and arguments.modes is not None:
-        waiting.update(0.0, "FMU: reduced bodies and their error")
+        waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
-    waiting.update(0.0, "FMU")
+    waiting.reached(0.0, "FMU")
     files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
     for name in files:
         check_target(target.with_name(name))
@@ -221,7 +198,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
     try:
         from fmu_build.drive import opened
     except ModuleNotFoundError as error:
-        print(f"latin-fmu: {error.msg}; pip install 'latin-fmu[fmu]' gives what FMUs need", file=sys.stderr)
+        say(f"latin-fmu: {error.msg}; {_NEEDED}")
         return BAD_INPUT
     from ..results.writing import check_target
 
@@ -242,7 +219,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         with Waiting("simulation", quiet=arguments.quiet) as waiting:
             for row in drive.run(step, stop, over):
                 rows.append(row)
-                waiting.update(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
+                waiting.reached(min(row[0] / stop, 1.0), f"simulation, {100 * row[0] / stop:.0f} %")
     finally:
         drive.close()
     write_csv(target, ["time", *drive.outputs], rows)
@@ -250,11 +227,11 @@ def _simulate(arguments: argparse.Namespace) -> int:
         print(f"{len(rows)} rows: {target}")
     reached = rows[-1][0] if rows else 0.0
     if drive.complaint:
-        print(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}", file=sys.stderr)
+        say(f"latin-fmu: stopped at {reached:g} s: {drive.complaint}")
         return SOLVER_FAILED
     if limited and reached < stop:
         what = f"stopped by its limit of {arguments.max_cpu:g} s of CPU time at t = {reached:g} s of {stop:g} s"
-        print(f"latin-fmu: {what}; the rows until then are written", file=sys.stderr)
+        say(f"latin-fmu: {what}; the rows until then are written")
         return LIMITED
     return CONVERGED
 

@@ -1,4 +1,4 @@
-"""Progress lines of commands: iterations of a run; elapsed and remaining time of other work of several seconds."""
+"""Progress lines of commands: elapsed and remaining time of work of several seconds, and the windows of a run."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import time
 from collections.abc import Callable
 from typing import Final, Self, TextIO
 
-_EVERY_ON_TERMINAL, _EVERY_IN_LOG = 0.1, 3.0  # seconds between two lines of progress
 PATIENCE: Final = 3.0
 """Time before the first line of progress is shown, s."""
-_AGAIN_ON_TERMINAL, _AGAIN_IN_LOG = 0.5, 10.0  # seconds between two lines of a wait
+_AGAIN_ON_TERMINAL, _AGAIN_IN_LOG = 0.5, 10.0  # seconds between two lines: a log is read afterwards
 
 
 class Line:
@@ -82,7 +81,7 @@ class Waiting:
             self._thread.join()
         self._line.clear()
 
-    def update(self, share: float, text: str | None = None) -> None:
+    def reached(self, share: float, text: str | None = None) -> None:
         """``share`` of the work is done; ``text``: what is being done now."""
         self._share, self._text = share, self._text if text is None else text
 
@@ -113,73 +112,61 @@ class Waiting:
             wait = again
 
 
-class Progress:
-    """Prints the progress of a run.
-
-    On a terminal one line is refreshed in place; elsewhere (a log file) a line is written every few
-    seconds, so that a short run writes none.
+class Progress(Waiting):
+    """Waiting for a run: its set-up, and from the first call of ``update`` on its windows and their time left.
 
     Parameters
     ----------
-    stream : where to write, usually ``sys.stderr``.
     tolerance : value of sqrt(eta) at which a window is done; used to predict the end of a single window.
-    clock : seconds from any origin; replaced in tests.
+    quiet, stream, clock : as of ``Waiting``.
     """
 
-    def __init__(self, stream: TextIO, tolerance: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._line = Line(stream)
+    def __init__(
+        self,
+        tolerance: float,
+        quiet: bool = False,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__("set-up", None, quiet, stream, clock)
         self._tolerance = tolerance
-        self._clock = clock
-        self._shown = -math.inf if self._line.terminal else clock()
+        self._state: tuple[int, int, int, float] | None = None  # of the last call, in one piece: a thread reads it
+        self._origin = (0.0, 0)  # time and windows done at the first call: the set-up does not count
         self._first: tuple[float, float] | None = None  # time and log10 of the first error of a single window
-        self._origin: tuple[float, int] | None = None  # time and windows done at the first call
-        self._set_up = Waiting("set-up", stream=stream, clock=clock)
-
-    def begin(self) -> Self:
-        """Show how long the set-up takes, until the first call of ``update``."""
-        self._set_up.__enter__()
-        return self
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """Report ``done`` of ``total`` windows as finished, and the state of the current one.
+        """Note ``done`` of ``total`` windows as finished, and the state of the current one.
 
-        ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta). Cheap: most calls
-        only read the clock.
+        ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta).
         """
-        now = self._clock()
-        if self._origin is None:
-            self._set_up.close()
-            self._origin = (now, done)
+        if self._state is None:
+            self._origin = (self._clock(), done)
         if total == 1 and self._first is None and 0.0 < error < math.inf:
-            self._first = (now, math.log10(error))
-        if now - self._shown < (_EVERY_ON_TERMINAL if self._line.terminal else _EVERY_IN_LOG):
-            return
-        self._shown = now
-        left = self._single_window_left(now, error) if total == 1 else self._windows_left(now, done, total)
+            self._first = (self._clock(), math.log10(error))
+        self._state = done, total, iteration, error
+
+    def line(self) -> str | None:
+        """The line to show now, None within the first seconds."""
+        if self._state is None or self._clock() - self._since < PATIENCE:
+            return super().line()
+        done, total, iteration, error = self._state
+        begun, before = self._origin
         if total == 1:
-            text = f"iteration {iteration}"
+            text, left = f"iteration {iteration}", self._single_window_left(error)
         else:
             text = f"{100 * done // max(total, 1)} % ({done} of {total} windows), iteration {iteration}"
-        self._line.write(f"{text}, sqrt(eta) {error:.1e}{_left(left)}")
+            left = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
+        return f"{text}, sqrt(eta) {error:.1e}{_left(left)}"
 
-    def close(self) -> None:
-        """Clear the refreshed line; does nothing elsewhere."""
-        self._set_up.close()
-        self._line.clear()
-
-    def _windows_left(self, now: float, done: int, total: int) -> float | None:
-        since, before = self._origin or (now, done)
-        return (now - since) * (total - done) / (done - before) if done > before else None
-
-    def _single_window_left(self, now: float, error: float) -> float | None:
+    def _single_window_left(self, error: float) -> float | None:
         """Extrapolates log(error), which falls about linearly with the iterations, to the tolerance."""
         if self._first is None or not (0.0 < error < math.inf and self._tolerance > 0.0):
             return None
         since, at_first = self._first
-        fallen = at_first - math.log10(error)
-        if fallen <= 0.0 or now <= since:
+        fallen, passed = at_first - math.log10(error), self._clock() - since
+        if fallen <= 0.0 or passed <= 0.0:
             return None
-        return max(0.0, (math.log10(error) - math.log10(self._tolerance)) * (now - since) / fallen)
+        return max(0.0, (math.log10(error) - math.log10(self._tolerance)) * passed / fallen)
 
 
 def _left(seconds: float | None) -> str:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import os
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -29,9 +27,13 @@ from . import (
     check_netcdf,
     declare,
     ending_together,
+    json_lines,
+    option,
     output_file,
     read_scene,
+    say,
     started_together,
+    switch,
 )
 from .progress import Progress, Waiting
 
@@ -60,43 +62,31 @@ def register(add: AddParser) -> None:
     """Declare the subcommand."""
     parser = declare(add, "run", "solve a scene and write its results", _run, _EXAMPLES)
     add_scene(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT.nc",
-        type=output_file,
-        help="results file (default: <name of the scene>.nc in the current folder)",
-    )
+    text = "results file (default: <name of the scene>.nc in the current folder)"
+    option(parser, "-o --output", "OUT.nc", text, output_file)
     add_strict(parser)
-    parser.add_argument("--json", action="store_true", help="print a JSON report, and nothing else, on stdout")
-    parser.add_argument("--quiet", action="store_true", help="no progress and no summary")
-    parser.add_argument("--vtk", metavar="FOLDER", type=Path, help="also write files for ParaView to this folder")
-    parser.add_argument(
-        "--checkpoint",
-        metavar="N",
-        type=interval,
-        help="write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
+    switch(parser, "--json", "print a JSON report, and nothing else, on stdout")
+    switch(parser, "--quiet", "no progress and no summary")
+    option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
+    text = (
+        "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
         "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, XCPU, "
-        "USR1). The checkpoint of an earlier run is kept under a number",
+        "USR1). The checkpoint of an earlier run is kept under a number"
     )
-    parser.add_argument(
-        "--resume", action="store_true", help="continue from the checkpoint, where there is one, to the same bits"
+    option(parser, "--checkpoint", "N", text, interval)
+    switch(parser, "--resume", "continue from the checkpoint, where there is one, to the same bits")
+    switch(parser, "--no-estimate", "no estimate of the error (accuracy.estimate = false)")
+    text = (
+        "target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
+        "accuracy.quantity, impulse by default)"
     )
-    parser.add_argument(
-        "--no-estimate", action="store_true", help="no estimate of the error (accuracy.estimate = false)"
-    )
-    parser.add_argument(
-        "--accuracy",
-        metavar="1%",
-        help="target relative error: mesh, time step and tolerance are chosen (accuracy.target; the quantity is "
-        "accuracy.quantity, impulse by default)",
-    )
-    add_max_cpu(
-        parser,
+    option(parser, "--accuracy", "1%", text)
+    text = (
         f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
         f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
-        f"--accuracy: of each run of the search, {_SEARCH:g} by default; all together use ten times that at most",
+        f"--accuracy: of each run of the search, {_SEARCH:g} by default; all together use ten times that at most"
     )
+    add_max_cpu(parser, text)
 
 
 def interval(text: str) -> tuple[int | None, float | None]:
@@ -127,47 +117,37 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
     """The same on several processes: process 0 shows how far the run is, and writes the results."""
-    from .. import api
-    from ..accuracy.estimate import estimate_error
-    from ..results.writing import UnwrittenError, check_target
-
     first = processes.rank == 0
     arguments.quiet |= not first
     with processes.agreed():
         scene = read_scene(arguments)
-        target = arguments.output or Path(f"{scene.name}.nc")
         refused = {"--checkpoint": arguments.checkpoint, "--resume": arguments.resume or None}
         refused["--accuracy"] = _target(scene, arguments)
         if given := [name for name, value in refused.items() if value is not None]:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
             raise InputError(problems, "the run cannot be distributed over processes")
-        if first:
-            _note_inputs(scene, arguments.quiet)
-            check_target(target)
-            if arguments.vtk is not None:
-                from ..results.vtk import check_export_folder
-
-                check_export_folder(arguments.vtk)
-    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
-    try:
-        solution = api.solve(scene, progress=progress, processes=processes, max_cpu=arguments.max_cpu)
-    finally:
-        if progress is not None:
-            progress.close()
-    if not arguments.no_estimate and scene.accuracy.estimate and solution.trustworthy:
-        with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            estimate = estimate_error(
-                scene, solution, processes=processes, report=waiting.update, max_cpu=_left(solution, arguments)
-            )
-        solution = replace(solution, estimate=estimate)
+        target = _checked_outputs(scene, arguments) if first else Path()
+    solution = _estimated(scene, _solve(scene, arguments, processes=processes), arguments, processes)
     with processes.agreed():
         if first:
             written: list[str] = []
             lost = _write(solution, target, arguments.vtk, written)
-            _show(solution, arguments, written, None)
-            if lost:
-                raise UnwrittenError(lost, "cannot write the results")
+            _show(solution, arguments, written, None, lost)
     return _code(solution, solution.trustworthy, arguments)
+
+
+def _checked_outputs(scene: Scene, arguments: argparse.Namespace) -> Path:
+    """The results file, after a note on inputs; made sure before the long part that all outputs can be written."""
+    from ..results.writing import check_target
+
+    _note_inputs(scene, arguments.quiet)
+    target = arguments.output or Path(f"{scene.name}.nc")
+    check_target(target)
+    if arguments.vtk is not None:
+        from ..results.vtk import check_export_folder
+
+        check_export_folder(arguments.vtk)
+    return target
 
 
 def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
@@ -180,22 +160,17 @@ def _code(solution: Solution, good: bool, arguments: argparse.Namespace) -> int:
 def _run_alone(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred(), _lean_imports():
         from ..accuracy import estimate  # noqa: F401, loads the solver, too
-        from ..results.writing import check_target, remove_dead_drafts
+        from ..results.writing import remove_dead_drafts
 
         scene = read_scene(arguments)
-    _note_inputs(scene, arguments.quiet)
-    target = arguments.output or Path(f"{scene.name}.nc")
-    check_target(target)  # before the long part
+    target = _checked_outputs(scene, arguments)
     remove_dead_drafts(target.parent)
-    if arguments.vtk is not None:
-        from ..results.vtk import check_export_folder
-
-        check_export_folder(arguments.vtk)
     wanted = _target(scene, arguments)
     checkpoint = _checkpoint(Path(f"{target}.checkpoint"), arguments, wanted is not None)
     choice = None if wanted is None else _chosen(scene, wanted, arguments)
     if choice is None:
-        solution = _estimated(scene, _solve(scene, arguments, checkpoint), arguments)
+        solution = _solve(scene, arguments, checkpoint=checkpoint, stream=_folder(checkpoint.path))
+        solution = _estimated(scene, solution, arguments, stream=_folder(target))
     elif choice.solution is None:
         raise SolverError(choice.sentence)
     else:
@@ -210,15 +185,16 @@ def _run_alone(arguments: argparse.Namespace) -> int:
         checkpoint.remove()
     elif checkpoint.found:
         written.append(f"checkpoint: {checkpoint.path} (continue with --resume)")
-    _show(solution, arguments, written, choice)  # a full disk must not cost the numbers as well
-    if lost:
-        from ..results.writing import UnwrittenError
-
-        raise UnwrittenError(lost, "cannot write the results")
+    _show(solution, arguments, written, choice, lost)
     if arguments.signals.received:
         return int(arguments.signals.exit_code)
     good = solution.trustworthy and (choice is None or choice.reached)
     return _code(solution, good, arguments)
+
+
+def _folder(path: Path) -> Path:
+    """Folder of a file, links followed."""
+    return Path(os.path.realpath(path)).parent
 
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:
@@ -228,8 +204,7 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
 
     stay = [f"{variable_of(name)} = {law.start_value:g}" for name, law in inputs_of(scene).items()]
     if stay and not quiet:
-        text = f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}"
-        print(text, file=sys.stderr, flush=True)
+        say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
 def _write(solution: Solution, target: Path, vtk: Path | None, written: list[str]) -> list[Problem]:
@@ -292,10 +267,7 @@ def _chosen(scene: Scene, wanted: float, arguments: argparse.Namespace) -> Choic
     """The search for the settings; what it does goes to stderr."""
     from ..accuracy.adaptive_resolution import choose
 
-    def log(text: str) -> None:
-        if not arguments.quiet:
-            print(text, file=sys.stderr, flush=True)
-
+    log = (lambda _: None) if arguments.quiet else say
     return choose(scene, wanted, arguments.max_cpu or _SEARCH, log)
 
 
@@ -316,40 +288,41 @@ def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Ch
             super().begin(run, digest)
             signals.noted = True
 
-    return Interruptible(path, every, seconds, arguments.resume, lambda: signals.received != 0, _log)
+    return Interruptible(path, every, seconds, arguments.resume, lambda: signals.received != 0, say)
 
 
-def _log(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-def _solve(scene: Scene, arguments: argparse.Namespace, checkpoint: Checkpoint) -> Solution:
+def _solve(scene: Scene, arguments: argparse.Namespace, **options: Any) -> Solution:
+    """The solution of the scene, with its progress on stderr; options as for ``api.solve``."""
     from .. import api
 
-    progress = None if arguments.quiet else Progress(sys.stderr, scene.solver.tolerance).begin()
     try:
-        folder = Path(os.path.realpath(checkpoint.path)).parent
-        return api.solve(scene, progress=progress, checkpoint=checkpoint, stream=folder, max_cpu=arguments.max_cpu)
+        with Progress(scene.solver.tolerance, arguments.quiet) as progress:
+            return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
     finally:
         arguments.signals.noted = False
-        if progress is not None:
-            progress.close()
 
 
-def _estimated(scene: Scene, solution: Solution, arguments: argparse.Namespace) -> Solution:
+def _estimated(
+    scene: Scene,
+    solution: Solution,
+    arguments: argparse.Namespace,
+    processes: Processes | None = None,
+    stream: Path | None = None,
+) -> Solution:
     """The solution with its estimated error, where that is requested and can be estimated."""
     if arguments.no_estimate or not scene.accuracy.estimate or not solution.trustworthy:
         return solution
     from ..accuracy.estimate import estimate_error
 
-    folder = Path(os.path.realpath(arguments.output or f"{scene.name}.nc")).parent
     left = _left(solution, arguments)
     try:
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
-            estimate = estimate_error(scene, solution, report=waiting.update, stream=folder, max_cpu=left)
-            return replace(solution, estimate=estimate)
-    except KeyboardInterrupt:  # the results are written without it
-        return solution
+            estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
+    except KeyboardInterrupt:
+        if processes is not None:
+            raise
+        return solution  # the results are written without it
+    return replace(solution, estimate=estimate)
 
 
 def _left(solution: Solution, arguments: argparse.Namespace) -> float | None:
@@ -357,21 +330,26 @@ def _left(solution: Solution, arguments: argparse.Namespace) -> float | None:
     return None if arguments.max_cpu is None else max(arguments.max_cpu - solution.timings.total, 0.0)
 
 
-def _show(solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None) -> None:
-    """The report or the summary on stdout; with ``--json`` the status goes to stderr for people."""
+def _show(
+    solution: Solution, arguments: argparse.Namespace, written: list[str], choice: Choice | None, lost: list[Problem]
+) -> None:
+    """The report or the summary on stdout; with ``--json`` the status goes to stderr for people.
+
+    Raises
+    ------
+    UnwrittenError : outputs are ``lost``; after the numbers, which a full disk must not cost as well.
+    """
     if arguments.json:
-        print(_json(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
+        print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
     elif not arguments.quiet:
         print("\n".join([solution.summary(), "", *written]))
     if not arguments.quiet and arguments.json:
-        print("\n".join([solution.status, *written]), file=sys.stderr)
+        say("\n".join([solution.status, *written]))
     elif arguments.quiet and not solution.trustworthy:
-        print(solution.status, file=sys.stderr)
+        say(solution.status)
     elif arguments.quiet and choice is not None and not choice.reached:
-        print(choice.sentence, file=sys.stderr)
+        say(choice.sentence)
+    if lost:
+        from ..results.writing import UnwrittenError
 
-
-def _json(report: dict[str, Any]) -> str:
-    """Strict JSON with one key a line: the count of iterations of a thousand windows stays on one."""
-    lines = (f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in report.items())
-    return "{\n" + ",\n".join(lines) + "\n}"
+        raise UnwrittenError(lost, "cannot write the results")

@@ -6,15 +6,27 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
-from . import CONVERGED, LIMITED, NOT_CONVERGED, AddParser, add_max_cpu, add_scene, add_settings, declare, output_file
+from . import (
+    CONVERGED,
+    LIMITED,
+    NOT_CONVERGED,
+    AddParser,
+    add_max_cpu,
+    add_scene,
+    add_settings,
+    declare,
+    json_lines,
+    option,
+    output_file,
+    say,
+    switch,
+)
 from .progress import Waiting
 
 if TYPE_CHECKING:
@@ -67,79 +79,44 @@ def _register_cost(add: AddParser) -> None:
     parser = declare(add, "cost", text, _cost, _COST_EXAMPLES)
     parser.add_argument("scenes", metavar="SCENE", type=Path, nargs="+", help="scene file (TOML)")
     add_settings(parser, "change one setting of every scene; may be repeated")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="FOLDER",
-        type=Path,
-        help="write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several",
-    )
-    parser.add_argument(
-        "--budget",
-        metavar="SECONDS",
-        type=float,
-        default=None,
-        help=f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)",
-    )
-    parser.add_argument("--quick", action="store_true", help="a small budget")
-    parser.add_argument("--json", action="store_true", help="print JSON (a list), and nothing else, on stdout")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    text = "write NAME_cost.md, .png and .nc per scene here, and work_precision.png for several"
+    option(parser, "-o --output", "FOLDER", text, Path)
+    text = f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)"
+    option(parser, "--budget", "SECONDS", text, float)
+    switch(parser, "--quick", "a small budget")
+    switch(parser, "--json", "print JSON (a list), and nothing else, on stdout")
+    switch(parser, "--quiet", "no progress")
 
 
 def _register_stress(add: AddParser) -> None:
     text = "run the hard cases (contrasts, friction, grazing, long runs ...) and report what was measured"
     parser = declare(add, "stress", text, _stress, _STRESS_EXAMPLES)
-    parser.add_argument("--quick", action="store_true", help="the cases that take less than a minute together")
-    add_max_cpu(
-        parser,
-        f"CPU seconds that the cases may take together; those left out then are counted (exit code {LIMITED}), "
-        "the rows of the others are reported",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON list, and nothing else, on stdout")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="REPORT.md",
-        type=output_file,
-        help="write the report (Markdown) here, and its figure beside it as png",
-    )
+    switch(parser, "--quick", "the cases that take less than a minute together")
+    text = "CPU seconds that the cases may take together; those left out then are counted (exit code"
+    add_max_cpu(parser, f"{text} {LIMITED}), the rows of the others are reported")
+    switch(parser, "--json", "print one JSON list, and nothing else, on stdout")
+    text = "write the report (Markdown) here, and its figure beside it as png"
+    option(parser, "-o --output", "REPORT.md", text, output_file)
 
 
 def _register_sweep(add: AddParser) -> None:
     text = "solve a scene for all combinations of parameters, over processes or a dask cluster"
     parser = declare(add, "sweep", text, _sweep, _SWEEP_EXAMPLES)
     add_scene(parser)
-    parser.add_argument(
-        "--vary",
-        metavar="a.b.c=VALUES",
-        action="append",
-        required=True,
-        help="a key and its values, from:to:count or value,value,...; may be repeated",
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="STUDY.nc",
-        type=Path,
-        help="file of the study (default: <name of the scene file>_study.nc in the current folder)",
-    )
-    parser.add_argument(
-        "--jobs", metavar="N", type=int, help="processes, one thread each (default: as many as there are cores)"
-    )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="solve on the workers of this dask scheduler (needs latin-fmu[cluster])"
-    )
+    text = "a key and its values, from:to:count or value,value,...; may be repeated"
+    option(parser, "--vary", "a.b.c=VALUES", text, action="append", required=True)
+    text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"
+    option(parser, "-o --output", "STUDY.nc", text, Path)
+    option(parser, "--jobs", "N", "processes, one thread each (default: as many as there are cores)", int)
+    option(parser, "--scheduler", "ADDRESS", "solve on the workers of this dask scheduler (needs latin-fmu[cluster])")
     add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
-    parser.add_argument("--histories", action="store_true", help="keep the forces of the interfaces over time")
-    parser.add_argument(
-        "--cold", action="store_true", help="no first guesses from neighbouring points (windows of several instants)"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    switch(parser, "--histories", "keep the forces of the interfaces over time")
+    switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
+    switch(parser, "--quiet", "no progress")
 
 
 def _cost(arguments: argparse.Namespace) -> int:
-    from ..accuracy.study import study
-    from ..accuracy.study_report import as_json, as_text
+    from ..accuracy.study import as_data, as_text, study
     from ..reader import load_scene
 
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part
@@ -157,7 +134,7 @@ def _cost(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         _write_studies(studies, arguments.output)
     if arguments.json:
-        print("[\n" + ",\n".join(as_json(item) for item in studies) + "\n]")
+        print("[\n" + ",\n".join(json_lines(as_data(item)) for item in studies) + "\n]")
     return CONVERGED
 
 
@@ -173,26 +150,23 @@ def _check_studies(scenes: Sequence[Scene], folder: Path) -> None:
             check_target(folder / f"{name}{suffix}")
 
 
-def _log(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 def _write_studies(studies: list[Study], folder: Path) -> None:
     """Page, figure and netCDF of each study, each complete or not at all."""
+    from ..accuracy.study import as_markdown
     from ..accuracy.study_files import comparison_figure, cost_figure, datatree
-    from ..accuracy.study_report import as_markdown
+    from ..pictures.style import save_figure
     from ..results.files import write_netcdf
-    from ..results.writing import write_bytes, write_whole
+    from ..results.writing import write_bytes
 
     for study in studies:
         stem = folder / f"{study.scene.name}_cost"
         picture = stem.with_suffix(".png")
-        write_whole(picture, partial(cost_figure(study).savefig, dpi=130))
+        save_figure(cost_figure(study), picture)
         write_bytes(stem.with_suffix(".md"), as_markdown(study, picture.name).encode())
         write_netcdf(datatree(study), stem.with_suffix(".nc"))
-        print(f"study: {stem}.md, .png, .nc", file=sys.stderr)
+        say(f"study: {stem}.md, .png, .nc")
     if len(studies) > 1:
-        write_whole(folder / "work_precision.png", partial(comparison_figure(studies).savefig, dpi=110))
+        save_figure(comparison_figure(studies), folder / "work_precision.png")
 
 
 def _stress(arguments: argparse.Namespace) -> int:
@@ -210,7 +184,7 @@ def _stress(arguments: argparse.Namespace) -> int:
         def report(row: Row) -> None:
             done.append(row)
             waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
-            waiting.update(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
+            waiting.reached(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
 
         rows = run_suite(every, report, arguments.max_cpu)
     left_out = len(every) - len(rows)
@@ -219,7 +193,7 @@ def _stress(arguments: argparse.Namespace) -> int:
     print(as_json(rows) if arguments.json else verdict(rows, left_out))
     if left_out:
         if arguments.json:
-            _log(verdict(rows, left_out))
+            say(verdict(rows, left_out))
         return LIMITED
     return CONVERGED if all(row.passed or row.known for row in rows) else NOT_CONVERGED
 
@@ -241,11 +215,11 @@ def _sweep(arguments: argparse.Namespace) -> int:
             scheduler=arguments.scheduler,
             histories=arguments.histories,
             guesses=not arguments.cold,
-            log=None if arguments.quiet else _log,
+            log=None if arguments.quiet else say,
             max_cpu=arguments.max_cpu,
         )
     except KeyboardInterrupt:
-        _log(f"the points done so far are in {output}.points: the same command continues")
+        say(f"the points done so far are in {output}.points: the same command continues")
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
@@ -256,12 +230,13 @@ def _sweep(arguments: argparse.Namespace) -> int:
 
 def _write_rows(rows: list[Row], target: Path, quick: bool, left_out: int) -> None:
     """Report and figure, each complete or not at all."""
-    from ..results.writing import write_bytes, write_whole
+    from ..pictures.style import save_figure
+    from ..results.writing import write_bytes
     from ..stability.report import as_markdown, compare_schemes, stability_figure
 
     picture = target.with_suffix(".png")
     if rows:
-        write_whole(picture, partial(stability_figure(rows).savefig, dpi=150))
+        save_figure(stability_figure(rows), picture)
     schemes = "" if left_out else compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
     write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out).encode())
-    print(f"report: {target}" + f", figure: {picture}" * bool(rows), file=sys.stderr)
+    say(f"report: {target}" + f", figure: {picture}" * bool(rows))

@@ -242,19 +242,16 @@ def contact(p: Prediction) -> Effect:
     """Interfaces that may open: their normal unknowns and the iteration on them."""
     units = [u for u in p.discretised.units if u.behaviour.opens]
     points = sum(u.geometry.n_point for u in units)
-    reason, switch = f"{points} points may open", ("an interface that may open", 'behaviour = "perfect" (no opening)')
-    kernel = "local stage, normal part"
-    return _interface(p, "unilateral contact", units, "behaviour", 2 * points, kernel, reason, switch)
+    words = f"{points} points may open", "an interface that may open", 'behaviour = "perfect" (no opening)'
+    return _interface(p, "unilateral contact", units, "behaviour", 2 * points, "local stage, normal part", words)
 
 
 def friction(p: Prediction) -> Effect:
     """Coulomb friction: the tangential unknowns of contacts."""
     units = [u for u in p.discretised.units if u.behaviour.opens and u.behaviour.n_component > 1]
     n = sum(4 * u.geometry.n_point for u in units)
-    reason = "tangential unknowns where mu > 0, or where nothing slips"
-    switch = f"{FRICTION} > 0", f"{FRICTION} = 0"
-    kernel = "local stage, cone projection"
-    return _interface(p, "friction", units, FRICTION, n, kernel, reason, switch)
+    words = "tangential unknowns where mu > 0, or where nothing slips", f"{FRICTION} > 0", f"{FRICTION} = 0"
+    return _interface(p, "friction", units, FRICTION, n, "local stage, cone projection", words)
 
 
 def gap(p: Prediction) -> Effect:
@@ -276,8 +273,8 @@ def bond(p: Prediction) -> Effect:
     """Interfaces that are perfect connections."""
     units = [u for u in p.discretised.units if bonds(u.behaviour)]
     n = sum(6 * u.geometry.n_point for u in units)
-    switch, kernel = ('behaviour = "perfect"', "one mesh for both bodies"), "local stage, bonds"
-    return _interface(p, "perfect bond", units, "behaviour", n, kernel, "faces with one velocity", switch)
+    words = "faces with one velocity", 'behaviour = "perfect"', "one mesh for both bodies"
+    return _interface(p, "perfect bond", units, "behaviour", n, "local stage, bonds", words)
 
 
 def layers(p: Prediction) -> Effect:
@@ -285,8 +282,8 @@ def layers(p: Prediction) -> Effect:
     units = [u for u in p.discretised.units if u.behaviour.compliant]
     n = sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units if not u.behaviour.opens)
     reason = "tractions that follow the jump of displacement or velocity"
-    switch, kernel = ('behaviour = "elastic_layer", ...', 'behaviour = "perfect"'), "local stage, layers"
-    return _interface(p, "layers and joints", units, "behaviour", n, kernel, reason, switch)
+    words = reason, 'behaviour = "elastic_layer", ...', 'behaviour = "perfect"'
+    return _interface(p, "layers and joints", units, "behaviour", n, "local stage, layers", words)
 
 
 def preload(p: Prediction) -> Effect:
@@ -302,16 +299,19 @@ def preload(p: Prediction) -> Effect:
 
 
 def _interface(
-    p: Prediction, name: str, units: Units, key: str, n: int, kernel: str, reason: str, switch: tuple[str, str]
+    p: Prediction, name: str, units: Units, key: str, n: int, kernel: str, words: tuple[str, str, str]
 ) -> Effect:
-    """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them; ``switch``: on, off."""
+    """An effect that adds ``n`` interface unknowns: its share of the iteration goes with them; ``words``: the reason,
+    what turns it on, what turns it off."""
+    reason, on, off = words
     if not units:
-        return _off(name, [f"interface.*.{key}"], "no interface has it", switch[0])
+        return _off(name, [f"interface.*.{key}"], "no interface has it", on)
+    # products of the iteration are with condensed matrices, whose size is the square of the unknowns
     share = 1 - (1 - n / max(p.run.n_flat, 1)) ** 2
     condensed = share * sum(24 * c.size.channels**2 for c in p.run.classes)
     memory = int(8 * n * (2 * p.run.n_instant + 30) + condensed)
     why = tuple(dict.fromkeys(u.attached or f"interface.{u.name}.{key}" for u in units))
-    return Effect(name, True, why, reason, switch[1], (kernel,), _cost(p, units, n), n, memory)
+    return Effect(name, True, why, reason, off, (kernel,), _cost(p, units, n), n, memory)
 
 
 def _cost(p: Prediction, units: Units, n: int) -> float:

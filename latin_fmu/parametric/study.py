@@ -17,17 +17,24 @@ quantities        parameters (, part)             ``point.QUANTITIES``; NaN wher
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import shutil
+import signal
+import threading
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
+from ..accuracy.runs import Log
 from ..assembly.build import discretise
 from ..effects.cost import Prediction
 from ..effects.memory import amount, memory_need
@@ -43,15 +50,15 @@ from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene
 from .grid import Grid, Index, Parameter, parameters_of, value_text
-from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record
-from .workers import solve_points
-
-Log = Callable[[str], None]
+from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record, failed, solve_point
 
 _KIND: Final = "points of a study"
 _HEAD: Final = "study"  # name of the file that identifies the study of the points in a folder
 _HEADING: Final = "the study cannot be made"
 _MOST_JOBS: Final = 1024
+LOST: Final = "the process that solved this point has ended (killed, or out of memory)"
+_MOST_LOST: Final = 3  # processes lost one after the other: nothing can be solved
+_WAIT: Final = 10.0  # s to wait for the scheduler
 KIND: Final = "parametric study"
 """Attribute ``kind`` of the file of a study."""
 _HISTORIES: Final = {
@@ -114,31 +121,13 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-@dataclass
-class _Progress:
-    """Tells the points as they come, with the time left."""
-
-    total: int
-    log: Log | None
-    done: int
-    came: int = 0
-    failed: int = 0
-
-    def __post_init__(self) -> None:
-        self._begun = clock.monotonic()
-
-    def update(self, point: str, record: Record) -> None:
-        """One more point."""
-        self.done, self.came = self.done + 1, self.came + 1
-        self.failed += record["state"] == FAILED
-        if self.log is None:
-            return
-        left = (clock.monotonic() - self._begun) / self.came * (self.total - self.done)
-        more = f"; about {left:.0f} s left" if left < 90.0 else f"; about {left / 60.0:.0f} min left"
-        state = STATES[int(record["state"])].replace("_", " ")
-        why = f": {record['message']}" if record["state"] == FAILED else ""
-        end = more if self.done < self.total else ""
-        self.log(f"{self.done} of {self.total}: {point}: {state}{why}{end}")
+def _line(record: Record, point: str, done: int, total: int, seconds: float) -> str:
+    """Line on a point that has come: the ``done``-th of ``total``; ``seconds`` : a point has taken so far."""
+    left = seconds * (total - done)
+    more = f"; about {left:.0f} s left" if left < 90.0 else f"; about {left / 60.0:.0f} min left"
+    state = STATES[int(record["state"])].replace("_", " ")
+    why = f": {record['message']}" if record["state"] == FAILED else ""
+    return f"{done} of {total}: {point}: {state}{why}{more if done < total else ''}"
 
 
 def sweep(
@@ -195,8 +184,7 @@ def sweep(
     records = {} if store is None else store.begin()
     if log is not None and records:
         log(f"{len(records)} of {len(grid.order)} points were done before")
-    progress = _Progress(len(grid.order), log, len(records))
-    again = False
+    before, begun, again = len(records), clock.monotonic(), False
 
     def keep(point: Index, record: Record, lost: bool) -> None:
         nonlocal again
@@ -204,22 +192,18 @@ def sweep(
         again |= lost  # worth another try: its process is to blame, not the point
         if store is not None and not lost:
             store.keep(point, record)
-        progress.update(grid.words(point), record)
+        if log is not None:
+            seconds = (clock.monotonic() - begun) / (len(records) - before)
+            log(_line(record, grid.words(point), len(records), len(grid.order), seconds))
 
     waiting = [point for point in grid.order if point not in records]
     solve_points(waiting, Plan(grid, histories, guesses, max_cpu).text(), jobs, scheduler, keep)
     study = dataset_of(grid, checked, records, histories)
     if store is not None and output is not None:
-        _write(study, output)
+        write_netcdf(xr.DataTree(study), output)
         if not again:
             store.remove()
     return study
-
-
-def _write(study: xr.Dataset, output: str | Path) -> None:
-    import xarray as xr
-
-    write_netcdf(xr.DataTree(study), output)
 
 
 def _check_options(grid: Grid, jobs: int, scheduler: str | None, histories: bool) -> None:
@@ -251,24 +235,22 @@ def _check_memory(scene: Scene, jobs: int) -> None:
 
 def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histories: bool) -> xr.Dataset:
     """Dataset of a study (module docstring): ``records`` of all points of the ``grid``, ``scene`` as written."""
+    study = xr.Dataset(coords={p.key: _coordinate(p) for p in grid.parameters}, attrs=_attributes(scene))
     dims = tuple(p.key for p in grid.parameters)
-    coordinates: dict[str, Any] = {p.key: _coordinate(p) for p in grid.parameters}
     states = np.full(grid.shape, 0, dtype=np.int8)
     messages = np.full(grid.shape, "", dtype=object)
     for point, record in records.items():
         states[point], messages[point] = record["state"], record["message"]
     meanings = {"flag_values": np.arange(len(STATES), dtype=np.int8), "flag_meanings": " ".join(STATES)}
     flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "no yes"}
-    variables: dict[str, Any] = {
-        "state": (dims, states, {"long_name": "state of the point", **meanings}),
-        "converged": (dims, (states == CONVERGED).astype(np.int8), {"long_name": "whether it converged", **flags}),
-        "message": (dims, messages.astype(np.str_), {"long_name": "how the run ended, or why there is none"}),
-    }
+    converged = (states == CONVERGED).astype(np.int8)
+    study["state"] = dims, states, {"long_name": "state of the point", **meanings}
+    study["converged"] = dims, converged, {"long_name": "whether it converged", **flags}
+    study["message"] = dims, messages.astype(np.str_), {"long_name": "how the run ended, or why there is none"}
     for quantity in QUANTITIES:
-        _add_quantity(variables, coordinates, grid, records, quantity)
+        _add_quantity(study, records, quantity)
     if histories:
-        _add_histories(variables, coordinates, grid, records)
-    study = xr.Dataset(variables, coordinates, _attributes(scene))
+        _add_histories(study, records)
     for variable in study.variables.values():
         if "units" in variable.attrs:
             variable.attrs["units"] = scene.unit_system.label(variable.attrs["units"])
@@ -276,14 +258,12 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
 
 
 def _coordinate(parameter: Parameter) -> Any:
-    values = parameter.values
-    written = (
-        np.array(values, dtype=float) if parameter.numeric else np.array([value_text(v) for v in values], dtype=np.str_)
-    )
-    attributes = {"long_name": f"scene key {parameter.key}"}
-    if parameter.numeric and (unit := parameter.unit):
+    attributes, values = {"long_name": f"scene key {parameter.key}"}, parameter.values
+    if not parameter.numeric:
+        return parameter.key, np.array([value_text(v) for v in values], dtype=np.str_), attributes
+    if unit := parameter.unit:
         attributes["units"] = unit
-    return parameter.key, written, attributes
+    return parameter.key, np.array(values, dtype=float), attributes
 
 
 def _attributes(scene: Scene) -> dict[str, Any]:
@@ -299,61 +279,215 @@ def _attributes(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _parts(records: Mapping[Index, Record], name: str) -> list[str]:
-    """Names of the parts that have a quantity at some point, in the order of the first that names them."""
-    return list(dict.fromkeys(part for record in records.values() for part in record.get(name, ())))
-
-
-def _add_quantity(
-    variables: dict[str, Any],
-    coordinates: dict[str, Any],
-    grid: Grid,
-    records: Mapping[Index, Record],
-    quantity: Quantity,
-) -> None:
+def _add_quantity(study: xr.Dataset, records: Mapping[Index, Record], quantity: Quantity) -> None:
     """Add one quantity, where some point has it; parts are a coordinate that all quantities of their kind share."""
     given = {point: record[quantity.name] for point, record in records.items() if quantity.name in record}
     if not given:
         return
-    dims, shape = tuple(p.key for p in grid.parameters), grid.shape
-    if not quantity.of:
-        values = np.full(shape, np.nan)
-        for point, value in given.items():
-            values[point] = value
-    else:
-        parts = _all_parts(coordinates, records, quantity.of)
-        dims, values = (*dims, quantity.of), np.full((*shape, len(parts)), np.nan)
-        for point, by_part in given.items():
-            for part, value in by_part.items():
-                values[(*point, parts.index(part))] = value
-    variables[quantity.name] = (dims, values, {"units": quantity.unit, "long_name": quantity.long_name})
+    dims, shape = study["state"].dims, study["state"].shape
+    if quantity.of:
+        parts = _parts(study, records, quantity.of)
+        dims, shape = (*dims, quantity.of), (*shape, len(parts))
+        given = {(*point, parts.index(part)): v for point, values in given.items() for part, v in values.items()}
+    values = np.full(shape, np.nan)
+    for place, value in given.items():
+        values[place] = value
+    study[quantity.name] = dims, values, {"units": quantity.unit, "long_name": quantity.long_name}
 
 
-def _all_parts(coordinates: dict[str, Any], records: Mapping[Index, Record], kind: str) -> list[str]:
-    """Names of the parts of one kind, as a coordinate."""
-    if kind not in coordinates:
+def _parts(study: xr.Dataset, records: Mapping[Index, Record], kind: str) -> list[str]:
+    """Names of the parts of one kind, in the order of the first points that name them; a coordinate of the study."""
+    if kind not in study.coords:
         names = [q.name for q in QUANTITIES if q.of == kind]
-        parts = list(dict.fromkeys(part for name in names for part in _parts(records, name)))
-        coordinates[kind] = (kind, np.array(parts, dtype=np.str_), {"long_name": kind.replace("_", " ")})
-    return [str(part) for part in coordinates[kind][1]]
+        found = (part for name in names for record in records.values() for part in record.get(name, ()))
+        parts = np.array(list(dict.fromkeys(found)), dtype=np.str_)
+        study.coords[kind] = kind, parts, {"long_name": kind.replace("_", " ")}
+    return [str(part) for part in study[kind].values]
 
 
-def _add_histories(
-    variables: dict[str, Any], coordinates: dict[str, Any], grid: Grid, records: Mapping[Index, Record]
-) -> None:
+def _add_histories(study: xr.Dataset, records: Mapping[Index, Record]) -> None:
     """Add the resultants of the interfaces over time; points cut short have no values at the instants they lack."""
     given = {point: record for point, record in records.items() if "histories" in record}
     if not given:
         return
     time = max((np.asarray(record["time"]) for record in given.values()), key=len)
-    coordinates["time"] = ("time", time, {"units": "s", "long_name": "time since the start"})
-    coordinates["axis"] = ("axis", np.array(AXES, dtype=np.str_))
-    parts = _all_parts(coordinates, records, "interface")
+    parts = _parts(study, records, "interface")
+    study.coords["time"] = "time", time, {"units": "s", "long_name": "time since the start"}
+    study.coords["axis"] = "axis", np.array(AXES, dtype=np.str_)
     for name, (unit, long_name) in _HISTORIES.items():
         more, more_dims = ((len(AXES),), ("axis",)) if name == "force" else ((), ())
-        values = np.full((*grid.shape, len(parts), len(time), *more), np.nan)
+        values = np.full((*study["state"].shape, len(parts), len(time), *more), np.nan)
         for point, record in given.items():
             for part, history in record["histories"][name].items():
                 values[point][parts.index(part), : len(history)] = history
-        dims = (*(p.key for p in grid.parameters), "interface", "time", *more_dims)
-        variables[name] = (dims, values, {"units": unit, "long_name": long_name})
+        dims = (*study["state"].dims, "interface", "time", *more_dims)
+        study[name] = dims, values, {"units": unit, "long_name": long_name}
+
+
+# -- processes: this one, others of this machine, or those of a dask cluster ------------------------------------------
+# Each worker is an executor for one process, and has points that follow each other in the order of the study; one that
+# has finished takes the second half of the longest list left. A process solves one point at a time on one thread.
+
+Keep = Callable[[Index, Record, bool], None]
+"""Takes a point, its record, and whether its process was lost."""
+Renew = Callable[[], Executor]
+"""Makes the executor of a worker, at first and after its process was lost."""
+
+
+class _Here(Executor):
+    """Executor that calls in this process."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """The finished future of a call."""
+        future: Future[Any] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+class _Points:
+    """Points that wait, by worker."""
+
+    def __init__(self, points: Sequence[Index], workers: int) -> None:
+        ends = [round(len(points) * i / workers) for i in range(workers + 1)]
+        self._waiting = [list(points[a:b]) for a, b in pairwise(ends)]
+
+    def next(self, worker: int) -> Index | None:
+        """The next point of a worker; None where none is left."""
+        own = self._waiting[worker]
+        if not own:
+            longest = max(self._waiting, key=len)
+            half = len(longest) // 2
+            own += longest[half:]
+            del longest[half:]
+        return own.pop(0) if own else None
+
+
+def solve_points(points: Sequence[Index], plan: str, jobs: int, scheduler: str | None, keep: Keep) -> None:
+    """Solve the points of a study and hand each record to ``keep`` when it comes.
+
+    Parameters
+    ----------
+    plan : of the study, as text. jobs : number of processes; 1 for this one. scheduler : address of a dask scheduler,
+        whose workers take the place of the processes.
+
+    Raises
+    ------
+    InputError : dask.distributed is not installed, the scheduler cannot be reached or has no workers.
+    SolverError : the processes end before they give any result.
+    """
+    if not points:
+        return
+    with ExitStack() as stack:
+        make = _here if jobs == 1 else _processes
+        workers = (
+            stack.enter_context(_cluster(scheduler))
+            if scheduler is not None
+            else stack.enter_context(make(min(jobs, len(points))))
+        )
+        _distribute(_Points(points, len(workers)), plan, workers, keep)
+
+
+def _distribute(points: _Points, plan: str, workers: Sequence[Renew], keep: Keep) -> None:
+    """Give every worker its next point until none is left."""
+    executors = [make() for make in workers]
+    running: dict[Future[Record], tuple[int, Index]] = {}
+    lost = 0
+
+    def start(worker: int) -> None:
+        point = points.next(worker)
+        if point is not None:
+            running[executors[worker].submit(solve_point, plan, point)] = worker, point
+
+    for worker in range(len(workers)):
+        start(worker)
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            worker, point = running.pop(future)
+            try:
+                record, lost = future.result(), 0
+                keep(point, record, False)
+            except _lost_errors() as error:
+                lost += 1
+                keep(point, failed(LOST), True)
+                if lost >= _MOST_LOST:
+                    remedy = "with jobs > 1 a script needs `if __name__ == '__main__':` around its own calls"
+                    raise SolverError(
+                        f"{lost} processes ended one after the other without a result; {remedy}"
+                    ) from error
+                executors[worker] = workers[worker]()
+            start(worker)
+
+
+def _lost_errors() -> tuple[type[BaseException], ...]:
+    """Types of errors that are raised when the process of a worker has ended."""
+    try:
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        return (BrokenProcessPool,)
+    return BrokenProcessPool, KilledWorker
+
+
+@contextmanager
+def _here(_: int) -> Iterator[list[Renew]]:
+    yield [_Here]
+
+
+@contextmanager
+def _processes(jobs: int) -> Iterator[list[Renew]]:
+    """Executors of one process each; the processes end with the context."""
+    context = multiprocessing.get_context("spawn")
+    before, made = set(multiprocessing.active_children()), list[ProcessPoolExecutor]()
+
+    def make() -> Executor:
+        made.append(ProcessPoolExecutor(1, context, _prepare))
+        return made[-1]
+
+    try:
+        yield [make] * jobs
+    except BaseException:  # points under way would be waited for
+        for process in set(multiprocessing.active_children()) - before:
+            process.terminate()
+        raise
+    finally:
+        for executor in made:
+            executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _prepare() -> None:
+    """Start of a process: the one that started it handles interruptions, and it ends with that one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[list[Renew]]:
+    """Executors of the workers of a dask cluster."""
+    try:
+        from distributed import Client
+    except ImportError:
+        what, remedy = "dask.distributed is not installed", "pip install latin-fmu[cluster], or leave the option out"
+        raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy) from None
+    try:
+        client = Client(address, timeout=_WAIT, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        what, remedy = f"the scheduler cannot be reached: {error}", "name its address, e.g. tcp://127.0.0.1:8786"
+        raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy) from None
+    with client:
+        names = sorted(client.nthreads())
+        if not names:
+            what, remedy = "the scheduler has no workers", f"start some: dask worker {address} --nthreads 1"
+            raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy)
+        options: dict[str, Any] = {"allow_other_workers": True, "pure": False}
+
+        def make(name: str) -> Renew:
+            executor: Executor = client.get_executor(workers=[name], **options)
+            return lambda: executor
+
+        yield [make(name) for name in names]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -43,14 +43,6 @@ _AZIMUTH, _ELEVATION = -60.0, 25.0
 _APART, _APART_OF_BODY = 0.3, 0.6
 _ARROW: Final = 0.16
 _MOST_NAMES: Final = 9
-
-
-@dataclass(frozen=True)
-class _Item:
-    """A line of the legend."""
-
-    colour: Colour
-    text: str
 
 
 @dataclass(frozen=True)
@@ -200,64 +192,72 @@ def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:
     return dict(zip(names, shifts, strict=True))
 
 
+_Vector = tuple[Array, Array, str, str, bool]
+"""Place, direction, label and colour of an arrow; whether it starts at the place (it ends there otherwise)."""
+
+
 def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) -> None:
-    """Loads, driven faces, ports, gravity and initial velocities."""
-    label = scene.unit_system.label
+    """Loads, driven faces, ports, gravity and initial velocities, all of one length."""
     everything = np.concatenate([b.mesh.nodes for b in bodies.values()])
     length = _ARROW * float(np.ptp(everything, axis=0).max())
+    of_loads = _loads(scene, bodies, everything, length)
+    for at, direction, text, colour, away in (*of_loads, *_motions(scene, bodies), *_of_bodies(scene, bodies)):
+        size = float(np.linalg.norm(direction))
+        if size > 0:
+            arrow(axis, view, at, length * direction / size, colour, text, away)
+
+
+def _amount(scene: Scene, value: float | Array, unit: str) -> str:
+    """A number, or the size of a vector, with its unit in the system of the scene."""
+    return readable(float(np.linalg.norm(value)), scene.unit_system.label(unit), 3, figure=True)
+
+
+def _loads(scene: Scene, bodies: Mapping[str, Body], everything: Array, length: float) -> Iterator[_Vector]:
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
         if load.pressure is not None:
-            direction, text = (
-                -np.sign(load.pressure or 1.0) * normal,
-                readable(load.pressure, label("Pa"), 3, figure=True),
-            )
+            direction = -np.sign(load.pressure or 1.0) * normal
+            text = readable(load.pressure, scene.unit_system.label("Pa"), 3, figure=True)
         else:
             turns = load.force is None and load.traction is None
             direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
-            unit = "N m" if turns else "Pa" if load.force is None else "N"
-            text = readable(float(np.linalg.norm(direction)), label(unit), 3, figure=True)
+            text = _amount(scene, direction, "N m" if turns else "Pa" if load.force is None else "N")
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
-        _arrow(axis, view, centre, direction, length, LOAD, f"{name}\n{text}", outwards)
+        yield centre, direction, f"{name}\n{text}", LOAD, outwards
+
+
+def _motions(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
+    """Driven faces and ports."""
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, Driven):
-            centre, _ = _middle(bodies, boundary.face)
             direction = np.zeros(3)
             direction[["xyz".index(c) for c in boundary.components]] = boundary.value
             if boundary.axes is not None:
                 direction = np.array(boundary.axes.rows).T @ direction
             unit = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}[boundary.type]
-            text = readable(float(np.linalg.norm(direction)), label(unit), 3, figure=True)
-            _arrow(axis, view, centre, direction, length, SUPPORTS[boundary.type], f"{name}\n{text}", True)
+            text = f"{name}\n{_amount(scene, direction, unit)}"
+            yield _middle(bodies, boundary.face)[0], direction, text, SUPPORTS[boundary.type], True
     for name, port in scene.port.items():
-        centre, normal = _middle(bodies, port.face)
         text = f"{name}\nport, {port.causality.replace('_', ' ')}: {' '.join(port.components)}"
-        _arrow(axis, view, centre, normal, length, MOTION if port.causality == "motion_in" else LOAD, text, True)
+        yield *_middle(bodies, port.face), text, MOTION if port.causality == "motion_in" else LOAD, True
+
+
+def _of_bodies(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
+    """Gravity, beside the bodies; initial velocities and body forces."""
     if scene.gravity is not None:
-        direction, beside = np.asarray(scene.gravity.acceleration, dtype=float), everything.min(axis=0)
-        text = f"gravity\n{readable(float(np.linalg.norm(direction)), label('m s-2'), 3, figure=True)}"
-        _arrow(axis, view, beside, direction, length, LOAD, text, True)
+        direction = np.asarray(scene.gravity.acceleration, dtype=float)
+        beside = np.min([body.mesh.nodes.min(axis=0) for body in bodies.values()], axis=0)
+        yield beside, direction, f"gravity\n{_amount(scene, direction, 'm s-2')}", LOAD, True
     for body in bodies.values():
         low, high = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
-        for vector, unit, colour in (
-            (body.description.initial_velocity, "m s-1", MOTION),
-            (body.description.body_force, "N m-3", LOAD),
-        ):
+        given = body.description
+        for vector, unit, colour in ((given.initial_velocity, "m s-1", MOTION), (given.body_force, "N m-3", LOAD)):
             direction = np.asarray(vector, dtype=float)
-            size = float(np.linalg.norm(direction))
+            aside = np.abs(direction) > 0.1 * np.linalg.norm(direction)
             # behind the body, so that neither arrow nor label covers it
-            behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * (np.abs(direction) > 0.1 * size)
-            text = f"{body.name}\n{readable(size, label(unit), 3, figure=True)}"
-            _arrow(axis, view, behind, direction, length, colour, text)
-
-
-def _arrow(
-    axis: Axes, view: View, at: Array, direction: Array, length: float, colour: str, label: str, away: bool = False
-) -> None:
-    size = float(np.linalg.norm(direction))
-    if size > 0:
-        arrow(axis, view, at, length * direction / size, colour, label, away)
+            behind = 0.5 * (low + high) - 0.5 * (high - low) * np.sign(direction) * aside
+            yield behind, direction, f"{body.name}\n{_amount(scene, direction, unit)}", colour, False
 
 
 def _middle(bodies: Mapping[str, Body], face: str) -> tuple[Array, Array]:
@@ -273,15 +273,15 @@ def _middle(bodies: Mapping[str, Body], face: str) -> tuple[Array, Array]:
 def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], strong: Mapping[str, Colour]) -> None:
     from matplotlib.patches import Patch
 
-    parts = [_Item(tints[n], f"{n} ({b.description.material})") for n, b in assembly.bodies.items()]
-    joints = [_Item(strong[joint.name], joint.text) for joint in assembly.joints]
+    parts = [(tints[n], f"{n} ({b.description.material})") for n, b in assembly.bodies.items()]
+    joints = [(strong[joint.name], joint.text) for joint in assembly.joints]
     by_type: dict[str, list[str]] = {}
     for name, boundary in assembly.scene.boundary.items():
         by_type.setdefault(boundary.type, []).append(name)
-    held = [_Item(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
+    held = [(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
     items = [*_shortened(parts, "parts"), *_shortened(joints, "interfaces"), *held]
-    handles = [Patch(facecolor=item.colour, edgecolor="0.3", linewidth=0.5, label=item.text) for item in items]
-    columns = 4 if max(len(item.text) for item in items) < 30 else 3
+    handles = [Patch(facecolor=colour, edgecolor="0.3", linewidth=0.5, label=text) for colour, text in items]
+    columns = 4 if max(len(text) for _, text in items) < 30 else 3
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
 
 
@@ -289,7 +289,7 @@ def _few(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" ... ({len(names)})" if len(names) > 3 else "")
 
 
-def _shortened(items: list[_Item], what: str) -> list[_Item]:
+def _shortened(items: Sequence[tuple[Colour, str]], what: str) -> list[tuple[Colour, str]]:
     if len(items) <= _MOST_NAMES:
-        return items
-    return [*items[:_MOST_NAMES], _Item("#FFFFFF", f"... {len(items)} {what} in all")]
+        return list(items)
+    return [*items[:_MOST_NAMES], ("#FFFFFF", f"... {len(items)} {what} in all")]

@@ -34,17 +34,18 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     size = max(float(np.ptp(np.concatenate([s.points for s in skins]), axis=0).max()), 1e-300)
     corners, colours, depths, widths = [], [], [], []
     for skin in skins:
-        pieces, rows = _cut_facets(skin, view, _PIECE * size)
-        lit = view.lit(skin)[rows]
+        front = np.flatnonzero(skin.normals() @ view.viewer > 0)
+        pieces, rows = _cut(skin.points[skin.facets[front]], _PIECE * size)
         corners.append(pieces)
-        colours.append(lit)
+        colours.append(view.lit(skin)[front[rows]])
         depths.append(pieces.mean(axis=1) @ view.viewer)
         widths.append(np.full(len(pieces), 0.4))  # in the colour of the facet: no gaps between pieces
-        lines, strength = _cut_edges(skin, view, _PIECE * size)
+        edges, strength = edges_of(skin, view)
+        lines, rows = _cut(skin.points[edges[:, [0, 1, 1, 0]]], _PIECE * size, across=False)
         corners.append(lines)
-        colours.append(np.tile((1.0 - 0.85 * strength)[:, None] * 0.45, (1, 3)))
+        colours.append(np.tile((1.0 - 0.85 * strength[rows])[:, None] * 0.45, (1, 3)))
         depths.append(lines.mean(axis=1) @ view.viewer + _LIFT * size)
-        widths.append(np.where(strength == 1.0, 0.7, 0.2))
+        widths.append(np.where(strength[rows] == 1.0, 0.7, 0.2))
     order = np.argsort(np.concatenate(depths))
     colour = np.concatenate(colours)[order]
     flat = view.project(np.concatenate(corners).reshape(-1, 3)).reshape(-1, 4, 2)[order]
@@ -60,47 +61,21 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     )
 
 
-def _cut_facets(skin: Skin, view: View, piece: float) -> tuple[Array, Array]:
-    """Corners (n, 4, 3) of the pieces of the facets that face the viewer, and the facet of each."""
-    front = np.flatnonzero(skin.normals() @ view.viewer > 0)
-    corners = skin.points[skin.facets[front]]
+def _cut(corners: Array, piece: float, across: bool = True) -> tuple[Array, Array]:
+    """Quadrilaterals (m, 4, 3) in pieces (n, 4, 3) whose edges are not longer than ``piece``, and the row of each; not
+    ``across``: an edge there and back, which is cut along itself only."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     cuts = np.clip(np.ceil(longest / piece), 1, _MOST_CUTS).astype(int)
     pieces, rows = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.int64)]
     for n in np.unique(cuts):
-        chosen = cuts == n
-        grid = _bilinear(corners[chosen], int(n))
-        pieces.append(grid.reshape(-1, 4, 3))
-        rows.append(np.repeat(front[chosen], n * n))
+        chosen = np.flatnonzero(cuts == n)
+        r, s = np.meshgrid(np.linspace(0.0, 1.0, n + 1), np.linspace(0.0, 1.0, n + 1 if across else 2), indexing="ij")
+        weights = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=-1)  # bilinear
+        grid = np.einsum("rsc,mcx->mrsx", weights, corners[chosen])
+        turn = [grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]]
+        pieces.append(np.stack(turn, axis=3).reshape(-1, 4, 3))
+        rows.append(np.repeat(chosen, len(pieces[-1]) // len(chosen)))
     return np.concatenate(pieces), np.concatenate(rows)
-
-
-def _bilinear(corners: Array, n: int) -> Array:
-    """Quadrilaterals (m, 4, 3) cut in n x n: (m, n * n, 4, 3)."""
-    t = np.linspace(0.0, 1.0, n + 1)
-    r, s = np.meshgrid(t, t, indexing="ij")
-    weights = np.stack([(1 - r) * (1 - s), r * (1 - s), r * s, (1 - r) * s], axis=-1)
-    grid = np.einsum("rsc,mcx->mrsx", weights, corners)
-    turn = [grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]]
-    cells: Array = np.stack(turn, axis=3).reshape(len(corners), n * n, 4, 3)
-    return cells
-
-
-def _cut_edges(skin: Skin, view: View, piece: float) -> tuple[Array, Array]:
-    """Pieces of the edges as flat quadrilaterals (n, 4, 3), and how strongly each is drawn."""
-    edges, strength = edges_of(skin, view)
-    ends = skin.points[edges]
-    longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    cuts = np.clip(np.ceil(longest / piece), 1, _MOST_CUTS).astype(int)
-    pieces, strengths = [np.zeros((0, 4, 3))], [np.zeros(0)]
-    for n in np.unique(cuts):
-        chosen = cuts == n
-        t = np.linspace(0.0, 1.0, n + 1)[None, :, None]
-        points = (1 - t) * ends[chosen, :1] + t * ends[chosen, 1:]
-        a, b = points[:, :-1], points[:, 1:]
-        pieces.append(np.stack([a, b, b, a], axis=2).reshape(-1, 4, 3))
-        strengths.append(np.repeat(strength[chosen], n))
-    return np.concatenate(pieces), np.concatenate(strengths)
 
 
 _MARGIN: Final = 0.06  # of the largest size, between bodies and axes
@@ -114,8 +89,13 @@ def draw(axis: Axes, skins: Sequence[Skin], view: View, around: Array | None = N
     axis.set_aspect("equal")
     axis.set_axis_off()
     flat = view.project(np.concatenate([s.points for s in skins]) if around is None else around)
+    zoom(axis, flat, 0.04)
+
+
+def zoom(axis: Axes, flat: Array, around: float) -> None:
+    """Limits of the axes: the points (n, 2), and ``around`` them this share of their size."""
     low, high = flat.min(axis=0), flat.max(axis=0)
-    room = 0.04 * float(np.max(high - low))
+    room = around * float(np.max(high - low))
     axis.set_xlim(low[0] - room, high[0] + room)
     axis.set_ylim(low[1] - room, high[1] + room)
 
@@ -152,7 +132,7 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
         if k == 2:  # left of everything drawn so far
             room = view.project(start[None])[0, 0] - axis.get_xlim()[0]
             start, end = start - max(room, 0.0) * view.right, end - max(room, 0.0) * view.right
-        _axis_line(axis, view, start, end, k, [t * divisor for t in ticks], outward, size)
+        _axis_line(axis, view, np.stack([start, end]), k, [t * divisor for t in ticks], outward, size)
         for tick in ticks:
             if not low[k] - 1e-9 * size <= tick * divisor <= high[k] + 1e-9 * size:
                 continue
@@ -166,13 +146,13 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
 
 
 def _axis_line(
-    axis: Axes, view: View, start: Array, end: Array, k: int, ticks: list[float], outward: Array, size: float
+    axis: Axes, view: View, ends: Array, k: int, ticks: Sequence[float], outward: Array, size: float
 ) -> None:
-    line = view.project(np.stack([start, end]))
-    axis.plot(*line.T, color="0.4", linewidth=0.8, zorder=0, clip_on=False)
+    """The line between two ``ends`` (2, 3) along axis ``k``, and the ticks that lie on it."""
+    axis.plot(*view.project(ends).T, color="0.4", linewidth=0.8, zorder=0, clip_on=False)
     for tick in ticks:
-        if start[k] - 1e-9 * size <= tick <= end[k] + 1e-9 * size:
-            place = start.copy()
+        if ends[0, k] - 1e-9 * size <= tick <= ends[1, k] + 1e-9 * size:
+            place = ends[0].copy()
             place[k] = tick
             at = view.project(place[None])[0]
             axis.plot(*np.stack([at, at + _TICK * size * outward]).T, color="0.4", linewidth=0.8, clip_on=False)

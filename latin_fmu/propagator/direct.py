@@ -168,7 +168,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     if model.swept:
         pattern = DashpotPattern(model)
         factor = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
-        compliance: Any = InterfaceCompliance(factor, dofs, trace, gain, pattern.on_interface)
+        compliance: Any = InterfaceCompliance(factor, dofs, trace, gain, pattern)
 
         def on_dashpots(dashpots: Array, dtype: Any) -> CholeskyFactor:
             return pattern.factor(factors, gain * dashpots, dtype)
@@ -178,7 +178,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         if model.factor == "cg":
             factor = IterativeFactor(matrix, dofs)
         else:
-            factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor))
+            factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), model.store)
         compliance = projected(trace, gain, factor.schur_inverse)
     area, massless = model.channel_area, model.massless
     same = (mass, damping, stiffness, factor, dofs, trace, model.spread, area, compliance, massless)
@@ -238,7 +238,10 @@ class DirectPropagator(Propagator):
         ops = self.operators
         if ops.with_dashpots is not None:
             return ops.with_dashpots(ops.area * k, "float32" if self.single else self.members[0].factor)
-        return with_dashpots(ops.trace, ops.gain, ops.factor.schur, ops.area * k)
+        store, factor, dashpots = self.members[0].store, ops.factor, ops.area * k
+        name = store.name("dashpots", ops.trace, ops.gain, factor.schur, dashpots)
+        made = store.remember(name, lambda: {"y": with_dashpots(ops.trace, ops.gain, factor.schur, dashpots)})
+        return made["y"]
 
 
 class CgPropagator(DirectPropagator):

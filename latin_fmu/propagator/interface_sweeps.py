@@ -131,15 +131,20 @@ class InterfaceCompliance:
     Parameters
     ----------
     factor : of A, with the interface dofs as its face. dofs : these. trace : (n_channel, n_gamma) from them to the
-    channels. gain : velocities per solution with A. pattern : (n, n) of T^T T.
+    channels. gain : velocities per solution with A. pattern : of A with dashpots on it.
     """
 
     def __init__(
-        self, factor: CholeskyFactor, dofs: Index, trace: sp.csr_array, gain: float, pattern: sp.csr_array
+        self, factor: CholeskyFactor, dofs: Index, trace: sp.csr_array, gain: float, pattern: DashpotPattern
     ) -> None:
         self.factor, self._trace, self.gain = factor, trace, gain
-        inverse = factor.face_inverse(pattern)[dofs][:, dofs]
-        self._diagonal: Array = gain * np.asarray((trace @ inverse).multiply(trace).sum(axis=1)).ravel()
+
+        def diagonal() -> dict[str, Array]:
+            inverse = factor.face_inverse(pattern.on_interface)[dofs][:, dofs]
+            return {"of_one": np.asarray((trace @ inverse).multiply(trace).sum(axis=1)).ravel()}
+
+        name = pattern.store.name("diagonal", factor.name, trace, dofs)
+        self._diagonal: Array = gain * pattern.store.remember(name, diagonal)["of_one"]
 
     def diagonal(self) -> Array:
         """Entries (n_channel,) of the diagonal."""
@@ -236,6 +241,7 @@ class DashpotPattern:
         else:
             mass, damping, stiffness = model.reduced
             matrices = [mass, stiffness] if damping is None else [mass, stiffness, damping]
+        self.store = model.store
         self._matrices = matrices
         self._trace = model.reduced_trace
         size = sp.csr_array((np.ones(self._trace.nnz), self._trace.indices, self._trace.indptr), self._trace.shape)
@@ -250,12 +256,12 @@ class DashpotPattern:
     def symbolic(self) -> Symbolic:
         """Pattern of the factor, interface dofs its face."""
         some = self.sum([1.0] * len(self._matrices))
-        return shared_analysis(Pattern(some, NONE, self.rank, self._dofs))
+        return shared_analysis(Pattern(some, NONE, self.rank, self._dofs, self.store))
 
     def factor(self, factors: Sequence[float], dashpots: Array, dtype: Any) -> CholeskyFactor:
         """Factor of ``sum``, interface dofs its face."""
         matrix = self.sum(factors, dashpots)
-        return CholeskyFactor(matrix, NONE, dtype=np.dtype(dtype), symbolic=self.symbolic, face=self._dofs)
+        return CholeskyFactor(matrix, NONE, None, np.dtype(dtype), self.symbolic, self._dofs, self.store)
 
     def sum(self, factors: Sequence[float], dashpots: Array | None = None) -> sp.csr_array:
         """Sum of factors times M, K and C, where there are (without inertia K alone), plus T^T diag(``dashpots``) T for

@@ -19,6 +19,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..cholesky.factor import InterfaceFactor
+from ..operator_store import NO_STORE, OperatorStore
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -229,6 +230,9 @@ class SubstructureModel:
 
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
+
+    store: OperatorStore = NO_STORE
+    """Where operators are looked for, and kept."""
 
     @property
     def n_full(self) -> int:

@@ -34,6 +34,7 @@ import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
 from ..errors import SolverError
+from ..operator_store import NO_STORE, OperatorStore
 from ..time_scheme import QuasiStatic
 from .base import Propagator
 from .interface_matrices import STILL
@@ -58,7 +59,7 @@ class StaticOperators:
         others held, or of a swept class with the others on the springs, which is at hand and takes as many iterations.
     compliance : (n_channel, n_channel) velocities of the channels per unit of nodal force, m s-1 N-1, of the body on
         its springs: D of one instant does not exist for a floating body, (D^-1 + k_0)^-1 always does.
-    factor_on : of a swept class, its factor on other springs (n_channel,), Pa m-1.
+    factor_on : of a swept class, its factor on other springs (n_channel,), Pa m-1. store : of dense inverses.
     """
 
     stiffness: sp.csr_array
@@ -71,6 +72,7 @@ class StaticOperators:
     diagonal: Array
     compliance: Any
     factor_on: Callable[[Array], CholeskyFactor] | None = None
+    store: OperatorStore = NO_STORE
 
     @property
     def massless(self) -> Index:
@@ -92,7 +94,12 @@ class StaticOperators:
         """
         if not len(self.dofs):
             return np.zeros((0, 0))
-        shift = self.trace.T @ sp.diags_array(self.area * (k - self.springs)) @ self.trace
+        shift = sp.csr_array(self.trace.T @ sp.diags_array(self.area * (k - self.springs)) @ self.trace)
+        name = self.store.name("springs", self.factor.schur, shift)
+        return self.store.remember(name, lambda: {"inverse": self._inverse(shift)})["inverse"]
+
+    def _inverse(self, shift: sp.csr_array) -> Array:
+        """(S + shift)^-1."""
         root, info = lapack.dpotrf((self.factor.schur + shift.toarray()).T, lower=0, overwrite_a=1)
         if info:
             raise la.LinAlgError("springs that leave the body free to move")
@@ -115,20 +122,20 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
             return pattern.factor([1.0], area * own_springs, np.float64)
 
         factor = factor_on(springs)
-        compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern.on_interface)
+        compliance: Any = InterfaceCompliance(factor, dofs, trace, 1.0 / dt, pattern)
         alone = dt * area * compliance.diagonal()
         own = np.divide(1.0, alone, out=np.zeros_like(alone), where=alone > STILL * alone.max(initial=0.0))
     else:
         whole = sp.csc_array(model.reduced_trace)
         held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
-        factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank)
+        factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank, store=model.store)
         own = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
         dense = trace @ (trace @ factor.schur_inverse).T / dt
         compliance = 0.5 * (dense + dense.T)
     moves = np.diff(trace.indptr) > 0
     diagonal = np.where(moves, np.maximum(own, springs), 0.0)  # a rigid body has none of its own
     same = (stiffness, factor, dofs, trace, model.spread, area, springs, diagonal, compliance)
-    return StaticOperators(*same, factor_on)
+    return StaticOperators(*same, factor_on, model.store)
 
 
 class StaticPropagator(Propagator):

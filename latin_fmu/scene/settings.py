@@ -336,6 +336,15 @@ def _check_window(value: object) -> object:
     raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
 
 
+class OperatorFolder(Table):
+    """Folder in which factors and dense matrices of interfaces are kept: a run of the same bodies, steps and search
+    directions reads them, whatever its loads, friction, gaps and bolt forces are. Results are the same to the last
+    bit. It may be shared by runs at the same time; an entry that is damaged, or of another version, is made anew."""
+
+    folder: Annotated[Text, about("relative to the scene; made where it does not exist")]
+    limit: Annotated[Real, about("size of all entries; the ones used longest ago are removed", "GB", gt=0)] = 10.0
+
+
 _Direction = Automatic | Impedance | Uniform | Diagonal | Row
 SearchDirection = Annotated[Annotated[_Direction, Field(discriminator="type")], by_type(_Direction, "automatic")]
 _Acceleration = Anderson | NoAcceleration
@@ -417,6 +426,9 @@ class Solver(Table):
         bool, about("identical substructures share one factorisation and are solved together: faster, same results")
     ] = True
 
+    operators: Annotated[
+        OperatorFolder | None, about("folder that keeps what is factorised for the next run; none where left out")
+    ] = None
     threads: Annotated[
         int,
         Field(ge=1, le=256),

@@ -6,19 +6,19 @@
 
 from __future__ import annotations
 
-from . import contrast, friction, impact, joints, settings, surfaces
+from . import contrast, impact, joints, surfaces
 from .case import Bench, Case, Measure, Row, run_case, run_suite
 
 CASES: tuple[Case, ...] = (
     *contrast.contrast_cases(),
     *impact.gap_cases(),
-    *friction.cases(),
+    *joints.friction_cases(),
     *joints.joint_cases(),
     *surfaces.surface_cases(),
     *contrast.shape_cases(),
-    *settings.setting_cases(),
+    *contrast.setting_cases(),
     *impact.long_cases(),
-    *settings.bad_input_cases(),
+    *contrast.bad_input_cases(),
 )
 """All hard cases, in the order of the report."""
 

@@ -239,6 +239,26 @@ def openings(force: Array, level: float) -> int:
     return count
 
 
+def resultant(solution: Solution, interface: str = "meet") -> Array:
+    """Force on side E, (n_time, 3)."""
+    return solution.interfaces[interface].force()
+
+
+def force_off(
+    solution: Solution, reference: Solution, limit: float, interface: str = "meet", what: str = "force off by"
+) -> Measure:
+    """Largest difference of the force on an interface from that of another run, over the largest force of that run."""
+    return Measure(what, distance(resultant(solution, interface), resultant(reference, interface)), limit)
+
+
+def against_round_off(bench: Bench, scene: Description) -> list[Measure]:
+    """The force, to the force tolerance of 1e-2, is that of the same discrete problem iterated to round-off; and the
+    laws of every run."""
+    solution = bench.converged(scene)
+    exact = bench.converged(scene | {"solver": dict(TIGHT)}, counted=False)
+    return [force_off(solution, exact, 1e-2), *laws(solution)]
+
+
 def laws(solution: Solution, round_off: float = 1e-9) -> list[Measure]:
     """Laws that hold in every run: no tension, Coulomb's cone, energy balance to ``round_off``, no energy gained."""
     return [*contact_laws(solution), *energy_laws(solution, round_off)]

@@ -26,10 +26,13 @@ from latin_fmu.accuracy.study import (
     Row,
     Study,
     StudyRuns,
+    as_text,
+    cheapest,
+    sources,
     unreduced,
+    useful_tolerances,
     variants_of,
 )
-from latin_fmu.accuracy.study_report import as_text, price, sources, useful_tolerances
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
@@ -46,7 +49,7 @@ def made_up(mesh: float, steps: float, tolerance: float = 1e-3, cpu: float = 1.0
     value = 1.0 + 0.04 / mesh + 0.01 / steps + 0.3 * tolerance + left
     at = Resolution(mesh, steps, tolerance)
     run = Run(at, Quantities({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
-    return Row("", "own", at, tolerance, run)
+    return Row("", "own", tolerance, run)
 
 
 @pytest.fixture
@@ -84,11 +87,10 @@ def test_the_price_is_that_of_the_cheapest_run_that_keeps_the_target(linear: Stu
     lucky.series = TOGETHER
     linear.rows.append(lucky)
     assert abs(linear.error(lucky, Q)) < 0.03
-    cheapest = price(linear, Q, 0.03)
-    assert cheapest.row is not None
-    assert cheapest.row.run is not None
-    assert cheapest.row.run.cpu == 4.0
-    assert price(linear, Q, 1e-3).row is None
+    found = cheapest(linear, Q, 0.03)
+    assert found is not None
+    assert found.run.cpu == 4.0
+    assert cheapest(linear, Q, 1e-3) is None
 
 
 def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
@@ -98,7 +100,7 @@ def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
 
 
 def test_a_run_that_fails_is_kept(linear: Study) -> None:
-    linear.rows.append(Row(TOGETHER, "other", Resolution(), 1e-3, None, "no step is stable"))
+    linear.rows.append(Row(TOGETHER, "other", 1e-3, Run(Resolution(), status="no step is stable")))
     assert math.isnan(linear.error(linear.rows[-1], Q))
     assert linear.of(TOGETHER, "other") == []
 
@@ -112,7 +114,7 @@ def test_every_scheme_of_the_registry_is_tried() -> None:
 
 def test_run_time_fit_follows_two_runs() -> None:
     rows = [made_up(f, f, cpu=0.1 + 0.2 * f**2) for f in (1.0, 2.0)]
-    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows])
     assert fit.seconds(4.0, 4.0) == pytest.approx(0.1 + 0.2 * 16)
 
 
@@ -121,7 +123,7 @@ def test_run_time_fit_with_an_expensive_first_run(seconds: tuple[float, float, f
     """The first run of a process also pays for loading kernels: the cheapest and the largest count; where the largest
     is the cheapest, all its cost is taken for work."""
     rows = [made_up(f, f, cpu=cpu) for f, cpu in zip((0.5, 1.0, 2.0), seconds, strict=True)]
-    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows if r.run is not None])
+    fit = RunTimeFit.of(shipped("impact_bar"), [r.run for r in rows])
     assert fit.seconds(4.0, 4.0) == pytest.approx(foreseen)
 
 

@@ -16,7 +16,6 @@ import xarray as xr
 from latin_fmu import InputError, SceneError, SolverError, api, cli, load_scene, scene_from_dict, solve, sweep
 from latin_fmu.assembly.kept_operators import KeptOperators
 from latin_fmu.parametric import study as study_module
-from latin_fmu.parametric import workers
 from latin_fmu.parametric.grid import parameters_of, read_parameter, to_and_fro
 from latin_fmu.propagator import direct
 from latin_fmu.results.quantities_of_interest import slip_in_contact
@@ -287,7 +286,7 @@ class _Losing:
 def test_a_lost_process_costs_one_point_which_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, solved: list[str]
 ) -> None:
-    monkeypatch.setattr(workers, "_Here", _Losing)
+    monkeypatch.setattr(study_module, "_Here", _Losing)
     monkeypatch.setattr(_Losing, "calls", 0)
     output = tmp_path / "study.nc"
     study = sweep(SCENE, {FRICTION: [0.0, 0.1, 0.2]}, output, settings=TINY)
@@ -299,7 +298,7 @@ def test_a_lost_process_costs_one_point_which_is_tried_again(
 
 
 def test_processes_that_never_answer_end_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "_Here", _Losing)
+    monkeypatch.setattr(study_module, "_Here", _Losing)
     monkeypatch.setattr(_Losing, "calls", 0)
     monkeypatch.setattr(_Losing, "lost", tuple(range(100)))
     with pytest.raises(SolverError, match="__main__"):
@@ -356,7 +355,7 @@ def test_a_dask_cluster_gives_the_bits_of_this_process() -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "_WAIT", 0.5)
+    monkeypatch.setattr(study_module, "_WAIT", 0.5)
     for address in ("tcp://127.0.0.1:9", "nowhere at all"):
         with pytest.raises(InputError, match="cannot be reached"):
             sweep(SCENE, {FRICTION: [0.0, 0.1]}, settings=TINY, scheduler=address)

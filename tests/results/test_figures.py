@@ -17,8 +17,7 @@ import latin_fmu
 from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.parametric.figure import study_figure
-from latin_fmu.pictures.interface_map import Window, map_figure, map_in_motion, save_film
-from latin_fmu.pictures.result_picture import bodies_in_motion
+from latin_fmu.pictures.result_picture import Window, bodies_in_motion, map_figure, map_in_motion, save_film
 from latin_fmu.pictures.style import PRESSURE, SEQUENTIAL, curve_styles, styled
 from latin_fmu.pictures.summary_picture import STATUS_COLOURS, summary_figure
 from latin_fmu.results import views

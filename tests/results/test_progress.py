@@ -37,78 +37,52 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_a_log_gets_a_line_every_few_seconds(clock: Clock) -> None:
-    stream = io.StringIO()
-    progress = Progress(stream, 1e-3, clock)
-    for done in range(100):
-        progress.update(done, 100, 1, 0.5)
-        clock.now += 0.125
-    progress.close()
-    lines = stream.getvalue().splitlines()
-    assert len(lines) == 4
-    assert lines[0].startswith("24 % (24 of 100 windows), iteration 1, sqrt(eta) 5.0e-01, about 10 s left")
-
-
-def test_a_short_run_leaves_no_line_in_a_log(clock: Clock) -> None:
-    stream = io.StringIO()
-    progress = Progress(stream, 1e-3, clock)
-    progress.update(0, 1, 1, 0.5)
-    progress.close()
-    assert stream.getvalue() == ""
-
-
-def test_a_terminal_has_one_line_that_is_cleared(clock: Clock) -> None:
-    stream = Terminal()
-    progress = Progress(stream, 1e-3, clock)
-    for done in range(10):
-        progress.update(done, 10, 2, 1e-2)
-        clock.now += 1.0
-    progress.close()
-    text = stream.getvalue()
-    assert "\n" not in text
-    assert "about 1 s left" in text
-    assert text.endswith("\r")
-    assert not text.split("\r")[-2].strip()
-
-
-def test_set_up_time_does_not_spoil_the_estimate(clock: Clock) -> None:
-    stream = Terminal()
-    progress = Progress(stream, 1e-3, clock)
+@pytest.fixture
+def run(clock: Clock) -> Progress:
+    """The progress of a run to the tolerance 1e-3 whose first seconds are over."""
+    progress = Progress(1e-3, stream=Terminal(), clock=clock)
     clock.now += 1000.0
-    for done in range(5):
-        progress.update(done, 10, 1, 0.1)
-        clock.now += 2.0
-    assert "about 12 s left" in stream.getvalue().split("\r")[-1]
+    return progress
 
 
-def test_one_window_extrapolates_the_error_to_the_tolerance(clock: Clock) -> None:
-    stream = Terminal()
-    progress = Progress(stream, 1e-3, clock)
+def test_a_run_shows_its_windows_and_the_time_left_without_that_of_the_set_up(clock: Clock, run: Progress) -> None:
+    assert run.line() == "set-up: 17 min so far"
+    for done in range(25):
+        run.update(done, 100, 1, 0.5)
+        clock.now += 0.125
+    clock.now -= 0.125
+    assert run.line() == "24 % (24 of 100 windows), iteration 1, sqrt(eta) 5.0e-01, about 10 s left"
+
+
+def test_a_short_run_leaves_no_line(clock: Clock) -> None:
+    progress = Progress(1e-3, stream=io.StringIO(), clock=clock)
+    progress.update(0, 1, 1, 0.5)
+    clock.now += 0.9 * PATIENCE
+    assert progress.line() is None
+
+
+def test_one_window_extrapolates_the_error_to_the_tolerance(clock: Clock, run: Progress) -> None:
     for iteration in range(1, 4):
-        progress.update(0, 1, iteration, 10.0 ** -(0.5 * iteration))
+        run.update(0, 1, iteration, 10.0 ** -(0.5 * iteration))
         clock.now += 60.0
-    last = stream.getvalue().split("\r")[-1]
-    assert "iteration 3" in last
-    assert "about 3 min left" in last  # 10^-1.5 after two steps of 60 s; three more to 10^-3
+    clock.now -= 60.0
+    # 10^-1.5 after two steps of 60 s; three more to 10^-3
+    assert run.line() == "iteration 3, sqrt(eta) 3.2e-02, about 3 min left"
 
 
 @pytest.mark.parametrize("error", [0.0, float("nan"), float("inf")])
-def test_odd_errors_give_no_estimate(clock: Clock, error: float) -> None:
-    stream = Terminal()
-    progress = Progress(stream, 1e-3, clock)
+def test_odd_errors_give_no_estimate(clock: Clock, run: Progress, error: float) -> None:
     for iteration in (1, 2):
-        progress.update(0, 1, iteration, error)
+        run.update(0, 1, iteration, error)
         clock.now += 10.0
-    assert "left" not in stream.getvalue()
+    assert "left" not in str(run.line())
 
 
-def test_long_times_are_told_in_hours(clock: Clock) -> None:
-    stream = Terminal()
-    progress = Progress(stream, 1e-3, clock)
-    progress.update(0, 100, 1, 0.1)
+def test_long_times_are_told_in_hours(clock: Clock, run: Progress) -> None:
+    run.update(0, 100, 1, 0.1)
     clock.now += 360.0
-    progress.update(1, 100, 1, 0.1)
-    assert "about 9.9 h left" in stream.getvalue()
+    run.update(1, 100, 1, 0.1)
+    assert str(run.line()).endswith("about 9.9 h left")
 
 
 def test_a_wait_shows_the_time_left_by_its_share(clock: Clock) -> None:
@@ -117,7 +91,7 @@ def test_a_wait_shows_the_time_left_by_its_share(clock: Clock) -> None:
     assert waiting.line() is None
     clock.now += 10.0 - 0.9 * PATIENCE
     assert waiting.line() == "spectra: 10 s so far"
-    waiting.update(0.25, "spectrum of tip")
+    waiting.reached(0.25, "spectrum of tip")
     assert waiting.line() == "spectrum of tip: 10 s so far, about 30 s left"
     clock.now += 10_000.0
     assert str(waiting.line()).endswith("8.3 h left")
@@ -131,17 +105,24 @@ def test_a_wait_of_known_length(clock: Clock) -> None:
     assert waiting.line() == "study: 30 s so far, about 0 s left"
 
 
-@pytest.mark.parametrize("stream", [Terminal(), io.StringIO()], ids=["terminal", "log"])
-def test_a_wait_prints_by_itself_and_clears_its_line(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", [Terminal, io.StringIO], ids=["terminal", "log"])
+@pytest.mark.parametrize("run", [False, True], ids=["work", "run"])
+def test_a_wait_prints_by_itself_and_clears_its_line(
+    kind: type[io.StringIO], run: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = kind()
     monkeypatch.setattr(progress, "PATIENCE", 0.01)
     monkeypatch.setattr(progress, "_AGAIN_ON_TERMINAL", 0.01)
     monkeypatch.setattr(progress, "_AGAIN_IN_LOG", 0.01)
-    with Waiting("work", stream=stream) as waiting:
-        while "so far" not in stream.getvalue():
+    with Progress(1e-3, stream=stream) if run else Waiting("work", stream=stream) as waiting:
+        if isinstance(waiting, Progress):
+            waiting.update(1, 4, 2, 0.1)
+        while ("windows" if run else "so far") not in stream.getvalue():
             time.sleep(0.005)
         waiting.log("a line that stays")
     assert "a line that stays\n" in stream.getvalue()
     assert stream.getvalue().endswith(("\r", "\n"))  # no text is left on the line
+    assert kind is io.StringIO or stream.getvalue().count("\n") == 1  # of the line that stays
 
 
 def test_a_quiet_wait_prints_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

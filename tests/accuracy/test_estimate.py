@@ -1,0 +1,257 @@
+"""The error of a run: extrapolation of a cross of runs, the coarser runs, the estimate in reports and files."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.accuracy import estimate as estimate_module
+from latin_fmu.accuracy.estimate import Changes, coarser_runs_of, estimate_error, estimated_error, observed_order
+from latin_fmu.accuracy.resolution import (
+    Resolution,
+    aligned,
+    at_resolution,
+    in_short_windows,
+    mesh_factor,
+    reachable,
+    sampling_error,
+)
+from latin_fmu.accuracy.runs import Run, run_at
+from latin_fmu.cli import main
+from latin_fmu.errors import Problem
+from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE, PEAK_FORCE_RAW
+
+from ..test_cli import SCENE
+from ..verification.known_answers import MODELS, shipped
+
+
+# -- Orders and estimates from made-up sequences whose error is known -------------------------------------------------
+def series(order: float, ratios: tuple[float, float], error: float = 0.01) -> tuple[float, float]:
+    """Changes of the sequence q* + error h^order at h = 1 and the ratios."""
+    first, second = (error * r**order for r in ratios)
+    return first - error, second - first
+
+
+@pytest.mark.parametrize("order", [0.25, 0.5, 1.0, 1.7, 2.0])
+@pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0), (1.9, 3.6)])
+def test_order_of_a_power(order: float, ratios: tuple[float, float]) -> None:
+    assert observed_order(*series(order, ratios), ratios) == pytest.approx(order, abs=1e-6)
+
+
+def test_no_order_without_differences() -> None:
+    assert math.isnan(observed_order(0.0, 1.0, (2.0, 4.0)))
+    assert math.isnan(observed_order(1.0, math.nan, (2.0, 4.0)))
+
+
+@pytest.mark.parametrize("order", [0.75, 1.0, 1.25])
+@pytest.mark.parametrize("ratios", [(2.0, 4.0), (5 / 3, 5.0)])
+def test_a_regular_sequence_gives_an_estimate_within_five_times(order: float, ratios: tuple[float, float]) -> None:
+    half, quarter = series(order, ratios)
+    error, bound_only = estimated_error(IMPULSE, Changes(half, quarter, steps=half, ratios=ratios))
+    assert not bound_only
+    assert 0.01 <= error <= 0.05
+
+
+@pytest.mark.parametrize("front", [True, False])
+def test_the_three_changes_add_up(front: bool) -> None:
+    """First order with fronts, second without: each change by its own weight, e + 3/4 (e' + d)."""
+    p = 1.0 if front else 2.0
+    half, quarter = series(p, (2.0, 4.0))
+
+    def error_for(changes: Changes) -> float:
+        return estimated_error(IMPULSE, changes)[0] / IMPULSE.safety
+
+    assert error_for(Changes(half, 0.0, front=front)) == pytest.approx(0.01)
+    assert error_for(Changes(0.0, quarter, front=front)) == pytest.approx(0.0075)
+    assert error_for(Changes(0.0, 0.0, steps=0.01, front=front)) == pytest.approx(0.0075 / 2.0**p)
+    assert error_for(Changes(half, front=front)) == pytest.approx(0.0175)  # without a third run: the same again
+    assert error_for(Changes(half, quarter, steps=0.01, front=front)) == pytest.approx(0.0175 + 0.0075 / 2.0**p)
+
+
+def test_an_error_of_the_courant_number_alone_is_met() -> None:
+    """Nothing changes along the diagonal; four times the steps change 8 %: bound, not guaranteed below it."""
+    error, bound_only = estimated_error(PEAK_FORCE_RAW, Changes(half=0.0, quarter=0.0, steps=0.08))
+    assert bound_only
+    assert error >= 0.08
+
+
+def test_a_floor_decides_where_the_runs_agree() -> None:
+    """The overshoot of a front is the same in all runs of the cross."""
+    error, bound_only = estimated_error(PEAK_FORCE, Changes(half=1e-4, quarter=2e-4, steps=1e-4, floor=0.12))
+    assert error == 0.12
+    assert bound_only
+
+
+def test_an_irregular_sequence_gives_a_bound_and_says_so() -> None:
+    """Two resolutions that agree by chance: the change before and what the time step alone changes count."""
+    error, bound_only = estimated_error(IMPULSE, Changes(half=1e-5, quarter=0.02, steps=0.01))
+    assert bound_only
+    assert error >= 0.01
+    assert estimated_error(IMPULSE, Changes(*series(1.0, (2.0, 4.0)), same_way=False))[1]
+
+
+def test_sampling_and_iteration_count() -> None:
+    half, quarter = series(1.0, (2.0, 4.0))
+    plain, _ = estimated_error(IMPULSE, Changes(half, quarter))
+    assert estimated_error(IMPULSE, Changes(half, quarter, iteration=0.1))[0] == pytest.approx(plain + 0.1)
+    sampled, bound_only = estimated_error(IMPULSE, Changes(half, quarter, sampling=0.1))
+    assert sampled >= 0.1
+    assert bound_only
+
+
+def test_a_front_in_the_force_history_is_regular_at_one_half() -> None:
+    half, quarter = series(0.5, (2.0, 4.0))
+    assert not estimated_error(FORCE_HISTORY, Changes(half, quarter))[1]
+
+
+# -- Which coarser runs a scene allows --------------------------------------------------------------------------------
+def test_resolution_scales_elements_and_divides_the_step() -> None:
+    scene = shipped("beam_in_traction")
+    coarse = at_resolution(scene, Resolution(0.5, 0.31, 1e-2))
+    assert coarse.substructure["bar2"].box.elements == (1, 1, 25)
+    assert coarse.time.time_step == pytest.approx(scene.time.time_step / 0.31, rel=1e-14)
+    assert scene.time.end <= coarse.time.end < scene.time.end + coarse.time.time_step
+    assert coarse.solver.tolerance == 1e-2
+    assert not coarse.output.fields
+    assert scene.substructure["bar2"].box.elements == (1, 1, 50)
+
+
+def test_the_steps_of_coarser_runs_meet_the_jumps_of_the_loads() -> None:
+    """The pulse lasts 42 steps: a quarter of the steps would end it between two instants."""
+    scene = shipped("beam_in_traction")
+    steps = aligned(scene, 0.25)
+    assert 42 * steps == pytest.approx(round(42 * steps))
+    assert abs(steps / 0.25 - 1) <= 0.12
+    assert sampling_error(scene, scene.time.time_step / steps) < 1e-9
+    assert sampling_error(scene, scene.time.time_step / 0.25) > 0.04
+    assert aligned(shipped("impact_bar"), 0.25) == 0.25
+    assert aligned(scene, 0.3) == pytest.approx(13 / 42)  # the nearest of 12, 13 and 14 steps
+
+
+def test_small_counts_keep_one_ratio() -> None:
+    assert reachable([6, 6, 6], 0.5) == 0.5
+    assert reachable([5], 0.5) == 0.6
+    coarser = coarser_runs_of(latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml"))
+    assert coarser is not None
+    assert coarser.half == Resolution(0.5, 0.5)
+    assert coarser.quarter == Resolution(1 / 3, 1 / 3)
+    assert coarser.cross == Resolution(0.5, 31 / 16)
+
+
+def test_a_mesh_from_a_file_leaves_the_time_step() -> None:
+    coarser = coarser_runs_of(shipped("punched_plates"))
+    assert coarser is not None
+    assert coarser.half == Resolution(1.0, 0.5)
+    assert coarser.cross is None
+    assert "mesh" in coarser.remarks[0]
+
+
+def test_a_refined_mesh_from_a_file_has_coarser_ones() -> None:
+    """Refined once, the mesh of the file is the coarser one; finer ones exist, four refinements at most."""
+    scene = latin_fmu.load_scene(
+        MODELS / "punched_plates/scene.toml",
+        [f"substructure.{name}.mesh.refine=1" for name in ("lower", "upper", "punch")],
+    )
+    coarser = coarser_runs_of(scene)
+    assert coarser is not None
+    assert coarser.half.mesh == 0.5
+    assert coarser.cross == Resolution(0.5, 31 / 16)
+    assert coarser.quarter is None
+    assert "facets" in coarser.remarks[0]
+    assert {b.mesh.refine for b in at_resolution(scene, coarser.half).substructure.values() if b.mesh} == {0}
+    assert [mesh_factor(scene, f) for f in (0.1, 0.4, 0.8, 1.3, 3.0, 99.0)] == [0.5, 0.5, 1.0, 1.0, 4.0, 8.0]
+
+
+def test_a_handful_of_steps_cannot_be_coarsened() -> None:
+    scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["time.instants=10"])
+    assert coarser_runs_of(scene) is None
+
+
+def test_short_windows_keep_the_answer() -> None:
+    """The coarser runs of a run in one window use short ones: both are converged, so they agree."""
+    scene = at_resolution(shipped("beam_in_traction"), Resolution(0.5, 0.5, 1e-6))
+    whole, short = latin_fmu.solve(scene), latin_fmu.solve(in_short_windows(scene))
+    assert len(whole.windows) == 1 < len(short.windows)
+    force = [s.interfaces["contact"].normal_resultant() for s in (whole, short)]
+    assert np.abs(force[0] - force[1]).max() < 1e-4 * force[0].max()
+
+
+# -- Every run of the command line prints its estimated error: text, JSON, netCDF; an option leaves it out ------------
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A scene file in the current folder, long enough to be coarsened."""
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(SCENE.replace("instants = 20", "instants = 60"))
+    return "scene.toml"
+
+
+def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--quiet", "--json"]) == 0
+    estimate = json.loads(capsys.readouterr().out)["error_estimate"]
+    impulse = estimate["quantities"]["meet.impulse"]
+    assert set(impulse) == {
+        "value",
+        "unit",
+        "relative_error",
+        "bound_only",
+        "observed_order",
+        "expected_order",
+        "change_with_mesh",
+        "change_with_time_step",
+    }
+    assert impulse["unit"] == "N s"
+    assert 1e-3 <= impulse["relative_error"] < 1.0
+    tree = latin_fmu.open_results("a.nc")
+    group = tree["accuracy"]
+    assert float(group["relative_error"].sel(quantity="meet.impulse")) == impulse["relative_error"]
+    assert str(group["quantity_unit"].sel(quantity="meet.impulse").values) == "N s"
+    tree.close()
+    assert main(["run", scene, "-o", "a.nc"]) == 0
+    assert "estimated error" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("choice", [["--no-estimate"], ["--set", "accuracy.estimate=false"]])
+def test_no_estimate_where_none_is_wanted(scene: str, choice: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--json", *choice]) == 0
+    assert "error_estimate" not in json.loads(capsys.readouterr().out)
+    assert "accuracy" not in latin_fmu.open_results("a.nc").children
+
+
+def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that cannot be built and one that does not converge: reported, and the rest is only a bound."""
+    scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
+    solution = latin_fmu.solve(scene)
+
+    def failing(
+        lean: latin_fmu.Scene,
+        resolution: Resolution,
+        progress: None = None,
+        processes: None = None,
+        stream: object = None,
+        max_cpu: object = None,
+    ) -> Run:
+        del progress, stream, max_cpu
+        if resolution.mesh < 0.4:
+            raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")
+        run = run_at(lean, resolution, processes=processes)
+        return run if resolution.time < 1.0 else replace(run, converged=False)
+
+    monkeypatch.setattr(estimate_module, "run_at", failing)
+    estimate = estimate_error(scene, solution)
+    assert len(estimate.remarks) == 2
+    assert "two elements are needed" in estimate.remarks[0]
+    assert "did not converge" in estimate.remarks[1]
+    assert estimate["wall.impulse"].bound_only
+    assert estimate["wall.impulse"].error > 0.01
+
+
+def test_quantity_of_the_scene_is_checked() -> None:
+    for bad, word in (("impulze", "did you mean"), ("no.impulse", "no interface of this name")):
+        with pytest.raises(latin_fmu.SceneError, match=word):
+            latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"accuracy.quantity={bad}"])
