@@ -30,8 +30,8 @@ Adapter Assembly FmiInstance Image KernelSteps Loads Propagator Recorder Reduced
 Session Signals Solution Stages SubstructureModel TimeScheme Windowed
 """
 LONG_SIGNATURES = """
-api.solve api.run models.model_classes models._model modes._named problem.of scene_effects._interface windows.__init__
-study.sweep assembly_picture._arrow frame._axis_line image.__init__ dataset.result_groups
+api.solve api.run models.model_classes models._model modes._named problem.of windows.__init__
+study.sweep image.__init__ dataset.result_groups
 """
 SHARED_NAMES = """
 Anderson Block Box CentralDifference CgPropagator Coupling DirectPropagator ExplicitPropagator GeneralizedAlpha Group
