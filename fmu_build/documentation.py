@@ -20,7 +20,8 @@ _USE = """\
 <h2>Use</h2>
 <ul>
 <li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make a
-step of any length; it is cut into equal time steps no longer than <code>timeStep</code>. The state is carried on.
+step of any length. The state stays on the grid of time steps of <code>timeStep</code>, at the last instant not beyond
+the communication point (<code>innerTime</code>), and is carried on.
 Saving and restoring the state (serialised or not) is exact to the last bit.</li>
 <li>A host that sets no rate sets <code>load.NAME.value</code> at the start of every step. The load then goes on as the
 straight line through its last two values (<code>inputInterpolation = 3</code>). It is held over the first step, which
@@ -90,9 +91,10 @@ equal those of the program that made it, to round-off.</p>
 <h2>Use</h2>
 <ul>
 <li><b>Windowed</b> (<code>mode = 0</code>): set <code>load.NAME.value</code> and <code>load.NAME.rate</code>, make
-a step that is a whole number of <code>timeStep</code> (within 1e-9). The state is carried on. Saving and restoring the
-state (serialised or not) is exact to the last bit. A load that is never given a rate goes on as the straight line
-through its last two values (<code>inputInterpolation = 3</code>).</li>
+a step of any length. The state stays on the grid of time steps of <code>timeStep</code>, at the last instant not beyond
+the communication point (<code>innerTime</code>), and is carried on.
+Saving and restoring the state (serialised or not) is exact to the last bit. A load that is never given a rate goes on
+as the straight line through its last two values (<code>inputInterpolation = 3</code>).</li>
 <li><b>Prescribed</b> (<code>mode = 1</code>): load histories are given up front by <code>historyFile</code> (path of a
 CSV file with a header <code>time,NAME,...</code>, or that table itself with semicolons or line breaks between its rows:
 <code>time,NAME;0,0;1e-6,1</code>) or, in FMI 3, by the arrays <code>history.time</code> and

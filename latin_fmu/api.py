@@ -19,8 +19,6 @@ from .assembly.limit_load import loss_of_equilibrium
 from .assembly.ports import port_lines
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
-from .assembly.run_checks import balance_words, resultants, run_remarks
-from .assembly.run_judgement import faults_of, with_faults
 from .effects.cost import Prediction
 from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
 from .errors import InputError, Problems, SolverError
@@ -39,6 +37,7 @@ from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .results.writing import check_folder
+from .run_checks import balance_words, faults_of, resultants, run_remarks, with_faults
 from .scene.schema import Scene
 from .scene.units import UnitSystem
 

@@ -54,7 +54,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("latin",),
     ("results",),
     ("assembly",),
-    ("pictures", "effects"),
+    ("pictures", "effects", "run_checks"),
     ("api",),
     ("accuracy",),
     ("cosim", "stability", "parametric"),

@@ -69,7 +69,7 @@ typedef struct {
 
 struct Object {
     const Image *image;
-    int64_t discarded;
+    int64_t discarded, opened; /* whether the last step was; whether the outputs at the start follow from what is set */
     double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
     int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
     double *numbers;         /* by reference */

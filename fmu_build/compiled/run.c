@@ -27,7 +27,7 @@ static int renewed(Instance *c)
     struct Object *o = c->fmu;
     const Image *image = o->image;
     memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
-    o->discarded = 0;
+    o->discarded = o->opened = 0;
     o->n_row = o->n_fields = 0;
     o->start = c->time = 0.0;
     c->last = OK;
@@ -282,6 +282,7 @@ int solve_histories(Instance *c)
 int initialize(Instance *c)
 {
     struct Object *o = c->fmu;
+    if (o->opened) return OK;
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
     if (status != OK) return status;
@@ -289,7 +290,9 @@ int initialize(Instance *c)
     c->time = o->start;
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
-    return parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
+    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
+    o->opened = status == OK;
+    return status;
 }
 
 int terminate(Instance *c)

@@ -195,6 +195,7 @@ static int unpacked(Instance *c, Word *words)
         c->time = head[S_TIME].d;
         c->phase = (int)head[S_PHASE].i;
         c->last = OK;
+        o->opened = 0; /* outputs at the start are computed anew */
     }
     free_read(&fresh);
     free(lengths);

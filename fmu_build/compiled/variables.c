@@ -147,6 +147,12 @@ static void put(const Instance *c, int64_t reference, double *to, size_t count)
     }
 }
 
+static int is_output(const Instance *c, int64_t reference)
+{
+    int64_t role = variable(c, reference)[V_ROLE].i;
+    return role == OUTPUT || role == POINT_FIELD || role == WINDOW || role == WINDOW_COUNT || role == WINDOW_TIME;
+}
+
 int get_numbers(Instance *c, const uint32_t *references, size_t n, double *values, size_t size)
 {
     size_t total = 0, at = 0;
@@ -155,6 +161,7 @@ int get_numbers(Instance *c, const uint32_t *references, size_t n, double *value
         if (variable(c, references[i])[V_KIND].i == STRING)
             return msg(c, ERROR, "%s is a string: get it as one", name(c, references[i]));
         total += elements(c, references[i]);
+        if (c->phase == INITIALIZATION && is_output(c, references[i]) && initialize(c) != OK) return ERROR;
     }
     if (size != total && size != n) /* a host that does not know arrays reads one number of each */
         return msg(c, ERROR, "the host reads %zu values of variables that have %zu", size, total);
@@ -237,6 +244,7 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
     int status = OK;
     size_t at = 0;
     if (!known(c, references, n)) return ERROR;
+    c->fmu->opened = 0;
     for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
         if (variable(c, references[i])[V_ROLE].i == TEXT)
@@ -261,6 +269,7 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
 int set_texts(Instance *c, const uint32_t *references, size_t n, const char *const *values, size_t size)
 {
     if (!known(c, references, n)) return ERROR;
+    c->fmu->opened = 0;
     for (size_t i = 0; i < n && i < size; i++) {
         if (c->fmu->texts[references[i]] == NULL) return msg(c, ERROR, "%s is no string", name(c, references[i]));
         if (refused(c, references[i], 0.0)) return ERROR;

@@ -192,19 +192,31 @@ def is_selection(unit: InterfaceUnit) -> bool:
 
 def constraints(units: Sequence[InterfaceUnit], where: dict[str, slice], n: int) -> sp.csr_array:
     """C (n_row, n): what bonds between bodies keep at zero; the owner's entries are positive."""
-    blocks = [sp.csr_array((0, n))]
-    for unit in units:
-        first, second = unit.geometry.traces
-        if second is None:
-            continue
-        wide = sp.csr_array((first.shape[0], n))
-        for number, (trace, side) in enumerate(zip((first, second), unit.sides, strict=True)):
-            coo = sp.coo_array(trace)
+    bonds = [jump(unit, unit.geometry.traces, where, n) for unit in units if unit.geometry.traces[1] is not None]
+    return sp.csr_array(sp.vstack([sp.csr_array((0, n)), *bonds]))
+
+
+def jump(
+    unit: InterfaceUnit, traces: Sequence[sp.csr_array | None], where: Mapping[str, slice], n: int
+) -> sp.csr_array:
+    """Motion of the owner's side of an interface less that of the other, (n_row, n), from the dofs of many bodies.
+
+    traces : of both sides from the dofs of their bodies, None for the ground. where : place of these dofs, by body.
+    """
+    n_row = next(trace.shape[0] for trace in traces if trace is not None)
+    total = sp.csr_array((n_row, n))
+    for number, (trace, side) in enumerate(zip(traces, unit.sides, strict=True)):
+        if trace is not None:
+            # the owner is positive: its entries are the pivots of a bond (``tied``)
             sign = 1.0 if number == unit.geometry.owner else -1.0
-            columns = coo.coords[1] + where[split_face(side)[0]].start
-            wide = wide + sp.coo_array((sign * coo.data, (coo.coords[0], columns)), shape=wide.shape).tocsr()
-        blocks.append(sp.csr_array(wide))
-    return sp.csr_array(sp.vstack(blocks))
+            total = total + sign * placed(trace, where[split_face(side)[0]].start, n)
+    return sp.csr_array(total)
+
+
+def placed(rows: sp.csr_array, first: int, n: int) -> sp.csr_array:
+    """Rows over the dofs of one body as rows over n dofs, of which those of the body begin at ``first``."""
+    own = sp.csr_array(rows)
+    return sp.csr_array((own.data, own.indices + first, own.indptr), shape=(own.shape[0], n))
 
 
 def tied(bonds: sp.csr_array, expansion: sp.csr_array, pattern: Array) -> tuple[sp.csr_array, Array]:

@@ -54,7 +54,7 @@ from ..scene.settings import HHT, GivenStart
 from ..scene.units import SI, UnitSystem
 from .body import consecutive
 from .build import discretise
-from .merged_assembly import kept_together
+from .merged_assembly import jump, kept_together
 from .numerical_damping import ModalDamping, Modes, modal_damping, run_matrices
 from .problem import DiscretisedProblem
 from .tightening import tightened
@@ -159,18 +159,13 @@ class _Parts:
     def jump(self, unit: InterfaceUnit, local: bool) -> sp.csr_array:
         """Displacement of the owner's side less that of the other at the points, (3 n_point, n), global axes or local
         frames."""
-        total = sp.csr_array((3 * unit.geometry.n_point, self.n))
-        for side in (0, 1):
-            sign = 1.0 if side == unit.geometry.owner else -1.0
+        traces = []
+        for side, face in enumerate(unit.sides):
             trace = unit.geometry.local_trace(side, 3) if local else unit.geometry.traces[side]
-            if trace is None:
-                continue
-            name = split_face(unit.sides[side])[0]
-            nodal = self.models[name].nodal
-            own = sp.coo_array(trace if nodal is None else sp.csr_array(trace @ nodal))
-            place = (own.coords[0], own.coords[1] + self.where[name].start)
-            total = total + sp.csr_array(sp.coo_array((sign * own.data, place), shape=total.shape))
-        return sp.csr_array(total)
+            if trace is not None and (nodal := self.models[split_face(face)[0]].nodal) is not None:
+                trace = sp.csr_array(trace @ nodal)
+            traces.append(trace)
+        return jump(unit, traces, self.where, self.n)
 
 
 def _joint(

@@ -1,17 +1,18 @@
-"""A run that goes on segment by segment: loads given from outside, variable steps, snapshots."""
+"""A run that goes on segment by segment on one grid of time steps: loads given from outside, snapshots."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ..errors import InputError, Problem
 from ..fem.mesh import Array
-from ..latin.assembly import GroundState
+from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
 from ..latin.recorder import Recorder
 from ..latin.state_serialization import check_like, check_numbers, decode, encode, unlike
@@ -25,9 +26,9 @@ from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium
 
-_SAME_STEP, _STEPS_KEPT = 1e-9, 8
-_OWN_SIZES = ("start", "running", "steps")  # entries of a snapshot whose size depends on the run
-_MAY_BE_NONE = ("stored", "motions", "ground", "account")
+_ON_GRID = 1e-6  # of a time step: distance of an end from the instant that it stands for
+_OWN_SIZES = ("start", "running")  # entries of a snapshot whose size depends on the run
+_MAY_BE_NONE = ("stored",)
 _DEEPEST = 0.1  # of the size of the assembly: a deeper penetration of a contact without layers is no result of a run
 _SAME_GAP = 1e-9  # of the size of the assembly: difference of gaps by round-off
 _RUNNING = ("friction_dissipation", "contact_dissipation", "ground_work", "joint_dissipation")
@@ -87,10 +88,10 @@ class SegmentedRun:
 
     Attributes
     ----------
-    dt, step : time step of the scene, and of the last segment, s. run : windows of the present segment, None before the
-    first. running : energies (J) that the interfaces have dissipated so far, by kind. ground : state of the moving
-    ground by interface.
+    dt : time step, s. made : time steps so far. run : windows of the present segment, None before the first.
+    running : energies (J) that the interfaces have dissipated so far, by kind.
     communication : fields of the record of the run in a co-simulation, for the present ``problem``.
+    room : time steps that the histories in the image are laid out for, in which the kernels set them.
 
     Raises
     ------
@@ -113,15 +114,24 @@ class SegmentedRun:
         self._inputs = list(self._laws)
         self._amplitudes: dict[str, float] | None = None  # of the static start
         self.timings = Timings()
-        self.time = 0.0
+        self.made = 0
         self.running: dict[str, float] = {}
         self.run: Run | None = None
-        self.ground = dict(self.problem.assembly.ground_start)
+        self.room = 0
         self._stored: float | None = None  # energy at t = 0
-        self._steps: list[float] = []
         self.communication: Callable[[], Mapping[str, Any]] | None = None
-        self.dt = self.step = self.problem.assembly.dt
+        self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
+
+    @property
+    def time(self) -> float:
+        """The present time, s."""
+        return float(self.instants(self.made, 0)[0])
+
+    def instants(self, made: int, n: int) -> Array:
+        """The instant after so many time steps, and the n following ones, (n + 1,), s."""
+        end = made + n + 1
+        return self._grid[made:end] if end <= len(self._grid) else self.dt * np.arange(made, float(end))
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
         """Solve the static equilibrium that the scene starts from, before the first segment, for these amplitudes of
@@ -159,41 +169,47 @@ class SegmentedRun:
 
         Parameters
         ----------
-        end : s, > present time. n : number of steps. loads : amplitude (n + 1,) of loads by name.
+        end : the instant n time steps later, s. n : number of them. loads : amplitude (n + 1,) of loads by name.
         accept : move on even where a window did not converge (its best iterate); else the state is untouched.
         solve : solves the windows of the segment. recorder : makes that of the segment.
+
+        Raises
+        ------
+        InputError : an end that is not n time steps later.
         """
+        last = (self.made + n) * self.dt
+        if n < 1 or not abs(end - last) <= _ON_GRID * self.dt:
+            what = f"is not {n} time steps of {self.dt:g} s after {self.time:g} s"
+            raise InputError([Problem("end of a segment", what, f"{end!r} s", f"{last!r} s")])
         before = self.get_state()
-        time = np.linspace(self.time, end, n + 1) if n > 1 else np.array([self.time, end])
         try:
             with one_thread():
-                segment = self._solve(time, loads or {}, solve, recorder)
+                segment = self._solve(n, loads or {}, solve, recorder)
         except Exception:  # of any kind: the state must not be half of the next one
             self.set_state(before)
             raise
         if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
             self.set_state(before)
             return replace(segment, accepted=False)
-        self.time = end
+        self.made += n
         if segment.energy is not None:
             for term in _RUNNING:
                 if term in segment.energy:
                     self.running[term] = float(segment.energy[term][-1])
-        self.ground = self.problem.assembly.ground_end(n)
+        if self.communication is None and self.run is not None:  # else the kernels keep it
+            state = packed_motions(self.problem.assembly, n)
+            self.run.image.field("motion_state", len(state))[:] = state
         return segment
 
-    def begin(self, time: Array, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
-        """Begin a segment at the present time, without solving it.
-
-        time : instants of the segment, s. loads, make : as ``loads`` and ``recorder`` for ``advance``.
-        """
+    def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
+        """Begin a segment of n time steps at the present time, without solving it; ``loads``, ``make`` : as ``loads``
+        and ``recorder`` for ``advance``."""
+        problem, assembly, self.room = self.problem, self.problem.assembly, 0
         if self.run is None:
-            fields = None if self.communication is None else self.communication()
-            for propagator in self.problem.assembly.propagators:
+            fields = {"n_motion_state": motion_size(assembly)} if self.communication is None else self.communication()
+            for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
-        problem, assembly = self.problem, self.problem.assembly
-        self.step = self._known_step(float(time[1] - time[0]))
-        problem.timeline.begin(assembly, time, loads, self.ground, self.step)
+        problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
         recorder = make(assembly, problem.output, problem.info)
         if self.run is None:
             self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
@@ -202,11 +218,11 @@ class SegmentedRun:
         return self.run
 
     def _solve(
-        self, time: Array, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
+        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
     ) -> Segment:
         if self.run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
-        run = self.begin(time, loads, make)
+        run = self.begin(n, loads, make)
         assembly, recorder = self.problem.assembly, run.recorder
         solve(run)
         energy = recorder.assembly_energy(assembly)
@@ -219,7 +235,7 @@ class SegmentedRun:
             energy["balance"] = energy["balance"] + (first - self._stored)
         converged, sentence = run.status(energy, self._stored)
         return Segment(
-            time[: recorder.n_kept],
+            assembly.time[: recorder.n_kept],
             run.windows,
             converged,
             True,
@@ -230,15 +246,6 @@ class SegmentedRun:
             recorder.bolt_histories(),
             recorder,
         )
-
-    def _known_step(self, dt: float) -> float:
-        """Earlier step that equals dt within round-off, else dt itself: part of the state, so that a run that is
-        rolled back and repeated uses the same operators to the last bit."""
-        for known in (self.dt, *self._steps):
-            if abs(known - dt) <= _SAME_STEP * dt:
-                return known
-        self._steps = [*self._steps[-_STEPS_KEPT + 1 :], dt]
-        return dt
 
     # -- communication steps in kernels ---------------------------------------------------------------------------
     @property
@@ -253,31 +260,25 @@ class SegmentedRun:
         """
         assert self.run is not None
         problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
-        time: Array = self.time + self.dt * np.arange(float(n))
-        self.step = self.dt
         with one_thread():
-            problem.timeline.begin(problem.assembly, time, amplitudes, self.ground, self.dt)
+            time = self.instants(self.made, n - 1)
+            problem.timeline.begin(problem.assembly, time, amplitudes, self._resumed(), self.dt)
             recorder = Recorder(problem.assembly, problem.output, problem.info, n)
             self.run.begin_segment(recorder)
             self.run.open_bonds()
+        self.room = n - 1
         return self.run
 
-    def go_on(
-        self,
-        time: float,
-        motions: Sequence[list[MotionState]],
-        ground: Mapping[int, GroundState],
-        losses: Mapping[str, float],
-    ) -> None:
-        """Continue from the state in the image of the run, which the kernels moved to a time, s.
-
-        motions : of the classes. ground : by interface. losses : as ``running``, those that have changed.
-        """
-        assert self.run is not None
-        self.time, self.ground = time, dict(ground)
-        self.running |= losses
-        for c, (propagator, given) in enumerate(zip(self.problem.assembly.propagators, motions, strict=True)):
-            propagator.resume(self.run.image, c, given)
+    def _resumed(self) -> dict[int, GroundState]:
+        """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
+        assembly = self.problem.assembly
+        if self.run is None:
+            return {i: GroundState(np.zeros(3), None) for i in assembly.ground_start}
+        image = self.run.image
+        motions, ground = unpacked_motions(assembly, image.field("motion_state", motion_size(assembly)).copy())
+        for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
+            propagator.resume(image, c, given)
+        return ground
 
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
@@ -296,21 +297,21 @@ class SegmentedRun:
         )
 
     # -- states ---------------------------------------------------------------------------------------------------
-    def get_state(self) -> dict[str, Any] | None:
+    def get_state(self, into: Array | None = None) -> dict[str, Any] | None:
         """Copy of the state of the image, and what is known beside it: all that determines the next segment to the last
-        bit; None at t = 0."""
+        bit; None at t = 0. ``into`` : where the copy is made."""
         if self.run is None:
             return None
+        state = self.run.image.state
+        if into is None or len(into) != len(state):
+            into = np.empty(len(state))
+        np.copyto(into, state)
         return {
-            "time": self.time,
+            "made": self.made,
             "start": self._amplitudes,
             "running": dict(self.running),
             "stored": self._stored,
-            "step": self.step,
-            "steps": list(self._steps),
-            "ground": {str(i): list(g) for i, g in self.ground.items()},
-            "motions": [[list(motion) for motion in p.motions()] for p in self.problem.assembly.propagators],
-            "state": self.run.image.state.copy(),
+            "state": into,
         }
 
     def set_state(self, state: Mapping[str, Any] | None) -> None:
@@ -320,10 +321,8 @@ class SegmentedRun:
             return
         assert self.run is not None
         self.run.image.state[:] = state["state"]
-        self._stored, self.step, self._steps = state["stored"], state["step"], list(state["steps"])
-        self.running = dict(state["running"])
-        ground = {int(i): GroundState(*g) for i, g in state["ground"].items()}
-        self.go_on(state["time"], [[(u, a, v) for u, a, v in m] for m in state["motions"]], ground, {})
+        self.made, self._stored, self.running = state["made"], state["stored"], dict(state["running"])
+        self._resumed()
 
     def snapshot(self) -> bytes:
         """The state as bytes, with a version number."""
@@ -345,7 +344,7 @@ class SegmentedRun:
             self.settle(state["start"] or {})
             if self.run is None:  # not started yet: histories and a run must exist
                 with one_thread():
-                    self.begin(self.problem.assembly.time, {})
+                    self.begin(1, {})
             if check:
                 check_like(state, self.get_state(), "state", _OWN_SIZES, _MAY_BE_NONE)
         self.set_state(state)
@@ -385,24 +384,52 @@ class SegmentedRun:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.ground = {i: GroundState(np.zeros(3), None) for i in self.ground}
-        self.time, self.running, self._stored, self.run, self.step, self._steps = 0.0, {}, None, None, self.dt, []
+        self.made, self.room, self.running, self._stored, self.run = 0, 0, {}, None, None
 
 
+# -- motions from outside: part of the state in the image --------------------------------------------------------------
+def motion_size(assembly: Assembly) -> int:
+    """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
+    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground_start)
+
+
+def packed_motions(assembly: Assembly, instant: int) -> Array:
+    """These numbers at an instant of the segment."""
+    forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[0]]
+    ends = assembly.ground_end(instant)
+    of_ground = [np.asarray(field) for i in assembly.ground_start for field in ends[i]]
+    return np.concatenate([np.zeros(0), *(f.motion_table()[:, instant].ravel() for f in forcings), *of_ground])
+
+
+def unpacked_motions(assembly: Assembly, state: Array) -> tuple[list[list[MotionState]], dict[int, GroundState]]:
+    """Motions of the members by class, and the ground by interface; views of the numbers."""
+    motions, at = list[list[MotionState]](), 0
+    for k, m in map(_motions_of, assembly.propagators):
+        u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
+        motions.append([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
+        at += 3 * k * m
+    grounds = enumerate(assembly.ground_start)
+    return motions, {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in grounds}
+
+
+def _motions_of(propagator: Propagator) -> tuple[int, int]:
+    """Prescribed motions of a member, and members."""
+    return propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
+
+
+# -- the check of what comes from outside ------------------------------------------------------------------------------
 def _check_opening(inputs: Collection[str], tree: Any) -> None:
     """Compare the entries of a snapshot whose size changes during a run. ``inputs`` : loads set from outside.
 
     Raises InputError.
     """
-    if not isinstance(tree, dict) or not {"time", *_OWN_SIZES} <= set(tree):
+    if not isinstance(tree, dict) or not {"made", *_OWN_SIZES} <= set(tree):
         raise unlike("state", "other entries than here")
-    for name in ("time", *_OWN_SIZES):
+    for name in ("made", *_OWN_SIZES):
         if tree[name] is not None:
             check_numbers(tree[name], f"state.{name}")
-    if not isinstance(tree["time"], float) or tree["time"] < 0.0:
-        raise unlike("state.time", "a time before the start")
-    if not isinstance(tree["steps"], list) or any(not h > 0.0 for h in tree["steps"]):
-        raise unlike("state.steps", "a time step that is not positive")
+    if not isinstance(tree["made"], int) or tree["made"] < 0:
+        raise unlike("state.made", "a number of time steps that there cannot be")
     for name, known in (("start", inputs), ("running", _RUNNING)):
         if not isinstance(tree[name] or {}, dict) or not set(tree[name] or {}) <= set(known):
             raise unlike(f"state.{name}", "other entries than here")

@@ -117,7 +117,9 @@ class Derivatives:
     def _column(self, name: str, what: str) -> Array:
         """d outputs / d input, (n_output,)."""
         mode, step = self._mode, self._step
-        now = mode.run_state()
+        if not step.n:  # no time step ended in it: outputs are held
+            return np.zeros(len(self._outputs))
+        now = mode.run.get_state()
         try:
             if self._laws is None:
                 self._laws = self._linearise()
@@ -146,7 +148,8 @@ class Derivatives:
     def _size(self, name: str, what: str) -> float:
         """Change of an input that changes the tractions and velocities noticeably: round-off counts the less."""
         value, rate = self._step.loads.get(name)
-        size = max(abs(value), abs(rate) * self._step.h, 1.0) / (1.0 if what == "value" else self._step.h)
+        h = self._step.h
+        size = max(abs(value), abs(rate) * h, 1.0) / (1.0 if what == "value" else h)
         changed = _fields(self._perturbed(name, what, size))
         effect = max(
             (
@@ -175,8 +178,7 @@ class Derivatives:
                 loads.set(name, value + change, rate)
             else:  # that of the causal line where none was set
                 loads.set(name, value, loads.rates(mode.rule)[name] + change)
-        driving = loads.driving(step.h / step.n, step.n, mode.rule)
-        return mode.advance(step.end, step.n, driving, solve)
+        return mode.advance(step.n, loads.driving(step.part, mode.run.dt, mode.rule), solve)
 
     def _row(self, segment: Segment) -> Array:
         """Scalar outputs at the end of a linearised step."""

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.segments import SegmentedRun
+from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 from ..assembly.supports import Motion
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
-from ..latin.assembly import GroundState
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
 from ..latin.run_image import histories
@@ -113,22 +112,17 @@ class Drives:
         self._start = dict(self.assembly.ground_start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
         self._grounds = list(self._start)
-        self.n_state = sum(3 * k * m for k, m in self._shapes) + 3 * len(self._grounds)
+        self.n_state = motion_size(self.assembly)
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
-        assembly, dt, at = self.assembly, self._dt, 0
-        for propagator, (k, m) in zip(assembly.propagators, self._shapes, strict=True):
+        assembly, dt, ground = self.assembly, self._dt, self._start
+        for propagator in assembly.propagators:
             propagator.restart()
-            if state is not None:
-                u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
-                propagator.forcing.set_motion_state([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
-            at += 3 * k * m
-        ground = dict(self._start)
-        for i in self._grounds if state is not None else ():
-            assert state is not None
-            ground[i] = GroundState(state[at : at + 3], np.zeros(3))
-            at += 3
+        if state is not None:
+            motions, ground = unpacked_motions(assembly, state)
+            for propagator, given in zip(assembly.propagators, motions, strict=True):
+                propagator.forcing.set_motion_state(given)
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
 
@@ -147,15 +141,6 @@ class Drives:
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return np.concatenate([*parts, *(tables[name][instant] for name in names)])
 
-    def state(self, instant: int) -> Array:
-        """Motion state of an instant."""
-        parts = [np.zeros(0)]
-        for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
-            if k:
-                parts.append(propagator.forcing.motion_table()[:, instant].ravel())
-        ground = self.assembly.ground_end(instant)
-        return np.concatenate([*parts, *(ground[i].displacement for i in self._grounds)])
-
     def rows(self, amplitudes: Array) -> Array:
         """Drives (n_time, n_drive) at the instants of a segment that the assembly has begun, with the amplitudes
         (n_time, n_source) that it has begun with."""
@@ -163,7 +148,10 @@ class Drives:
         for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
             if k:
                 parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
-        parts += [self.assembly.ground_start[i].displacement + self.assembly.ground_path(i) for i in self._grounds]
+        first = self.assembly.ground_end(0)
+        for i in self._grounds:
+            parts.append(first[i].displacement + self.assembly.ground_path(i))
+            parts.append(np.concatenate([[first[i].acceleration], np.diff(self.assembly.ground[i], axis=0) / self._dt]))
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
@@ -207,15 +195,15 @@ def history_fields(drives: Drives) -> dict[str, Any]:
 
     def step(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(1), drives.state(1)])
+        return np.concatenate([drives.columns(1), packed_motions(drives.assembly, 1)])
 
     def first(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s))
-        return np.concatenate([drives.columns(0), drives.state(0)])
+        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     def start(z: Array) -> Array:
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
-        return np.concatenate([drives.columns(0), drives.state(0)])
+        return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     fields: dict[str, Any] = {}
     static = drives.assembly.quasi_static
@@ -252,7 +240,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     ]
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
-    for e in np.flatnonzero(linear):
+    for e in np.flatnonzero(linear).tolist():
         for row in range(2):
             unit = zero.copy()
             unit[row, e] += 1.0

@@ -80,6 +80,7 @@ class FmiInstance:
         self._failure = ""
         self._discarded = ""  # the last step, where it was not made
         self._start_time = 0.0
+        self._opened = self._set_up = False
         if self._session is not None:
             self._session.reset()
 
@@ -91,12 +92,17 @@ class FmiInstance:
 
     @exception_barrier(None, computes=False)
     def _get(self, references: Sequence[int] | Index) -> Array | None:
-        return self._variables.get(references, self._session)
+        variables = self._variables
+        if not variables.fixed and self._set_up and not self._failure and variables.calculates(references):
+            with np.errstate(all="ignore"):
+                self._open()  # in Initialization Mode: outputs under the inputs as they are set now
+        return variables.get(references, self._session)
 
     @exception_barrier(False, computes=False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
         them is refused: then none is set."""
+        self._opened = False
         return self._variables.set(references, values)
 
     def get_texts(self, references: Sequence[int]) -> Sequence[str]:
@@ -110,13 +116,14 @@ class FmiInstance:
     @exception_barrier(False)
     def set_texts(self, references: Sequence[int], values: Sequence[str]) -> bool:
         """Set strings by value reference; as for ``set``."""
+        self._opened = False
         return self._variables.set_texts(references, values)
 
     # -- life cycle -----------------------------------------------------------------------------------------------
     @exception_barrier(None)
     def setup(self, start_time: float, tolerance: float | None) -> None:
         """Start time, s, and the tolerance of the host, None where it gives none."""
-        self._start_time, self._host_tolerance = start_time, tolerance
+        self._start_time, self._host_tolerance, self._set_up = start_time, tolerance, True
 
     def settings(self) -> Settings:
         """Settings of a session from the parameters.
@@ -152,15 +159,21 @@ class FmiInstance:
             check_target(target)
         elif self._estimates_errors():
             self.log(WARNING, "estimateError has no effect without resultsFile, to which the estimate is written")
-        session = self._session_with(self.settings())
-        session.reset()
-        self._set_loads(session)
-        self._set_histories(session)
-        session.initialize(self._start_time)
-        for remark in session.warnings:
+        for remark in self._open().warnings:
             self.log(WARNING, remark)
-        self._variables.update(session)
         return True
+
+    def _open(self) -> Session:
+        """The session at its start, under the parameters and inputs as they are."""
+        session = self._session_with(self.settings())
+        if not self._opened:
+            session.reset()
+            self._set_loads(session)
+            self._set_histories(session)
+            session.initialize(self._start_time)
+            self._variables.update(session)
+            self._opened = True
+        return session
 
     def _estimates_errors(self) -> bool:
         return bool(self._variables.number("estimateError"))
@@ -339,5 +352,5 @@ class FmiInstance:
 
     def _set_own_state(self, state: dict[str, Any]) -> None:
         self._variables.set_state(state["variables"])
-        self._start_time, self._host_tolerance = state["start_time"], state["tolerance"]
+        self._opened, self._start_time, self._host_tolerance = False, state["start_time"], state["tolerance"]
         self._failure, self.phase = state["failure"], state["phase"]

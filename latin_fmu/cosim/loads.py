@@ -14,9 +14,9 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from copy import copy
+from inspect import unwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,17 @@ Curve = tuple[tuple[float, ...], tuple[float, ...]]
 Histories = dict[str, tuple[Array, Array]]
 """Times, s, and amplitudes by load."""
 
+
+class Part(NamedTuple):
+    """Part of the grid that a communication step takes: number of the time steps that end in it, and the fraction of a
+    time step between the last instant and its end."""
+
+    n: int
+    rest: float
+
+
 _HEADING = "the load histories cannot be used"
+_placed = unwrap(inputs.placed)  # as Python: it takes a tenth of the time of a call of the library
 
 
 def rule_of(name: str, rule: int, rate: float) -> int:
@@ -51,7 +61,8 @@ class Loads:
     Attributes
     ----------
     value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : of prescribed mode.
-    memory, span : what the steps so far have left (``kernels.inputs``). kinds : of the loads, as there.
+    memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
+    the last instant. kinds : of the loads, as there.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -76,7 +87,7 @@ class Loads:
         self.rate = dict.fromkeys(self._start, 0.0)
         self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
         self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
-        self.span = 0.0
+        self.span = self.behind = 0.0
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
 
@@ -120,7 +131,7 @@ class Loads:
         """Start a simulation with the present values."""
         self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
         self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
-        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span = 0.0, 0.0
+        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
         self._initial = {name: self.get(name) for name in self._start}
 
     def changed(self) -> str:
@@ -153,14 +164,12 @@ class Loads:
         """Values and rates that are set, in the order of the loads."""
         return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
 
-    def driving(self, dt: float, n: int, rule: int) -> dict[str, Array]:
-        """What drives the run over a step in n parts of dt, s: amplitudes (n + 1,); of displacements their rates, 1/s,
-        over the parts that end at the instants. rule : HOLD, RATE, LINE or CAUSAL."""
-        lines = np.zeros((len(self._start), n + 1))
-        if self._start:
-            inputs.interpolate(
-                *self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, 0.0, 0.0, lines
-            )
+    def driving(self, part: Part, dt: float, rule: int) -> dict[str, Array]:
+        """What drives the run over the time steps of dt, s, that a step ends: amplitudes (n + 1,); of displacements
+        their rates, 1/s, over the time steps. rule : HOLD, RATE, LINE or CAUSAL."""
+        lines = np.zeros((len(self._start), part.n + 1))
+        memory = self.memory.reshape(-1)
+        inputs.interpolate(*self._given(), memory, self.kinds, self.span, dt, rule, self.behind, part.rest, lines)
         return dict(zip(self._start, lines, strict=True))
 
     def over(self, instants: Array) -> dict[str, Array]:
@@ -185,19 +194,27 @@ class Loads:
         """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,
         that of the causal line."""
         rates = np.zeros(len(self._start))
-        if self._start:
-            inputs.rates(*self._given(), self.memory.reshape(-1), self.kinds, self.span, rule, rates)
+        inputs.rates(*self._given(), self.memory.reshape(-1), self.kinds, self.span, rule, rates)
         return dict(zip(self._start, rates.tolist(), strict=True))
 
-    def accept(self, dt: float, done: int, n: int, rule: int) -> None:
-        """End a step in n parts of dt, s, after ``done`` of them."""
-        if self._start:
-            inputs.accept(*self._given(), self.memory.reshape(-1), self.kinds, self.span, dt, rule, done, n, 0.0, 0.0)
-        self.span = done * dt
+    def part(self, made: int, t: float, h: float, t0: float, dt: float) -> Part:
+        """What of the grid of time steps of dt, s, the step from t to t + h, s, ends; ``made`` : time steps so far,
+        since t0."""
+        off = 4e-16 * (abs(t) + abs(t + h)) / dt
+        return Part(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
+
+    def accept(self, part: Part, dt: float, rule: int, done: int | None = None) -> None:
+        """End a step, at its end, or after ``done`` of its time steps of dt, s."""
+        made, begin, memory = part.n if done is None else done, self.behind, self.memory.reshape(-1)
+        self.span = inputs.accept(
+            *self._given(), memory, self.kinds, self.span, dt, rule, made, part.n, begin, part.rest
+        )
+        self.behind = part.rest if made == part.n else 0.0
 
     def copy(self) -> Loads:
         """The same loads, independent of these."""
-        twin = copy(self)
+        twin = Loads.__new__(Loads)
+        vars(twin).update(vars(self))
         twin.value, twin.rate, twin.memory = dict(self.value), dict(self.rate), self.memory.copy()
         return twin
 
@@ -209,6 +226,7 @@ class Loads:
             "rate": self.rate,
             "memory": self.memory,
             "span": self.span,
+            "behind": self.behind,
             "initial": {name: list(pair) for name, pair in self._initial.items()},
             "histories": {name: list(pair) for name, pair in self.histories.items()},
         }
@@ -217,6 +235,8 @@ class Loads:
         """Compare a state that came from outside with these loads. Raises InputError."""
         own = self.get_state()
         check_like(state, own, "state.loads", free=("initial", "histories"))
+        if not (state["span"] >= 0.0 and 0.0 <= state["behind"] < 1.0):
+            raise unlike("state.loads", "a step before, or a part of a time step, that there cannot be")
         for name in ("initial", "histories"):
             if not isinstance(state[name], dict) or not set(state[name]) <= set(self._start):
                 raise unlike(f"state.loads.{name}", "other loads than here")
@@ -230,7 +250,7 @@ class Loads:
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore what ``get_state`` returned."""
         self.value, self.rate = state["value"], state["rate"]
-        self.memory, self.span = np.array(state["memory"]), state["span"]
+        self.memory, self.span, self.behind = np.array(state["memory"]), state["span"], state["behind"]
         self._initial = {name: (a, b) for name, (a, b) in state["initial"].items()}
         self.histories = {name: (t, a) for name, (t, a) in state["histories"].items()}
 

@@ -39,11 +39,11 @@ class OutputRows:
     Attributes
     ----------
     sources : what drives the run. n : number of outputs. of_event, of_solver : place of those of the events, and of the
-    solver.
+    solver. start : time that instants are counted with, s.
     """
 
     def __init__(self, scene: Scene, run: SegmentedRun) -> None:
-        self.sources, self._scene, self._run = Sources.of(scene), scene, run
+        self.sources, self._scene, self._run, self.start = Sources.of(scene), scene, run, 0.0
         names = [v.name for v in scalar_table(scene) if v.causality == "output"]
         self.n = len(names)
         self.of_event = self.n - COLUMNS * len(opening_interfaces(scene))
@@ -77,8 +77,9 @@ class OutputRows:
             own = self.sources.own_laws(self._scene, assembly.time)
             table = [given[name] for name in self.sources.inputs] + [own[name] for name in self.sources.laws]
             amplitudes = np.stack(table, axis=1) if table else np.zeros((len(assembly.time), 0))
-            drives, opens = self._drives.rows(amplitudes), self._run.run is None
-            return OutputRecorder(assembly, request, info, drives, self.n, opens, every)
+            drives, made = self._drives.rows(amplitudes), self._run.made
+            opens = self.start if self._run.run is None else None
+            return OutputRecorder(assembly, request, info, drives, self.n, made, opens, every)
 
         return made
 
@@ -98,7 +99,7 @@ class OutputRows:
 
     @property
     def present(self) -> Array:
-        """Outputs in the present state, a view; instants of events count from the start of the simulation."""
+        """Outputs in the present state, a view."""
         assert self._run.run is not None
         return self._run.run.image.field("present", self.n)
 
@@ -108,8 +109,8 @@ class OutputRecorder(Recorder):
 
     Parameters
     ----------
-    drives : (n_time, n_drive). n_output : number of outputs. opens : whether the segment begins a simulation.
-    every : keep the rows of all instants.
+    drives : (n_time, n_drive). n_output : number of outputs. made : time steps before the segment. opens : time of its
+    start, s, where it begins a simulation, else None. every : keep the rows of all instants.
 
     Attributes
     ----------
@@ -125,11 +126,12 @@ class OutputRecorder(Recorder):
         info: dict[str, SubstructureInfo],
         drives: Array,
         n_output: int,
-        opens: bool,
+        made: int,
+        opens: float | None,
         every: bool,
     ) -> None:
         super().__init__(assembly, request, info)
-        self._drives, self._opens, self._start = drives, opens, float(assembly.time[0])
+        self._drives, self._opens, self._made = drives, opens, made
         self._table = np.zeros((len(drives) if every else 0, n_output))
 
     @property
@@ -146,9 +148,10 @@ class OutputRecorder(Recorder):
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
             state[:] = self._drives[0, : len(state)]
-            image.field("progress", 9)[6] = self._start
-            image.call(entries.FOLLOW, 0, int(self._opens))
+            if self._opens is not None:
+                image.field("progress", 9)[6] = self._opens
+            image.call(entries.FOLLOW, 0, int(self._opens is not None))
         else:
-            image.call(entries.FOLLOW, row, n, first - 1)
+            image.call(entries.FOLLOW, row, n, self._made + first - 1)
         if len(self._table):
             self._table[first : first + n] = image.field("output", image.rows, self._table.shape[1])[row : row + n]

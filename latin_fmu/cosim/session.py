@@ -13,7 +13,6 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ from .variables import PRESCRIBED, scalar_table, with_laws
 from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
-_SAME_STEP = 1e-6  # relative difference of time steps that count as equal
 
 
 class Session:
@@ -225,7 +223,7 @@ class Session:
         """
 
         given = self._loads.curves(self.scene.time.end)
-        return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given)
+        return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given, self._t0)
 
     def dataset(self, estimate: bool = False) -> xr.DataTree:
         """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
@@ -356,14 +354,14 @@ def estimated_error(
     steps: Sequence[AcceptedStep],
     mode: Windowed | Prescribed | None,
     given: dict[str, Curve],
+    t0: float,
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of the solved interval.
 
     The loads set from outside become tables, jumps at communication points included; the coarser runs then are runs of
-    a plain scene (see ``estimate_error``). Time steps must be equal; the interval ends at the first other one, with a
-    remark.
+    a plain scene (see ``estimate_error``).
 
-    given : loads when the session was initialized: histories, else constants.
+    given : loads when the session was initialized at ``t0``, s: histories, else constants.
     """
     from ..accuracy.estimate import estimate_error
 
@@ -371,23 +369,18 @@ def estimated_error(
         return _no_estimate("nothing was solved")
     segments = _segments(mode, steps)
     if isinstance(mode, Windowed):
-        if not segments or len(segments) < len(steps) or segments[0].time[0] > 0.0:
+        if not segments or steps[0].start != t0:
             return _no_estimate(
                 "the steps from the start on are not known: nothing was solved, or a state was restored"
             )
         given = curves_of(steps, settings.interpolation, given)
-    equal = list(takewhile(lambda s: abs(_step(s) / _step(segments[0]) - 1.0) <= _SAME_STEP, segments))
-    plain = _plain_scene(scene, settings, given, equal)
-    solved = Solution(joined(equal, mode.run.timings, mode.run.problem.warnings), plain.text(), plain.name)
-    estimate = estimate_error(plain, solved)
-    if len(equal) == len(segments):
-        return estimate
-    remark = f"steps of unequal length: estimated up to {equal[-1].time[-1]:.6g} s after the start"
-    return ErrorEstimate(estimate.quantities, (*estimate.remarks, remark), estimate.cpu)
+    plain = _plain_scene(scene, settings, given, segments)
+    solved = Solution(joined(segments, mode.run.timings, mode.run.problem.warnings), plain.text(), plain.name)
+    return estimate_error(plain, solved)
 
 
 def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
-    """The scene with the loads that were set, over the instants of equal segments from the start on."""
+    """The scene with the loads that were set, over the instants of segments from the start on."""
     from ..accuracy.resolution import with_tolerance
 
     scene = with_laws(scene, {name: TableLaw(times=times, values=values) for name, (times, values) in curves.items()})
@@ -397,10 +390,6 @@ def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], seg
     if settings.tolerance is not None:
         changes["solver"] = with_tolerance(scene, settings.tolerance)
     return scene.model_copy(update=changes)
-
-
-def _step(segment: Segment) -> float:
-    return float(segment.time[-1] - segment.time[0]) / (len(segment.time) - 1)
 
 
 def _no_estimate(reason: str) -> ErrorEstimate:

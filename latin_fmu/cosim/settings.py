@@ -22,7 +22,7 @@ class Settings:
     ----------
     mode : WINDOWED (0) or PRESCRIBED (1). interpolation : of loads inside a step, HOLD (0), RATE (1), LINE (2),
         CAUSAL (3: RATE for a load that was given a rate, else the straight line through its last two values).
-    time_step : longest time step inside a communication step, s. end_time : end of the interval solved in
+    time_step : of the run, s; communication steps may be of any length. end_time : end of the interval solved in
         prescribed mode, s. tolerance : on sqrt(eta). max_iterations : of a window.
     keep : keep the accepted steps in memory, for ``Session.dataset``.
     """
@@ -40,7 +40,7 @@ class Settings:
         return (self.mode, self.interpolation, self.time_step, self.end_time, self.tolerance, self.max_iterations)
 
     def step_of(self, scene: Scene) -> float:
-        """Longest time step of a scene under these settings, s."""
+        """Time step of a scene under these settings, s."""
         return scene.time.time_step if self.time_step is None else self.time_step
 
     def problems(self) -> list[Problem]:
@@ -83,10 +83,14 @@ class Settings:
         changes: dict[str, object] = {}
         if self.max_iterations is not None and self.max_iterations != scene.solver.max_iterations:
             changes["solver"] = scene.solver.model_copy(update={"max_iterations": self.max_iterations})
-        step = self.step_of(scene)
-        end = scene.time.end if self.end_time is None else self.end_time
-        if self.mode == PRESCRIBED and (step, end) != (scene.time.time_step, scene.time.end):
+        step, end = self.step_of(scene), scene.time.end
+        if self.mode == PRESCRIBED and self.end_time is not None:
+            end = self.end_time
+        if (step, end) != (scene.time.time_step, scene.time.end):
             n = max(1, round(end / step))
+            if self.mode != PRESCRIBED:  # the step is kept, not the end, up to which time laws are tabulated
+                n = min(max(n, math.ceil(end / step - EARLY)), MAX_INSTANTS)
+                end = n * step
             changes["time"] = scene.time.model_copy(update={"end": end, "step": None, "instants": n})
         return scene.model_copy(update=changes) if changes else scene
 

@@ -108,6 +108,10 @@ class VariableStore:
             flat += self._elements(r, session) if self.table[r].is_array else [float(self.numbers[r])]
         return np.array(flat)
 
+    def calculates(self, references: Sequence[int] | Index) -> bool:
+        """Whether an output is among variables."""
+        return any(self.table[reference].causality == "output" for reference in references)
+
     def size(self, references: Sequence[int]) -> int:
         """How many numbers ``get`` returns."""
         if self._array_references.isdisjoint(references):

@@ -139,7 +139,7 @@ _MEANINGS: Final[Mapping[str, str]] = {
     "for a load once a rate other than 0 was set, else the straight line through its last two values; held over the "
     "first step and over a step that begins with a jump after two equal values. The incident wave of a port follows "
     "2, unless this is 0 or its rate is set",
-    "timeStep": "longest time step inside a communication step, which is cut into equal parts",
+    "timeStep": "time step of the run; communication steps may be of any length",
     "endTime": "end of the interval solved in prescribed mode, a whole number of timeStep",
     "tolerance": "tolerance on the error indicator sqrt(eta); a fifth of the tolerance of the importer replaces it",
     "maxIterations": "largest number of iterations of a window",
@@ -273,7 +273,8 @@ def _interface(scene: Scene, name: str, depends: tuple[str, ...]) -> Iterator[Va
 def _events(name: str) -> Iterator[Variable]:
     for count, (instant, text) in EVENTS.items():
         where = f"interface.{name}"
-        yield output(f"{where}.{count}", "1", f"number of times that the interface became {text}", minimum=0.0)
+        about = f"number of times that the interface became {text}"
+        yield Variable(f"{where}.{count}", "output", "discrete", "integer", about, minimum=0.0)
         yield output(f"{where}.{instant}", "s", f"instant of the last of {where}.{count}; 0 before the first")
 
 
@@ -282,7 +283,12 @@ def _solver() -> Iterator[Variable]:
     yield output("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step")
     converged = "1 where every window of the last step converged, else 0"
     yield output("solver.converged", "1", converged, minimum=0.0, maximum=1.0)
-    yield output("solver.instants", "1", "number of time steps the last communication step was cut into", minimum=0.0)
+    yield output(
+        "solver.instants",
+        "1",
+        "number of time steps that ended in the last communication step that ended some",
+        minimum=0.0,
+    )
     inner = "instant of the outputs: the last one of the time steps, not beyond the communication point"
     yield output(INNER_TIME, "s", inner)
 

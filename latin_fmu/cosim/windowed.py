@@ -1,8 +1,7 @@
-"""Windowed mode of a session: a communication step is one segment of the run, and the state is carried on."""
+"""Windowed mode of a session: the run goes on over the time steps that end in a communication step."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -12,54 +11,54 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
-from ..kernels.outputs import N_SOLVER
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..scene.schema import Scene
 from .kernel_steps import KernelSteps
-from .loads import Loads
+from .loads import Loads, Part
 from .output_rows import OutputRecorder, OutputRows
-from .outputs import first_event, shifted
-from .settings import MAX_INSTANTS, SHORTEST, Settings, StepReport, refused
+from .outputs import first_event
+from .settings import MAX_INSTANTS, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
-from .variables import LINE
 
-_ENTRIES: Final = ("run", "row", "time", "fields")  # of a state
+_ENTRIES: Final = ("run", "row", "window", "fields")  # of a state
 
 
 class LastStep(NamedTuple):
-    """Start of the last step: a function that returns to the state, and the loads; and of the step its ``end``, s,
-    ``h``, s, and number of time steps."""
+    """The last step: a function that returns to the state before it, the loads then, what of the grid it took, its
+    number of time steps (fewer than that where it ended early), and its length, s."""
 
     before: Callable[[], None]
     loads: Loads
-    end: float
-    h: float
+    part: Part
     n: int
+    h: float
 
 
 class Windowed:
     """A run advanced by communication steps.
 
-    A step in kernels is one call of them (``KernelSteps``); the Python driver makes the others: steps of other sizes or
-    that need a fall-back, and what the kernels do not hold.
+    The state stands at the last instant of the grid that is not beyond the communication point; outputs are held from
+    there. A step in kernels is one call of them (``KernelSteps``); the Python driver makes the others: the first one,
+    steps that need a fall-back, and what the kernels do not hold.
 
     Attributes
     ----------
-    row : scalar outputs now, (n_output,). n_instant : instants of the last step. rule : of interpolation.
+    row : scalar outputs now, (n_output,). rule : of interpolation.
     segment : the last step, None before the first, after a state was restored, and where it was not recorded.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
-        self.rule, self._time_step, self._keeps = settings.interpolation, settings.step_of(scene), settings.keep
+        self.rule, self._keeps = settings.interpolation, settings.keep
         self._outputs = OutputRows(scene, self.run)
         self._kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
         self.row = np.zeros(0)
-        self._instants: tuple[float, float, int] | Array = np.zeros(1)  # first, last, how many; or all
-        self._interfaces: dict[str, InterfaceHistory] | None = {}  # None: those of the last step
+        self._window = 0, 0  # time steps made before the last step, and in it
+        self._histories: Callable[[], dict[str, InterfaceHistory]] = dict
+        self._before: Callable[[], None] = self.run.reset  # return to the state before the last step
         self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
@@ -67,38 +66,33 @@ class Windowed:
     @property
     def time(self) -> Array:
         """Instants of the last step, (n + 1,), s, counted from the start."""
-        return np.linspace(*self._instants) if isinstance(self._instants, tuple) else self._instants
+        return self.run.instants(*self._window)
 
     @property
     def n_instant(self) -> int:
         """Number of instants of the last step."""
-        return self._instants[2] if isinstance(self._instants, tuple) else len(self._instants)
+        return self._window[1] + 1
 
     @property
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the instants of the last step."""
-        if self._interfaces is None:
-            if self.segment is not None:
-                self._interfaces = self.segment.interfaces
-            else:
-                self._interfaces = self._kernels.histories()
-        return self._interfaces
+        known = self._histories()
+        self._histories = lambda: known
+        return known
 
     def start(self, loads: Loads, t0: float) -> None:
         """Compute the outputs at the start ``t0``, s, under the loads that are set."""
+        self._outputs.start = t0
         self._outputs_now(loads)
-        self.row = self._with_start(self.row, t0)
 
     def _outputs_now(self, loads: Loads) -> None:
         self.run.settle(loads.value)
-        time = self.run.problem.assembly.time
-        time = time - time[0]  # that of the last segment where there was one
-        given = loads.at_rest(len(time))
+        given = loads.at_rest(2)
         self.run.reset()
         with one_thread():
-            run = self.run.begin(time, given, self._outputs.recorder(given))
-        self._interfaces = self._known = run.recorder.interfaces()
-        self._instants, self.segment = np.zeros(1), None
+            run = self.run.begin(1, given, self._outputs.recorder(given))
+        self._known = run.recorder.interfaces()
+        self._histories, self._window, self.segment = lambda: self._known, (0, 0), None
         self.row = self._outputs.present.copy()
         self.reset()
 
@@ -111,104 +105,87 @@ class Windowed:
         ------
         SolverError : the solver cannot continue; nothing has changed.
         """
-        n = max(1, math.ceil(h / self._time_step * (1.0 - SHORTEST)))
-        if n > MAX_INSTANTS:
+        dt, made = self.run.dt, self.run.made
+        if h / dt > MAX_INSTANTS:
             return refused(
-                f"a step of {h:g} s would take {n} time steps of {self._time_step:g} s; at most {MAX_INSTANTS}: "
+                f"a step of {h:g} s would take {h / dt:.0f} time steps of {dt:g} s; at most {MAX_INSTANTS}: "
                 "make shorter steps, or a longer timeStep",
                 again=True,
             )
-        report = self._by_kernels(loads, t, h, t0, n, early)
-        return self._by_python(loads, t, h, t0, n, early) if report is None else report
+        self._outputs.start, part, given = t0, loads.part(made, t, h, t0, dt), loads.copy()
+        report = self._held() if not part.n else self._by_kernels(given, part, early)
+        report = report or self._by_python(given, part, early)
+        if not report.accepted:
+            return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
+        n = self._window[1]
+        if not self._kernels.accept(given, loads):
+            loads.accept(part, dt, self.rule, n)
+        self._last_step = LastStep(self._before, given, part, n, h)
+        return report if n == part.n else replace(report, early=float(t0 + self.time[-1]))
 
-    # -- steps in kernels -----------------------------------------------------------------------------------------
-    def _by_kernels(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport | None:
-        """A step in one call of the kernels; None where the Python driver has to make it, for which nothing changes."""
-        kernels, end = self._kernels, t + h - t0
-        now = kernels.time if kernels.valid else self.run.time
-        if not kernels.fit(now, end, n):
+    def _held(self) -> StepReport:
+        """A step that ends before the next instant: nothing but the loads goes on."""
+        if self._window[1]:
+            histories = self._histories
+            self._histories = lambda: _last_of(histories())
+        self._window, self.segment = (self.run.made, 0), None
+        return StepReport(True)
+
+    def _by_kernels(self, loads: Loads, part: Part, early: bool) -> StepReport | None:
+        """A step in calls of the kernels; None where the Python driver has to make it, for which nothing changes."""
+        kernels, made, segment = self._kernels, self.run.made, None
+        row = kernels.march(loads, part, early) if kernels.fit(part.n) else None
+        if row is None or kernels.origin is None:
             return None
-        if not kernels.ready(n):
-            kernels.take_over(loads, end, n)
-        segment, row = None, kernels.march(loads, end, n)
-        if row is None:
-            return None
-        if early and n > 1 and kernels.has_event(row):
-            kernels.take_back()
-            return None
+        before = kernels.origin.state
         if self._keeps or kernels.must_record:
             segment = kernels.recorded()
             if not segment.accepted:
                 return None
-        self._instants, self._interfaces, self.segment = (now, end, n + 1), None, segment
-        self._last_step = None
-        kernels.accept(loads)
-        self.row = row if t0 == 0.0 else self._with_start(row, t0)
-        return StepReport(True, "", n, *kernels.iterations(row))
-
-    def _with_start(self, row: Array, t0: float) -> Array:
-        """Outputs with their instants counted from a zero that is ``t0``, s, earlier."""
-        return shifted(row, self._outputs.of_solver + N_SOLVER - 1, self._outputs.of_event, t0)
+        self._window, self.segment, self.row = (made, self.run.made - made), segment, row
+        self._before = partial(self.run.set_state, before)
+        self._histories = kernels.histories if segment is None else lambda: segment.interfaces
+        return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
     # -- the Python driver ----------------------------------------------------------------------------------------
-    def run_state(self) -> dict[str, Any] | None:
-        """The present state of ``run``, whose steps follow."""
-        self._kernels.give_back()
-        self._kernels.leave()
-        return self.run.get_state()
-
-    def _by_python(self, loads: Loads, t: float, h: float, t0: float, n: int, early: bool) -> StepReport:
-        before, given = self.run_state(), loads.copy()
-        dt, whole, early_end = h / n, n, None
-        driving = loads.driving(dt, n, self.rule)
-        segment = self.advance(t + h - t0, n, driving, every=early)
-        if early and n > 1 and segment.accepted:
+    def _by_python(self, loads: Loads, part: Part, early: bool) -> StepReport:
+        """A step by the Python driver; not accepted: nothing has changed, and the message says what the run says."""
+        before, made, n = self.run.get_state(), self.run.made, part.n
+        driving = loads.driving(part, self.run.dt, self.rule)
+        segment = self.advance(n, driving, every=early)
+        if early and segment.accepted:
             assert isinstance(segment.recorder, OutputRecorder)
             event = first_event(segment.recorder.outputs[:, self._outputs.of_event :])
             if event is not None and event < n:
                 self.run.set_state(before)
-                h, n, early_end = event * dt, event, t + event * dt
-                segment = self.advance(early_end - t0, n, {name: line[: n + 1] for name, line in driving.items()})
+                n = event
+                segment = self.advance(n, driving)
         if not segment.accepted:
-            return refused(f"no convergence in the step of {h:g} s at {t:g} s: {segment.status}", again=True)
-        loads.accept(dt, n, whole, self.rule)
-        end = (t + h if early_end is None else early_end) - t0
-        self._last_step = LastStep(partial(self.run.set_state, before), given, end, h, n)
-        if early_end is not None and self.rule == LINE:
-            self._last_step = None  # these loads over this step are other lines
-        self._kernels.reset()
-        self.row = self._with_start(self.outputs_of(segment), t0)
-        self._instants, self.segment, self._interfaces = segment.time, segment, None
-        return StepReport(True, "", n, segment.iterations, segment.error_indicator, early=early_end)
+            return StepReport(False, segment.status)
+        self.row, self._window, self.segment = self.outputs_of(segment), (made, n), segment
+        self._before, self._histories = partial(self.run.set_state, before), lambda: segment.interfaces
+        return StepReport(True, "", n, segment.iterations, segment.error_indicator)
 
     def advance(
-        self,
-        end: float,
-        n: int,
-        loads: Mapping[str, Array],
-        solve: Callable[[Run], None] = Run.all,
-        every: bool = False,
+        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all, every: bool = False
     ) -> Segment:
-        """Solve n time steps up to ``end``, s; nothing changes where the segment is not accepted. ``solve`` : as for
-        ``SegmentedRun.advance``. ``every`` : as for ``OutputRows.recorder``."""
+        """Solve n time steps, for which ``loads`` has amplitudes or more; nothing changes where the segment is not
+        accepted. ``solve`` : as for ``SegmentedRun.advance``. ``every`` : as for ``OutputRows.recorder``."""
+        given = {name: line[: n + 1] for name, line in loads.items()}
         try:
             with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                return self.run.advance(end, n, loads, solve=solve, recorder=self._outputs.recorder(loads, every))
+                recorder = self._outputs.recorder(given, every)
+                return self.run.advance((self.run.made + n) * self.run.dt, n, given, solve=solve, recorder=recorder)
         except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
     def outputs_of(self, segment: Segment) -> Array:
-        """Scalar outputs (n_output,) at the end of a segment that ``advance`` has just made; the instants of events are
-        counted from the start of the simulation."""
+        """Scalar outputs (n_output,) at the end of a segment that ``advance`` has just made."""
         return self._outputs.at_end(segment)
 
     @property
     def last_step(self) -> LastStep | None:
-        """What the last step started from; None before the first, and after a state was restored."""
-        step = self._kernels.origin
-        if self._last_step is None and step is not None:
-            before, h = self._kernels.return_to_origin, step.end - step.time
-            self._last_step = LastStep(before, step.loads, step.end, h, step.n)
+        """The last step; None before the first, and after a state was restored."""
         return self._last_step
 
     def instant(self, _time: float) -> int:
@@ -222,16 +199,14 @@ class Windowed:
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""
         self.run.reset()
-        self._kernels.reset()
         self._last_step = None
 
     def get_state(self) -> dict[str, Any]:
         """Everything that determines the next steps and the present outputs; completes that of the loads."""
-        self._kernels.give_back()
         return {
             "run": np.frombuffer(self.run.snapshot(), dtype=np.uint8),
             "row": self.row,
-            "time": self.time,
+            "window": list(self._window),
             "fields": self._fields(),
         }
 
@@ -245,27 +220,40 @@ class Windowed:
         if check:
             self._check(state)
         self.run.restore(state["run"].tobytes(), check)
-        self.row, self._instants = state["row"], state["time"]
+        self.row, self._window = state["row"], (state["window"][0], state["window"][1])
         if check:
+            if sum(self._window) != self.run.made:
+                raise unlike("state.window", "time steps that do not end at the present one")
             fields = state["fields"].items()
             self.run.check_gaps({name: field["gap"][-1] for name, field in fields if field["gap"] is not None})
-        self._interfaces = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
-        self._kernels.reset()
+        fields = {name: replace(self._known[name], **f) for name, f in state["fields"].items()}
+        self._histories = lambda: fields
         self.segment = self._last_step = None
 
     def _check(self, state: Mapping[str, Any]) -> None:
         """Compare a state that came from outside with this run. Raises InputError."""
-        time = state.get("time")
         check_like(state, dict.fromkeys(_ENTRIES), "state", free=_ENTRIES)
         check_numbers(state["row"], "state.row", self.row)
-        check_numbers(time, "state.time")
-        if not isinstance(time, np.ndarray) or time.ndim != 1 or not len(time) or (np.diff(time) <= 0.0).any():
-            raise unlike("state.time", "times that do not increase")
+        check_like(state["window"], [0, 0], "state.window")
+        first, n = state["window"]
+        if not (first >= 0 and 0 <= n <= MAX_INSTANTS):
+            raise unlike("state.window", "time steps that there cannot be")
         check_like(state["fields"], dict.fromkeys(self._known), "state.fields", free=tuple(self._known))
         for name, history in self._known.items():
             fields = {f: getattr(history, f) for f in INTERFACE_FIELDS}
-            known = {f: None if v is None else np.zeros((len(time), *v.shape[1:]), v.dtype) for f, v in fields.items()}
+            known = {f: None if v is None else np.zeros((n + 1, *v.shape[1:]), v.dtype) for f, v in fields.items()}
             check_like(state["fields"].get(name), known, f"state.fields.{name}")
 
     def _fields(self) -> dict[str, dict[str, Any]]:
         return {n: {f: getattr(h, f) for f in INTERFACE_FIELDS} for n, h in self.interfaces.items()}
+
+
+def _last_of(histories: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceHistory]:
+    """Histories over the last instant alone."""
+
+    def last(history: InterfaceHistory) -> InterfaceHistory:
+        known = {name: getattr(history, name) for name in INTERFACE_FIELDS}
+        fields: dict[str, Any] = {name: None if field is None else field[-1:] for name, field in known.items()}
+        return replace(history, **fields)
+
+    return {name: last(history) for name, history in histories.items()}

@@ -22,15 +22,13 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import kernel
-from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep
+from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep, placed
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
 from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
 
 FREE, BY_VALUE, BY_BOTH = 0, 1, 2
 """Inputs that the initial state is known for: any; with the start value; with that held over the first time step."""
-_SAME_STEP, _DRIFT = 1e-9, 1e-12
-"""Of a time step, and of the time since the start: differences that add up from round-off."""
 BEYOND_LAWS: Final = -1
 """Result of a step beyond the table of own laws; nothing has changed. -2 - i: the first step, or the outputs at t = 0,
 with an amplitude of input i for which the initial state of the image does not hold."""
@@ -78,25 +76,12 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
 
 @kernel
 def place(pools: Any) -> int:
-    """Time steps up to the last instant not beyond the end of the next communication step; the fraction that follows
-    into ``progress``. The record has its end since the start, its length and the round-off of both, in time steps. An
-    end within round-off of an instant is there; whole time steps from an instant end at one, whatever they add up
-    to."""
+    """Time steps of the next communication step (``inputs.placed``); the fraction that follows into ``progress``. The
+    record has its end since the start, its length and the round-off of both, in time steps."""
     run, moving = pools.run[0], pools.moving
+    at = run.place
     made, begin = moving[run.progress], moving[run.progress + 7]
-    end, length, off = moving[run.place], moving[run.place + 1], moving[run.place + 2]
-    n, rest = int(length + 0.5), 0.0
-    if begin > 0.0 or n == 0 or abs(length - n) > _SAME_STEP * length + off:
-        n = int(max(end - made, 0.0))
-        rest = max(end - made, 0.0) - n
-        near = _SAME_STEP + _DRIFT * end + off
-        if rest > 1.0 - near:
-            n, rest = n + 1, 0.0
-        elif rest < near and n > 0:
-            rest = 0.0
-        elif n == 0:
-            rest = begin + length
-    moving[run.progress + 8] = rest
+    n, moving[run.progress + 8] = placed(made, begin, moving[at], moving[at + 1], moving[at + 2])
     return n
 
 

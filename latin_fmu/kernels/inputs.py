@@ -38,6 +38,8 @@ LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
 REACHED, SLOPE, BEFORE, HELD, RATED, CARRIED, DRIVEN = 0, 1, 2, 3, 4, 5, 6
 """Rows of the memory."""
 N_MEMORY: Final = 7
+_SAME_STEP, _DRIFT = 1e-9, 1e-12
+"""Of a time step, and of the time since the start: differences that add up from round-off."""
 
 
 @kernel
@@ -131,6 +133,26 @@ def keep(
     return ended * dt
 
 
+@kernel
+def placed(made: float, begin: float, end: float, length: float, off: float) -> tuple[int, float]:
+    """Time steps from the instant ``made`` up to the last one not beyond the end of a communication step, and the
+    fraction that follows. ``end`` of the step since the start, ``length``, round-off of both ``off``: in time steps. An
+    end within round-off of an instant is there; whole time steps from an instant end at one, whatever they add up
+    to."""
+    n, rest = int(length + 0.5), 0.0
+    if begin > 0.0 or n == 0 or abs(length - n) > _SAME_STEP * length + off:
+        n = int(max(end - made, 0.0))
+        rest = max(end - made, 0.0) - n
+        near = _SAME_STEP + _DRIFT * end + off
+        if rest > 1.0 - near:
+            n, rest = n + 1, 0.0
+        elif rest < near and n > 0:
+            rest = 0.0
+        elif n == 0:
+            rest = begin + length
+    return n, rest
+
+
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, f8, f8, f8[:, ::1]")
 def interpolate(
     value: Any,
@@ -159,7 +181,7 @@ def rates(value: Any, rate: Any, memory: Any, kinds: Any, span: float, rule: int
         made[e] = rate_over((value, rate), memory, kinds, e, span, rule)
 
 
-@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, i8, i8, f8, f8")
+@entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, f8, i8, i8, i8, f8, f8 -> f8")
 def accept(
     value: Any,
     rate: Any,
@@ -172,6 +194,6 @@ def accept(
     whole: int,
     begin: float,
     rest: float,
-) -> None:
+) -> float:
     """``keep`` for a caller in Python."""
-    keep((value, rate), memory, kinds, span, done, whole, begin, rest, rule, dt)
+    return float(keep((value, rate), memory, kinds, span, done, whole, begin, rest, rule, dt))

@@ -372,7 +372,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("history_works", "output (R,): work of the drift on the interfaces owned here since the start, J"),
     ("n_input", "amplitudes set from outside; this and all below 0 but in a co-simulation (``communication``)"),
     ("n_source", "amplitudes that drive the run: those, then laws of the scene that vary"),
-    ("n_motion_state", "numbers that prescribed motions (u, v, a of each class) and the ground go on from"),
+    ("n_motion_state", "numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from"),
     ("n_drive", "drives: the motion state, sources before the time step, sources at its end, 1"),
     ("n_signal", "numbers that linear outputs follow from: tractions, velocities, gaps, sensors and probes, drives"),
     ("n_output", "outputs, scalars"),

@@ -171,10 +171,9 @@ class RunState:
         self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
 
     # -- the image ----------------------------------------------------------------------------------------------
-    def _set_up(self, start: tuple[Array, Array] | None = None) -> None:
-        """Image and search directions for the present operators. ``start`` : tractions and velocities at t = 0; None:
-        the present state is kept."""
-        assembly, kept = self.assembly, None if start is not None else self.image.state.copy()
+    def _set_up(self, start: tuple[Array, Array]) -> None:
+        """Image and search directions. ``start`` : tractions and velocities at t = 0."""
+        assembly = self.assembly
         self._directions: dict[int, Direction] = {}
         self._direct_bonds = False
         # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
@@ -182,7 +181,7 @@ class RunState:
         one = self.direction(1)
         one.bind()
         # communication steps have signals of all that is probed: there fields are read instant by instant
-        self._probes: Probes | None = self.recorder.probes(self.held, fields=not self._communication)
+        self._probes: Probes | None = self.recorder.probes(self.held, fields=not self._communication.get("n_output"))
         part = self.part if assembly.interfaces else None
         if part is not None:
             with part.processes.agreed():
@@ -191,17 +190,13 @@ class RunState:
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
         LawsInPython(self.image, self.held.layout.groups)
-        if start is not None:
-            self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
+        self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
         self._use(1)
-        if kept is None:
-            self.image.field("scales", 3)[:] = negligible_scales(self.image, one, self.settings.tolerance)
-        else:
-            self.image.state[:] = kept
+        self.image.field("scales", 3)[:] = negligible_scales(self.image, one, self.settings.tolerance)
         self._team = Team(self.image, self.settings.threads)
         self.refusals = 0
         self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
-        self._operators, self._still = [p.operators for p in assembly.propagators], still(assembly)
+        self._still = still(assembly)
 
     def stages(self, n: int, first: int) -> Stages:
         """Stages of a window of n instants from the instant ``first`` on."""
@@ -308,13 +303,9 @@ class RunState:
         """Continue after the assembly has begun a new segment of time."""
         self.recorder = recorder
         self._clear()
-        operators = [p.operators for p in self.assembly.propagators]
-        if any(a is not b for a, b in zip(operators, self._operators, strict=True)):
-            self._set_up()
-        else:
-            alike, self._still = self._still, still(self.assembly)
-            if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):
-                self.image.begin(len(self.assembly.time), histories(self.assembly))
+        alike, self._still = self._still, still(self.assembly)
+        if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):
+            self.image.begin(len(self.assembly.time), histories(self.assembly))
         self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
         self._begin_recording()
 

@@ -8,16 +8,142 @@ compared without regard to case and keep the spelling of their first use. What e
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from ..errors import listed
-from .abaqus_cards import SOLID_FACES, Card, Include, cards, element_type, elements_of, nodes_of
-from .content import CORNERS, FLAT, Array, FileProblems, Index, MeshContent, rows_of
+from .content import CORNERS, FLAT, NO_ROWS, SHELLS, SOLIDS, Array, FileProblems, Include, Index, MeshContent, rows_of
 from .deck_model import DeckModel
 
-_NONE = np.zeros(0, dtype=np.int64)
+SOLID_FACES: Final = {
+    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    6: ((0, 1, 2), (3, 5, 4), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+}
+"""Corners of the faces S1, S2, ... by number of corners of the element (Abaqus Analysis Guide)."""
+
+_SOLID_NAME = re.compile(r"C3D(\d+)[A-Z]*")
+_SHELL_NAME = re.compile(r"(?:CPS|CPE|CPEG|CAX|S|SC?AX|M3D|SFM3D|R3D|DS|STRI)(\d+)[A-Z]*")
+
+
+@dataclass
+class Card:
+    """One keyword with its parameters and data lines; ``line`` counts from 1 in the file it stands in."""
+
+    keyword: str
+    parameters: dict[str, str]
+    line: int
+    rows: list[str] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+    def name(self, key: str) -> str:
+        """A parameter, empty where it is not given."""
+        return self.parameters.get(key, "")
+
+    def tokens(self) -> Iterator[tuple[int, list[str]]]:
+        """Line number and the fields of each data line without empty ones at its end."""
+        for line, row in zip(self.lines, self.rows, strict=True):
+            fields = [item.strip() for item in row.split(",")]
+            while fields and not fields[-1]:
+                fields.pop()
+            yield line, fields
+
+
+def element_type(name: str) -> tuple[str, int] | None:
+    """VTK name and number of nodes of an element type such as C3D8I or CPS6, None for what is neither."""
+    name = name.upper()
+    if (match := _SOLID_NAME.fullmatch(name)) and int(match[1]) in SOLIDS:
+        return SOLIDS[int(match[1])], int(match[1])
+    if (match := _SHELL_NAME.fullmatch(name)) is not None:
+        count = 6 if name.startswith("STRI65") else int(match[1])  # STRI65: six nodes, five unknowns each
+        return (SHELLS[count], count) if count in SHELLS else None
+    return None
+
+
+def cards(text: str, include: Include, problems: FileProblems, depth: int = 0) -> Iterator[Card]:
+    """The cards of a deck in order, those of included files in their place."""
+    card: Card | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.startswith("**") or not line.strip():
+            continue
+        if card is not None and card.keyword.endswith(","):  # a keyword line that goes on
+            card.keyword += line.strip()
+            continue
+        if line.lstrip().startswith("*"):
+            if card is not None:
+                yield from _complete(card, include, problems, depth)
+            card = Card(line.strip(), {}, number)
+        elif card is not None:
+            card.rows.append(line)
+            card.lines.append(number)
+        else:
+            problems.add("text before the first keyword", None, "a line that starts with *", line=number)
+            return
+    if card is not None:
+        yield from _complete(card, include, problems, depth)
+
+
+def _complete(card: Card, include: Include, problems: FileProblems, depth: int) -> Iterator[Card]:
+    """The card with its keyword line taken apart; for *INCLUDE, the cards of that file."""
+    first, *rest = card.keyword.rstrip(",").split(",")
+    card.keyword = " ".join(first.lstrip("*").upper().split())
+    for item in rest:
+        key, _, value = item.partition("=")
+        card.parameters[key.strip().upper()] = value.strip().strip('"')
+    if card.keyword != "INCLUDE":
+        yield card
+        return
+    with problems.included(card.name("INPUT"), include, depth, card.line) as text:
+        yield from cards(text, include, problems, depth + 1)
+
+
+def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
+    """Labels (n,) and coordinates (n, 3) of a *NODE card; missing coordinates are 0."""
+    labels, coordinates = [], []
+    for line, fields in card.tokens():
+        try:
+            label = int(fields[0])
+            values = [float(f.upper().replace("D", "E")) if f else 0.0 for f in fields[1:4]]
+        except (ValueError, IndexError):
+            problems.add("not a node", card.rows[card.lines.index(line)].strip(), "label, x, y, z", line=line)
+            continue
+        if not 0 < label < 2**62:
+            problems.add("not a node label", label, "a positive whole number", line=line)
+            continue
+        labels.append(label)
+        coordinates.append([*values, 0.0, 0.0, 0.0][:3])
+    return np.array(labels, dtype=np.int64), np.array(coordinates, dtype=float).reshape(-1, 3)
+
+
+def elements_of(card: Card, count: int, problems: FileProblems) -> tuple[Index, Index]:
+    """Labels (n,) and node labels (n, count) of an *ELEMENT card; an element may take several data lines."""
+    values: list[int] = []
+    for line, fields in card.tokens():
+        try:
+            numbers = [int(f) for f in fields if f]
+        except ValueError:
+            numbers = [-1]
+        if any(not 0 < v < 2**62 for v in numbers):
+            problems.add("not an element", ", ".join(fields), "label and nodes, positive whole numbers", line=line)
+            return np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
+        values += numbers
+    if len(values) % (count + 1):
+        problems.add(
+            f"elements of type {card.name('TYPE')} take a label and {count} nodes each",
+            f"{len(values)} numbers in the block",
+            f"a multiple of {count + 1}",
+            line=card.line,
+        )
+        return np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
+    table = np.array(values, dtype=np.int64).reshape(-1, count + 1)
+    return table[:, 0], table[:, 1:]
+
+
+# -- the deck taken apart ------------------------------------------------------------------------------------------
 _TABLES = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE")  # whose data lines are read here
 
 
@@ -39,13 +165,13 @@ class _Frame:
 
     name: str
     scope: _Scope
-    node_labels: Index = field(default_factory=lambda: _NONE)
+    node_labels: Index = field(default_factory=lambda: NO_ROWS)
     first_node: int = 0
-    element_labels: Index = field(default_factory=lambda: _NONE)
+    element_labels: Index = field(default_factory=lambda: NO_ROWS)
     first_element: int = 0
 
 
-class _Deck:
+class _DeckScopes:
     """A deck taken apart: scopes by name, instances, spelling of names."""
 
     def __init__(self, where: str) -> None:
@@ -155,11 +281,11 @@ def read_abaqus(text: str, where: str, include: Include) -> MeshContent:
     ------
     MeshError : what is wrong, with line numbers where there are any.
     """
-    deck = _Deck(where)
+    deck = _DeckScopes(where)
     for card in cards(text, include, deck.problems):
         deck.take(card)
     deck.problems.stop()
-    return _Model(deck).content()
+    return _PlacedDeck(deck).content()
 
 
 def _placed(points: Array, card: Card, problems: FileProblems) -> Array:
@@ -189,10 +315,10 @@ def _turned(points: Array, origin: Array, axis: Array, angle: float) -> Array:
     return turned
 
 
-class _Model:
+class _PlacedDeck:
     """Instances placed, labels resolved to rows."""
 
-    def __init__(self, deck: _Deck) -> None:
+    def __init__(self, deck: _DeckScopes) -> None:
         self.deck, self.problems = deck, deck.problems
         self.points: list[Array] = []
         self.n_point = self.n_element = 0
@@ -235,7 +361,7 @@ class _Model:
             self.cells.append(rows.reshape(connectivity.shape) + frame.first_node)
             self.n_element += len(labels)
             every.append(labels)
-        frame.element_labels = np.concatenate(every) if every else _NONE
+        frame.element_labels = np.concatenate(every) if every else NO_ROWS
         values, counts = np.unique(frame.element_labels, return_counts=True)
         if (counts > 1).any():
             self.problems.add("two elements have the same label", int(values[counts.argmax()]))
@@ -251,8 +377,8 @@ class _Model:
             return None
         if key in path:
             self.problems.add("a set contains itself", self.deck.spelled.get(key, key))
-            return _NONE
-        rows = [_NONE]
+            return NO_ROWS
+        rows = [NO_ROWS]
         singles: dict[str, list[int]] = {}
         for instance, text, last, step in members:
             if last:
@@ -307,7 +433,7 @@ class _Model:
         if rows is None:
             known = [self.deck.spelled.get(k, k) for t, k in frame.scope.sets if t == kind]
             self.problems.add("no set of this name", text, listed(known))
-            return _NONE
+            return NO_ROWS
         return rows
 
     def content(self) -> MeshContent:
@@ -318,11 +444,8 @@ class _Model:
         for block, (kind, cells) in enumerate(zip(self.kinds, self.cells, strict=True)):
             if kind not in CORNERS:
                 continue
-            before = content.solids.get(kind)
-            start = 0 if before is None else len(before)
             span = slice(self.first[block], self.first[block] + len(cells))
-            self.row_in_type[span] = start + np.arange(len(cells))
-            content.solids[kind] = cells if before is None else np.concatenate([before, cells])
+            self.row_in_type[span] = content.add_solids(kind, cells)
         for frame in self.frames[1:]:
             everything = frame.first_element + np.arange(len(frame.element_labels))
             self._add_elements(content, self.deck.spelled[frame.name], everything, surfaces=False)
@@ -346,8 +469,7 @@ class _Model:
             if kind == "E":
                 self._add_elements(content, name, rows)
             else:
-                before = content.node_sets.get(name, _NONE)
-                content.node_sets[name] = np.union1d(before, rows)
+                content.add_nodes(name, rows)
 
     def _add_elements(self, content: MeshContent, name: str, ids: Index, surfaces: bool = True) -> None:
         """Elements of a set under its name: solids as a volume group, shells as facets."""
@@ -355,17 +477,14 @@ class _Model:
         for block in np.unique(blocks):
             kind, chosen = self.kinds[block], ids[blocks == block]
             if kind in CORNERS:
-                group = content.volumes.setdefault(name, {})
-                group[kind] = np.union1d(group.get(kind, _NONE), self.row_in_type[chosen])
+                content.add_volume(name, kind, self.row_in_type[chosen])
             elif surfaces:
-                cells = self.cells[block][chosen - self.first[block]]
-                content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
+                content.add_facets(name, kind, self.cells[block][chosen - self.first[block]])
 
     def _add_surface(self, content: MeshContent, frame: _Frame, name: str, items: list[tuple[str, str]]) -> None:
         for text, label in items:
             if label == "NODE":
-                rows = self._other(frame, "N", text)
-                content.node_sets[name] = np.union1d(content.node_sets.get(name, _NONE), rows)
+                content.add_nodes(name, self._other(frame, "N", text))
                 continue
             ids = self._other(frame, "E", text)
             blocks = self.kind_of[ids]
@@ -398,7 +517,7 @@ class _Model:
         sections = [self.deck.spelled[key] for key in dict.fromkeys(self.deck.root.sections)]
         groups = [content.volumes[name] for name in sections if name in content.volumes]
         for kind, cells in content.solids.items():
-            rows = np.concatenate([g.get(kind, _NONE) for g in groups]) if groups else _NONE
+            rows = np.concatenate([g.get(kind, NO_ROWS) for g in groups]) if groups else NO_ROWS
             if len(rows) != len(cells) or len(np.unique(rows)) != len(rows):
                 return None
         return tuple(name for name in sections if name in content.volumes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -17,49 +19,38 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CORNERS: Final = {
-    "tetra": 4,
-    "tetra10": 4,
-    "wedge": 6,
-    "wedge15": 6,
-    "hexahedron": 8,
-    "hexahedron20": 8,
-    "hexahedron27": 8,
-    "pyramid": 5,
-    "pyramid13": 5,
-    "pyramid14": 5,
-    "hexahedron24": 8,
-    "hexahedron9": 8,
-    "wedge18": 6,
-    "hexahedron64": 8,
-    "tetra20": 4,
-    "tetra14": 4,
-    "tetra8": 4,
-    "hexahedron125": 8,
-    "tetra35": 4,
+    kind: n_corner
+    for n_corner, kinds in (
+        (4, "tetra tetra8 tetra10 tetra14 tetra20 tetra35"),
+        (5, "pyramid pyramid13 pyramid14"),
+        (6, "wedge wedge15 wedge18"),
+        (8, "hexahedron hexahedron9 hexahedron20 hexahedron24 hexahedron27 hexahedron64 hexahedron125"),
+    )
+    for kind in kinds.split()
 }
 """Corner nodes of the solid cells that files may hold (not all of them can be computed with)."""
 
 FLAT: Final = {
-    "triangle": 3,
-    "triangle6": 3,
-    "triangle7": 3,
-    "triangle10": 3,
-    "quad": 4,
-    "quad8": 4,
-    "quad9": 4,
-    "quad5": 4,
-    "quad16": 4,
+    kind: n_corner
+    for n_corner, kinds in ((3, "triangle triangle6 triangle7 triangle10"), (4, "quad quad5 quad8 quad9 quad16"))
+    for kind in kinds.split()
 }
 """Corner nodes of the surface cells, which come first in their connectivity."""
 
 SOLIDS: Final = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"}
 """Solid cells of decks by number of nodes."""
 
-UPPER_EDGES_LAST: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
+SHELLS: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+"""Shell, membrane, plane and surface cells of decks by number of nodes."""
+
+_UPPER_EDGES_LAST: Final = {15: (*range(9), 12, 13, 14, 9, 10, 11), 20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
 """Order of the nodes, by their number, of files with the middle nodes of vertical edges before those of upper ones."""
 
-DEEPEST: Final = 10
-"""Levels of decks that include each other."""
+NO_ROWS: Final = np.zeros(0, dtype=np.int64)
+_DEEPEST: Final = 10  # levels of decks that include each other: a file that includes itself ends with a message
+
+Include = Callable[[str], str]
+"""Text of a file that a deck includes (MeshError where there is none)."""
 
 MAX_PROBLEMS: Final = 8
 """So many problems of one file are listed; the rest follow from them more often than not."""
@@ -92,13 +83,33 @@ class MeshContent:
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
 
+    def add_solids(self, kind: str, cells: Index) -> Index:
+        """Append cells of a type to ``solids``; their rows there, (n_cell,)."""
+        before = self.solids.get(kind)
+        start = 0 if before is None else len(before)
+        self.solids[kind] = cells if before is None else np.concatenate([before, cells])
+        return start + np.arange(len(cells), dtype=np.int64)
+
+    def add_volume(self, name: str, kind: str, rows: Index) -> None:
+        """Add rows of ``solids`` to a volume group; a cell given twice is in it once."""
+        group = self.volumes.setdefault(name, {})
+        group[kind] = np.union1d(group.get(kind, NO_ROWS), rows)
+
+    def add_facets(self, name: str, kind: str, cells: Index) -> None:
+        """Add surface cells (n_facet, n_node) of a type to a surface group: their corners, which come first."""
+        self.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
+
+    def add_nodes(self, name: str, rows: Index) -> None:
+        """Add rows of ``points`` to a node set."""
+        self.node_sets[name] = np.union1d(self.node_sets.get(name, NO_ROWS), rows)
+
     def touching(self, group: str, name: str) -> bool:
         """Whether a surface group or node set has whole facets on the cells of a volume group."""
         cells = {kind: self.solids[kind][rows] for kind, rows in self.volumes[group].items()}
         if name in self.facets:
             nodes = np.unique(np.concatenate([table.ravel() for table in cells.values()]))
             return any(bool(np.isin(table, nodes).all(axis=1).any()) for table in self.facets[name] if len(table))
-        some = self.node_sets.get(name, np.zeros(0, dtype=np.int64))
+        some = self.node_sets.get(name, NO_ROWS)
         for kind, table in cells.items():
             corners = CORNERS[kind]
             least = 3 if corners == 4 else 4  # of the corners of a side; a wedge counts by its quadrilaterals
@@ -120,7 +131,7 @@ class MeshContent:
         members = {name: _cell_keys(cells) for name, cells in self.volumes.items()}
         members = {name: keys for name, keys in members.items() if len(keys)}
         fine: list[str] = []
-        taken = np.zeros(0, dtype=np.int64)
+        taken = NO_ROWS
         # smallest first, so that a set of sets comes last; of equal ones the last in the file, which the user named
         # (gmsh writes Volume1 with the elements, and the physical group after them)
         late_first = dict.fromkeys(reversed(members))
@@ -142,11 +153,18 @@ def _cell_keys(cells: dict[str, Index]) -> Index:
     """One number per cell, unique over the cell types."""
     kinds = sorted(CORNERS)
     parts = [rows * len(kinds) + kinds.index(kind) for kind, rows in cells.items()]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+    return np.concatenate(parts) if parts else NO_ROWS
+
+
+def upper_edges_last(cells: Index) -> Index:
+    """Cells (n_cell, n_node) in the VTK order, from files that number middle nodes of vertical edges before those of
+    upper edges."""
+    n_node = cells.shape[1]
+    return cells[:, list(_UPPER_EDGES_LAST.get(n_node, range(n_node)))]
 
 
 class FileProblems:
-    """FileProblems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
+    """Problems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -167,6 +185,19 @@ class FileProblems:
         if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
             self.problems.append(problem)
 
+    @contextmanager
+    def included(self, name: str, include: Include, depth: int, line: int) -> Iterator[str]:
+        """Text of a file that a deck includes in this line, empty where decks are nested too deeply; lines of problems
+        are counted in that file meanwhile. ``depth`` : of the deck, 0 for the outermost."""
+        if depth >= _DEEPEST:
+            self.add("files include each other too deeply", name, f"{_DEEPEST} levels", line=line)
+            yield ""
+            return
+        text, outer = include(name), self.where
+        self.where = f"{outer}, in {name}"
+        yield text
+        self.where = outer
+
     def stop(self) -> None:
         """Raise the problems, if there are any."""
         if self.problems:
@@ -175,7 +206,7 @@ class FileProblems:
 
 def rows_of(labels: Index, some: Index) -> tuple[Index, NDArray[np.bool_]]:
     """Position of each of ``some`` in ``labels`` (unique, any order), and which of them are there."""
-    if not len(labels):
+    if not len(labels):  # there is no last place to clip to
         return np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=bool)
     order = np.argsort(labels, kind="stable")
     place = np.minimum(np.searchsorted(labels, some, sorter=order), len(labels) - 1)

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .content import CORNERS, FLAT, UPPER_EDGES_LAST, FileProblems, Index, MeshContent
+from .content import CORNERS, FLAT, NO_ROWS, FileProblems, Index, MeshContent, upper_edges_last
 
 _SOLIDS: Final = {
     ("TET", 4): "tetra",
@@ -31,6 +31,7 @@ _FLAT: Final = {
     ("SHE", 3): "triangle",
     ("TRI", 4): "triangle",
 }
+# Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
     6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
@@ -51,29 +52,32 @@ def read_exodus(path: Path, where: str) -> MeshContent:
     with netCDF4.Dataset(path) as data:
         data.set_auto_mask(False)
         content = MeshContent(_points(data))
-        blocks: list[tuple[str, Index, Index]] = []  # type, connectivity, rows among the cells of that type
+        blocks: list[tuple[str, Index]] = []  # type and connectivity; side sets count elements through all of them
         for number, name in _named(data, "eb", "block", "num_el_blk"):
             variable = data.variables.get(f"connect{number}")
             if variable is None:  # an empty block
-                blocks.append(("", np.zeros((0, 1), dtype=np.int64), np.zeros(0, dtype=np.int64)))
+                blocks.append(("", NO_ROWS.reshape(0, 1)))
                 continue
             cells = np.asarray(variable[:], dtype=np.int64) - 1
             if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
                 problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
                 continue
-            blocks.append(_add_block(content, problems, name, str(variable.elem_type), cells))
+            blocks.append((_add_block(content, problems, name, str(variable.elem_type), cells), cells))
         problems.stop()
         for number, name in _named(data, "ss", "sideset", "num_side_sets"):
             if f"elem_ss{number}" in data.variables:
-                elements = np.asarray(data.variables[f"elem_ss{number}"][:], dtype=np.int64) - 1
-                sides = np.asarray(data.variables[f"side_ss{number}"][:], dtype=np.int64) - 1
+                elements, sides = (_numbers(data, f"{word}_ss{number}") - 1 for word in ("elem", "side"))
                 content.facets[name] = _facets(blocks, elements, sides, problems, name)
         for number, name in _named(data, "ns", "nodeset", "num_node_sets"):
             if f"node_ns{number}" in data.variables:
-                rows = np.asarray(data.variables[f"node_ns{number}"][:], dtype=np.int64) - 1
+                rows = _numbers(data, f"node_ns{number}") - 1
                 content.node_sets[name] = rows[(rows >= 0) & (rows < len(content.points))]
     problems.stop()
     return content
+
+
+def _numbers(data: Any, name: str) -> Index:
+    return np.asarray(data.variables[name][:], dtype=np.int64)
 
 
 def _points(data: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -99,37 +103,28 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
     return [(i + 1, name or f"{long}_{int(ids[i])}") for i, name in enumerate(names[:count])]
 
 
-def _add_block(
-    content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index
-) -> tuple[str, Index, Index]:
-    """Put a block where it belongs; its type, connectivity and rows for the side sets."""
+def _add_block(content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index) -> str:
+    """Put a block where it belongs; its type, empty where cells of that type are left out."""
     key = (element.upper()[:3], cells.shape[1])
-    nothing = np.zeros(0, dtype=np.int64)
     if kind := _SOLIDS.get(key):
-        cells = cells[:, list(UPPER_EDGES_LAST.get(cells.shape[1], range(cells.shape[1])))]
-        before = content.solids.get(kind)
-        start = 0 if before is None else len(before)
-        content.solids[kind] = cells if before is None else np.concatenate([before, cells])
-        rows = start + np.arange(len(cells), dtype=np.int64)
-        group = content.volumes.setdefault(name, {})
-        group[kind] = np.concatenate([group.get(kind, nothing), rows])
-        return kind, cells, rows
+        content.add_volume(name, kind, content.add_solids(kind, upper_edges_last(cells)))
+        return kind
     if kind := _FLAT.get(key):
-        content.facets.setdefault(name, []).append(cells[:, : FLAT[kind]])
-        return kind, cells, nothing
+        content.add_facets(name, kind, cells)
+        return kind
     if key[0] in ("HEX", "TET", "WED"):
         problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
-    return "", cells, nothing
+    return ""
 
 
 def _facets(
-    blocks: list[tuple[str, Index, Index]], elements: Index, sides: Index, problems: FileProblems, name: str
+    blocks: list[tuple[str, Index]], elements: Index, sides: Index, problems: FileProblems, name: str
 ) -> list[Index]:
     """Corners of the facets of a side set; elements are counted through all blocks."""
     facets: list[Index] = []
     first = 0
-    for kind, cells, _ in blocks:
+    for kind, cells in blocks:
         inside = (elements >= first) & (elements < first + len(cells))
         local, side = elements[inside] - first, sides[inside]
         first += len(cells)

@@ -9,12 +9,12 @@ the node set ``SPC_3``. Loads, materials and cases are ignored.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 
-from .content import DEEPEST, FLAT, SOLIDS, UPPER_EDGES_LAST, FileProblems, Index, MeshContent, rows_of
+from .content import SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
 
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
@@ -26,7 +26,7 @@ Entry = tuple[int, list[str]]
 """Line number and fields of one entry, its name first."""
 
 
-def read_nastran(text: str, where: str, include: Callable[[str], str]) -> MeshContent:
+def read_nastran(text: str, where: str, include: Include) -> MeshContent:
     """The mesh of a deck.
 
     Parameters
@@ -37,7 +37,7 @@ def read_nastran(text: str, where: str, include: Callable[[str], str]) -> MeshCo
     ------
     MeshError : what is wrong, with line numbers.
     """
-    deck = _Deck(where)
+    deck = _BulkData(where)
     for line, fields in _entries(text, include, deck.problems, deck.names):
         deck.take(line, fields)
     deck.problems.stop()
@@ -54,7 +54,7 @@ def _bulk_lines(text: str) -> list[tuple[int, str]]:
 
 
 def _entries(
-    text: str, include: Callable[[str], str], problems: FileProblems, names: dict[int, str], depth: int = 0
+    text: str, include: Include, problems: FileProblems, names: dict[int, str], depth: int = 0
 ) -> Iterator[Entry]:
     """Entries of the bulk data, continuation lines joined."""
     entry: Entry | None = None
@@ -74,14 +74,9 @@ def _entries(
             yield entry
         entry = None
         if line.upper().startswith("INCLUDE"):
-            if depth >= DEEPEST:
-                problems.add("files include each other too deeply", line, f"{DEEPEST} levels", line=number)
-            else:
-                name, outer = line[7:].strip().strip("'\""), problems.where
-                inner = include(name)
-                problems.where = f"{outer}, in {name}"  # lines are counted in that file now
+            name = line[7:].strip().strip("'\"")
+            with problems.included(name, include, depth, number) as inner:
                 yield from _entries(inner, include, problems, names, depth + 1)
-                problems.where = outer
             continue
         fields = _fields(line)
         entry = (number, [fields[0].upper().rstrip("*"), *fields[1:]])
@@ -110,7 +105,7 @@ def _number(text: str) -> float:
         return float(_EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-")))
 
 
-class _Deck:
+class _BulkData:
     """Nodes and elements as they are read."""
 
     def __init__(self, where: str) -> None:
@@ -190,20 +185,17 @@ class _Deck:
             owners = np.array([owner for owner, _ in elements], dtype=np.int64)
             cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
             if solid:
-                cells = cells[:, list(UPPER_EDGES_LAST.get(count, range(count)))]
-                content.solids[SOLIDS[count]] = cells
+                content.add_solids(SOLIDS[count], upper_edges_last(cells))
             for owner in dict.fromkeys(owners.tolist()):
                 rows = np.flatnonzero(owners == owner)
-                kind = "PSOLID" if solid else "PSHELL"
-                name = self.names.get(owner, f"{kind}_{owner}")
+                name = self.names.get(owner, f"{'PSOLID' if solid else 'PSHELL'}_{owner}")
                 if solid:
-                    content.volumes.setdefault(name, {})[SOLIDS[count]] = rows
+                    content.add_volume(name, SOLIDS[count], rows)
                 else:
-                    corners = FLAT["triangle"] if count in (3, 6) else FLAT["quad"]
-                    content.facets.setdefault(name, []).append(cells[rows][:, :corners])
+                    content.add_facets(name, SHELLS[count], cells[rows])
         for number, nodes in self.held.items():
             rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
-            content.node_sets[f"SPC_{number}"] = np.unique(rows[there])
+            content.add_nodes(f"SPC_{number}", rows[there])
         self.problems.stop()
         return content
 

@@ -18,51 +18,17 @@ import numpy as np
 
 from ..errors import MeshError, Problem
 from .abaqus import read_abaqus
-from .content import CORNERS, FLAT, Index, MeshContent
+from .content import CORNERS, FLAT, NO_ROWS, Index, MeshContent
 from .exodus import read_exodus
 from .nastran import read_nastran
 
 _ABAQUS: Final = (".inp",)
 _NASTRAN: Final = (".bdf", ".nas", ".fem")
 _EXODUS: Final = (".e", ".exo", ".ex2")
-_MESHIO: Final = (
-    ".msh",
-    ".vtk",
-    ".vtu",
-    ".xdmf",
-    ".xmf",
-    ".cgns",
-    ".med",
-    ".mesh",
-    ".meshb",
-    ".h5m",
-    ".hmf",
-    ".avs",
-    ".f3grid",
-    ".mdpa",
-    ".su2",
-    ".ugrid",
-    ".vol",
-    ".node",
-    ".ele",
-    ".xml",
-    ".stl",
-    ".ply",
-    ".obj",
-    ".off",
-    ".dat",
-    ".tec",
-    ".post",
-    ".dato",
-    ".gz",
-    ".wkt",
-    ".svg",
-)
 _CAD: Final = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".fcstd")
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
 MAX_BYTES: Final = 4_000_000_000
 _MOST_TIMES, _SMALL = 200, 100_000_000  # what unpacks to more than this may be so many times as large as it is packed
-# Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _NEEDS: Final = {"h5py": "pip install h5py", "lxml": "pip install lxml"}
 _MOST_VALUES = 1000  # integer data with more values than this numbers cells, it names no groups
 
@@ -96,7 +62,10 @@ def read_content(path: Path) -> MeshContent:
         what, made = "a CAD file holds no mesh", f"{path.stem}.msh"
         remedy = f"mesh it, e.g. gmsh -3 {path.name} -order 2 -clmax 5 -o {made} (lengths in the unit of the file: add "
         raise MeshError.of("unreadable mesh", path.name, what, suffix, _ALLOWED, f"{remedy}scale = 1e-3 for mm)")
-    if suffix not in _MESHIO:
+    from meshio import extension_to_filetypes
+
+    # ``suffix`` is the last one: that of a packed file is .gz, where meshio lists .vol.gz, .post.gz and .dato.gz
+    if suffix not in (".gz", *extension_to_filetypes):
         raise MeshError.of(
             "unreadable mesh",
             path.name,
@@ -225,14 +194,10 @@ def _content(mesh: Any) -> MeshContent:
     rows: list[Index] = []
     for block in mesh.cells:
         cells = np.asarray(block.data)
-        count = len(cells)
-        start = len(content.solids[block.type]) if block.type in content.solids else 0
-        rows.append(start + np.arange(count, dtype=np.int64))
-        if block.type in CORNERS:
-            cells = cells.astype(np.int64)
-            content.solids[block.type] = cells if not start else np.concatenate([content.solids[block.type], cells])
-        elif block.type not in FLAT and block.type not in ("vertex", "line", "line3"):
-            content.skipped[block.type] = content.skipped.get(block.type, 0) + count
+        solid = block.type in CORNERS
+        rows.append(content.add_solids(block.type, cells.astype(np.int64)) if solid else NO_ROWS)
+        if not solid and block.type not in FLAT and block.type not in ("vertex", "line", "line3"):
+            content.skipped[block.type] = content.skipped.get(block.type, 0) + len(cells)
     for name, chosen in _groups(mesh).items():
         _add(content, name, mesh.cells, rows, chosen)
     for name, nodes in _node_sets(mesh).items():
@@ -278,25 +243,24 @@ def _unreadable(path: Path, noise: str, error: BaseException) -> Problem:
 
 def _groups(mesh: Any) -> dict[str, list[Index]]:
     """Cells of every group: for each block of cells, the rows that belong to it."""
-    nothing = np.zeros(0, dtype=np.int64)
     groups: dict[str, list[Index]] = {}
     for name, blocks in mesh.cell_sets.items():
         if name.startswith("gmsh:"):
             continue
         rows = [np.asarray([] if b is None else b, dtype=np.int64) for b in blocks]
         # a set written before later blocks names no cell of them
-        groups[name] = rows + [nothing] * (len(mesh.cells) - len(rows))
+        groups[name] = rows + [NO_ROWS] * (len(mesh.cells) - len(rows))
     physical = mesh.cell_data.get("gmsh:physical")
     named = {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2} if physical is not None else {}
     for name, (tag, dimension) in named.items():
         if name not in groups:
             groups[name] = [
-                np.flatnonzero(np.asarray(tags) == tag) if _dimension(block.type) == dimension else nothing
+                np.flatnonzero(np.asarray(tags) == tag) if _dimension(block.type) == dimension else NO_ROWS
                 for block, tags in zip(mesh.cells, physical, strict=True)
             ]
     for tag, names in getattr(mesh, "cell_tags", {}).items():  # families of .med: one tag, several groups
         for name in names:
-            before = groups.setdefault(name, [nothing] * len(mesh.cells))
+            before = groups.setdefault(name, [NO_ROWS] * len(mesh.cells))
             groups[name] = [
                 np.union1d(rows, np.flatnonzero(np.asarray(tags) == tag))
                 for rows, tags in zip(before, mesh.cell_data["cell_tags"], strict=True)
@@ -346,12 +310,9 @@ def _add(content: MeshContent, name: str, blocks: Any, rows: list[Index], chosen
         if not len(select):
             continue
         if block.type in CORNERS:
-            group = content.volumes.setdefault(name, {})
-            before = group.get(block.type, np.zeros(0, dtype=np.int64))
-            group[block.type] = np.concatenate([before, start[select]])
+            content.add_volume(name, block.type, start[select])
         elif block.type in FLAT:
-            facets = np.asarray(block.data, dtype=np.int64)[select][:, : FLAT[block.type]]
-            content.facets.setdefault(name, []).append(facets)
+            content.add_facets(name, block.type, np.asarray(block.data, dtype=np.int64)[select])
 
 
 def _check_rows(path: Path, content: MeshContent) -> None:

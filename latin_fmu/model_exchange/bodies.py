@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..assembly.merged_assembly import merge
+from ..assembly.merged_assembly import merge, placed
 from ..assembly.problem import DiscretisedProblem
 from ..errors import Problem, SceneError
 from ..latin.assembly import Array, Index, InterfaceUnit
@@ -157,7 +157,7 @@ def body_trace(body: BondedBody, cuts: Sequence[Cut]) -> tuple[sp.csr_array, Arr
             trace = None if face == GROUND else cut.trace(side)
             if trace is not None and (name := split_face(face)[0]) in body.where:
                 sign = 1.0 if side else -1.0
-                block = sp.csr_array(block + sign * placed(trace, body.where[name], body.model.n_full))
+                block = sp.csr_array(block + sign * placed(trace, body.where[name].start, body.model.n_full))
         blocks.append(block)
         areas.append(np.repeat(cut.areas, 3))
     if not blocks:
@@ -174,14 +174,8 @@ def face_means(body: BondedBody, units: Sequence[InterfaceUnit]) -> Array:
             trace = unit.geometry.traces[side]
             if trace is not None and (name := split_face(face)[0]) in body.where:
                 mean = sp.csr_array(sp.kron(share, sp.eye_array(3)) @ trace)
-                means[i, side] = placed(mean, body.where[name], body.model.n_full).toarray()
+                means[i, side] = placed(mean, body.where[name].start, body.model.n_full).toarray()
     return means
-
-
-def placed(rows: sp.csr_array, where: slice, n: int) -> sp.csr_array:
-    """Rows over the dofs of a substructure as rows over those of its body."""
-    wide = sp.csr_array(rows).tocoo()
-    return sp.csr_array((wide.data, (wide.coords[0], wide.coords[1] + where.start)), shape=(rows.shape[0], n))
 
 
 Part = tuple[BondedBody, Array, sp.csr_array]

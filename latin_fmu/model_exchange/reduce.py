@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from ..assembly.body import side_impedance
 from ..assembly.build import discretise
 from ..assembly.face_pairs import completed
+from ..assembly.merged_assembly import jump
 from ..assembly.problem import DiscretisedProblem, characteristic_traction
 from ..cholesky.factor import interface_factor
 from ..cosim.variable import Variable, output, parameter
@@ -30,22 +31,11 @@ from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..propagator.model import reduced_rank
 from ..scene.boundaries import Driven
-from ..scene.fields import GROUND, split_face
+from ..scene.fields import GROUND
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from ..scene.settings import HHT
-from .bodies import (
-    BondedBody,
-    Cut,
-    ReducedBody,
-    bond_of,
-    bonded_bodies,
-    damping_of,
-    face_means,
-    is_bond,
-    loads_of,
-    placed,
-)
+from .bodies import BondedBody, Cut, ReducedBody, bond_of, bonded_bodies, damping_of, face_means, is_bond, loads_of
 from .equations import Regularisation
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, Contacts, Local, Names, ReducedSystem
 
@@ -282,41 +272,29 @@ def _mesh(
     expansion = sp.csr_array(sp.block_diag([m.expansion for m in models]))
     matrix = sp.csr_array(sp.block_diag([m.stiffness + growth * m.inertia for m in models]))
     sizes = [m.n_full for m in models]
+    starts = [sum(sizes[:i]) for i in range(len(sizes))]
+    where = {
+        name: slice(start + own.start, start + own.stop)
+        for body, start in zip(bodies, starts, strict=True)
+        for name, own in body.where.items()
+    }
     for cut in cuts:
-        rows = _jump(cut, bodies, sizes)
+        traces = [cut.unit.geometry.local_trace(side, cut.unit.behaviour.n_component) for side in (0, 1)]
+        rows = jump(cut.unit, traces, where, sum(sizes))
         stiffness = system.contacts.stiffness[system.contacts.owner == cut.number][0]
         area = np.repeat(cut.unit.geometry.areas, cut.unit.behaviour.n_component)
         matrix = matrix + rows.T @ (sp.diags_array(_CLOSED * stiffness * area) @ rows)
     loads = np.zeros((sum(sizes), len(names)))
-    start = 0
-    for model in models:
+    for model, start in zip(models, starts, strict=True):
         for load in model.loads:
             if load.name in names:
                 loads[start : start + model.n_full, names.index(load.name)] += load.pattern
-        start += model.n_full
     loads = expansion.T @ loads
     factor = interface_factor(
         sp.csr_array(expansion.T @ matrix @ expansion), np.zeros(0, dtype=np.int64), _rank(bodies)
     )
     deflection: Array = np.einsum("ij,ij->j", loads, factor.solve(loads))
     return deflection
-
-
-def _jump(cut: Cut, bodies: Sequence[BondedBody], sizes: Sequence[int]) -> sp.csr_array:
-    """Motion of side E' relative to E at every point, from all full dofs."""
-    unit = cut.unit
-    n_component = unit.behaviour.n_component
-    total = sp.csr_array((unit.geometry.n_point * n_component, sum(sizes)))
-    for side, face in enumerate(unit.sides):
-        trace = None if face == GROUND else unit.geometry.local_trace(side, n_component)
-        if trace is None:
-            continue
-        name = split_face(face)[0]
-        number = next(i for i, body in enumerate(bodies) if name in body.where)
-        start = sum(sizes[:number]) + bodies[number].where[name].start
-        sign = 1.0 if side else -1.0
-        total = total + sign * placed(trace, slice(start, start + trace.shape[1]), sum(sizes))
-    return sp.csr_array(total)
 
 
 def _rank(bodies: Sequence[BondedBody]) -> Array | None:

@@ -84,7 +84,7 @@ class Solution:
     @property
     def trustworthy(self) -> bool:
         """Whether the run has converged, its balance of energies closes, no closed point has sunk and no body has
-        turned too far (``assembly.run_judgement``); ``status`` says what does not hold."""
+        turned too far (``run_checks``); ``status`` says what does not hold."""
         return self.outcome.trustworthy
 
     @property

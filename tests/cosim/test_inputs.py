@@ -9,7 +9,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import Loads, given_rows, read_histories
+from latin_fmu.cosim.loads import Loads, Part, given_rows, read_histories
 from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
 from latin_fmu.errors import InputError
 from latin_fmu.kernels.inputs import RATED
@@ -30,8 +30,8 @@ def over(values: list[float], spans: list[float], rates: dict[int, float] | None
         loads.set("press", value, (rates or {}).get(i, 0.0))
         if i == 0:
             loads.begin()
-        amplitudes = loads.driving(h / 4, 4, CAUSAL)
-        loads.accept(h / 4, 4, 4, CAUSAL)
+        amplitudes = loads.driving(Part(4, 0.0), h / 4, CAUSAL)
+        loads.accept(Part(4, 0.0), h / 4, CAUSAL)
         ends.append((float(amplitudes["press"][0]), float(amplitudes["press"][-1])))
     return ends
 

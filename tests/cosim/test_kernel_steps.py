@@ -170,8 +170,8 @@ def test_steps_that_the_kernels_give_up_are_made_by_the_python_driver(monkeypatc
     walk, calls = Walk(blocks(time=LONG, output={"energy": False}, **FREE), PRESS, 0, False), [0]
     marched = KernelSteps._marched
 
-    def given_up(*arguments: Any) -> Any:
-        row = marched(*arguments)
+    def given_up(*arguments: Any, **named: Any) -> Any:
+        row = marched(*arguments, **named)
         calls[0] += 1
         return None if calls[0] % 3 == 0 else row
 

@@ -16,7 +16,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.loads import Loads
+from latin_fmu.cosim.loads import Loads, Part
 from latin_fmu.cosim.variables import HOLD, RATE
 from latin_fmu.cosim.waveform_relaxation import Coupling, Side, WaveformMaster
 from latin_fmu.stability.scenes import Box, Material, column
@@ -383,7 +383,7 @@ def test_velocities_are_motions_and_go_on_from_where_they_are():
     loads = Loads(bar(4, 20, port=PORTS, boundary={}))
     for name, value in GIVEN.items():
         loads.set(name, value, 0.0)
-    lines = loads.driving(1e-6, 4, HOLD)
+    lines = loads.driving(Part(4, 0.0), 1e-6, HOLD)
     assert lines["port.hand.velocity[1]"].tolist() == [0.0, 0.1, 0.1, 0.1, 0.1]
     assert lines["port.foot.force[3]"].tolist() == [70.0] * 5
 

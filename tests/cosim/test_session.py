@@ -9,6 +9,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.cosim import Session, Settings
+from latin_fmu.cosim.loads import Part
 from latin_fmu.errors import InputError, SolverError
 
 from .scenes import bar, blocks
@@ -114,7 +115,7 @@ def test_loads_inside_a_step(rule, expected):
     session = Session(blocks(), Settings(interpolation=rule))
     session.initialize()
     session.set_load("press", 0.5, 0.25 / H)
-    amplitude = session._loads.driving(H / 4, 4, session.settings.interpolation)["press"]
+    amplitude = session._loads.driving(Part(4, 0.0), H / 4, session.settings.interpolation)["press"]
     assert amplitude[[0, -1]] == pytest.approx(expected)
     assert np.diff(amplitude) == pytest.approx(np.full(4, (expected[1] - expected[0]) / 4))
 
@@ -126,7 +127,8 @@ def test_lines_join():
     session.set_load("press", 0.5)
     assert session.step(0.0, H)
     session.set_load("press", 0.1)
-    assert session._loads.driving(H / 2, 2, session.settings.interpolation)["press"] == pytest.approx([0.5, 0.3, 0.1])
+    line = session._loads.driving(Part(2, 0.0), H / 2, session.settings.interpolation)["press"]
+    assert line == pytest.approx([0.5, 0.3, 0.1])
 
 
 @pytest.mark.parametrize(
@@ -225,17 +227,47 @@ def test_reset_gives_the_same_again():
     assert np.array_equal(first, ramped(session, 3))
 
 
-def test_rounded_steps_share_one_factorisation():
-    session = Session(bar())
+def test_rounded_steps_are_whole_time_steps():
+    session, t = Session(bar()), 0.0
     session.initialize()
-    operators, t = None, 0.0
     for _ in range(1000):
         h = 0.02 * (1.0 + 1e-13 * math.sin(t))
-        assert session.step(t, h)
+        assert session.step(t, h).instants == 1
         t = t + h
-        present = session._mode.run.problem.assembly.propagators[0].operators
-        assert operators is None or operators is present
-        operators = present
+    assert session.value("innerTime") == 1000 * 0.02
+
+
+def test_the_time_step_of_the_settings_is_that_of_the_grid():
+    """Bit for bit the session of a scene with that step."""
+    rows = []
+    for scene, settings in ((blocks(), Settings(time_step=0.1e-6)), (blocks(time={"end": 6e-6, "step": 0.1e-6}), None)):
+        session = Session(scene, settings)
+        session.initialize()
+        rows.append(ramped(session, 5, 0.37e-6))
+    assert np.array_equal(*rows)
+    assert rows[0][-1, session.outputs.index("innerTime")] == pytest.approx(1.8e-6)
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_a_step_that_ends_before_the_next_instant_holds_the_outputs(keep):
+    session = Session(blocks(), Settings(keep=keep))
+    session.initialize()
+    ramped(session, 2)
+    row, (time, fields) = session.row.copy(), session.window()
+    session.set_load("press", 0.9)
+    for i in range(2):
+        assert session.step(2.0 * H + 0.06e-6 * i, 0.06e-6).instants == 0
+    assert np.array_equal(session.row, row)
+    held, last = session.window()
+    assert held.tolist() == [time[-1]]
+    assert np.array_equal(last["crush"].traction, fields["crush"].traction[-1:])
+    assert session.derivative(FORCE, ["load.press.value"], [1.0]).tolist() == [0.0, 0.0, 0.0]
+    assert session.step(2.12e-6, 0.88e-6).instants == 5
+    if keep:
+        tree = session.dataset()
+        assert tree["exchange"].sizes["time"] == 5
+        assert tree["interfaces/crush"].sizes["time"] == 16
+        assert session.estimate_error().remarks == ("too few time steps for an estimate",)  # of 15, but known from 0 on
 
 
 def test_start_time_other_than_zero():

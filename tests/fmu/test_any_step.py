@@ -17,21 +17,21 @@ from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
 
 from .host import Host
-from .scenes import blocks
+from .scenes import bar, blocks
 
 DT = 0.2e-6
 END = 30 * DT
 LIMIT = 1e-9  # of the largest of a unit
 BASE, SLOPE = 0.2, 1.0 / END  # of the load: a ramp
-pytestmark = pytest.mark.skipif(
+needs_library = pytest.mark.skipif(
     library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
 )
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=True) for fmi in ("2", "3")}
+@pytest.fixture(scope="module", params=["python", pytest.param("compiled", marks=needs_library)])
+def made(tmp_path_factory, request) -> dict[str, Path]:
+    folder, compiled = tmp_path_factory.mktemp("fmus"), request.param == "compiled"
+    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=compiled) for fmi in ("2", "3")}
 
 
 @pytest.fixture
@@ -117,6 +117,53 @@ def test_a_host_with_its_own_step(made, fmi, interval):
     assert np.ptp(result["interface.crush.normalForce"]) > 0.0
 
 
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_library)])
+def test_initialization_mode_has_the_values_of_the_start(fmi, compiled, tmp_path):
+    """Under what is set at that moment, and nothing else follows from the reading; events are counted in whole
+    numbers."""
+    path = build_fmu(bar(), tmp_path / "bar.fmu", fmi, compiled=compiled)
+    read, plain = (Host(path, tmp_path / str(number)) for number in range(2))
+    assert (read.read()[read.outputs.index("interface.wall.gap")] if read.three else 0.0) == 0.0
+    read.prepare(0.5)
+    first = read.read()
+    assert first[read.outputs.index("interface.wall.velocityE[3]")] == pytest.approx(-10.0)
+    assert first[read.outputs.index("innerTime")] == 0.5
+    state = read.save()
+    read.restore(state)
+    assert np.array_equal(read.read(), first)
+    read.fmu.exitInitializationMode()
+    plain.start(0.5)
+    for k in range(5):
+        assert np.array_equal(read.read(), plain.read())
+        assert all(host.step(0.5 + 0.02 * k, 0.02) for host in (read, plain))
+    assert read.variables["interface.wall.touches"].type == ("Int32" if read.three else "Integer")
+    assert read.variables["interface.wall.touches"].variability == "discrete"
+    number = [read.reference("interface.wall.touches")]
+    assert (read.fmu.getInt32 if read.three else read.fmu.getInteger)(number) == [1]
+    for host in (read, plain):
+        host.close()
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_inputs_set_in_initialization_mode_count(made, fmi, mode, tmp_path):
+    """The last ones that were set, whatever was read before."""
+    read, plain = (Host(made[fmi], tmp_path / str(number)) for number in range(2))
+    for host in (read, plain):
+        host.set(mode=mode)
+        host.prepare()
+    for value in (0.9, 0.4):
+        read.set(load__press__value=value)
+        read.read()
+    plain.set(load__press__value=0.4)
+    for host in (read, plain):
+        host.fmu.exitInitializationMode()
+        assert host.step(0.0, 5 * DT), host.messages
+    assert np.array_equal(read.read(), plain.read())
+    for host in (read, plain):
+        host.close()
+
+
+@needs_library
 def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
     """A face moved through a port, at rest at t = 0, with a rate from then on: as the session."""
     model = load_scene(Path(__file__).parents[2] / "models" / "impact_bar" / "scene.toml")

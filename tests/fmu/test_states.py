@@ -230,14 +230,16 @@ FORGERIES = {
     "outputs": lambda _, tree: inside(tree, lambda run: put(run, "present", np.nan)),
     "state cut": lambda _, tree: inside(tree, lambda run: shorter(run, "state")),
     "state nan": lambda _, tree: inside(tree, lambda run: with_nan(run, "state")),
-    "a body less": lambda _, tree: inside(tree, lambda run: run["motions"].pop()),
+    "an entry less": lambda _, tree: inside(tree, lambda run: run.pop("running")),
     "traction inf": lambda _, tree: inside(tree, lambda run: put(run, "f_hat", np.inf)),
     "at rest": lambda _, tree: inside(tree, lambda run: put(run, "rest", 1.0)),
     "half at rest": lambda _, tree: inside(tree, lambda run: put(run, "rest", 0.5)),
     "turn": lambda _, tree: inside(tree, lambda run: put(run, "turn", 1e9)),
-    "a step of no length": lambda _, tree: inside(tree, lambda run: run.update(steps=[0.0])),
+    "a part of a time step": lambda _, tree: session_of(tree, lambda s: s["loads"].update(behind=1.5)),
+    "a window": lambda _, tree: session_of(tree, lambda s: s["mode"].update(window=[2, -1])),
     "sunk": lambda _, tree: inside(tree, sunk),
-    "a negative time": lambda _, tree: inside(tree, lambda run: run.update(time=-1e-6)),
+    "negative time steps": lambda _, tree: inside(tree, lambda run: run.update(made=-1)),
+    "half a time step": lambda _, tree: inside(tree, lambda run: run.update(made=2.5)),
 }
 
 

@@ -12,7 +12,7 @@ from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.mesh_files.abaqus_cards import SOLID_FACES, element_type
+from latin_fmu.mesh_files.abaqus import SOLID_FACES, element_type
 from latin_fmu.mesh_files.reading import read_content
 
 from .decks import LABEL_OF, cube, element_rows, instances_deck, nastran_deck, node_rows, read_mesh, surfaces_deck
