@@ -65,7 +65,7 @@ MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS,
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
-acceleration has stalled and a step is due whatever it costs (without inertia once the iterations have cost half of it),
+iteration has stalled and a step is due whatever it costs (without inertia once the iterations have cost half of it),
 sum of the tangents of the last step, number of the last iteration."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with; without inertia more where the last increment that was
@@ -318,17 +318,25 @@ def continues(pools: Any, iteration: int) -> bool:
         return False
     if now * now <= past:
         return False
-    steps, span, early = EXPECTED, 2, 0.0
-    if run.static == 1:  # increments take more steps or less, and the acceleration passes most stalls
-        steps, span, early = max(EXPECTED, int(abs(finish[0]))), min(RECENT, iteration), 0.5
-    cost = run.newton_price * steps
-    if course[DUE] == 1.0 and count >= early * cost:
+    span = min(RECENT, iteration) if run.static == 1 else 2
+    cost = price(pools)
+    if course[DUE] == 1.0:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
     if not _pays(cost, count, now, _merit(pools, iteration - span), span):
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
+
+
+@kernel
+def price(pools: Any) -> float:
+    """Cost of the steps that end an instant, in iterations; increments without inertia take as many steps as the last
+    one that ended with some, dynamic instants two."""
+    run, steps = pools.run[0], EXPECTED
+    if run.static == 1:
+        steps = max(EXPECTED, int(abs(pools.moving[run.finish])))
+    return float(run.newton_price * steps)
 
 
 @kernel
