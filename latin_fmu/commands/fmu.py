@@ -59,6 +59,9 @@ linear, and where only a value is given its rate is taken from them.
 """
 _NEEDED: Final = "pip install 'latin-fmu[fmu]' gives what FMUs need"
 
+_LARGE = 5e7
+"""Bytes of the matrices of a compiled FMU from which on their size is printed before they are made."""
+
 
 def register(add: AddParser) -> None:
     """Declare the two subcommands."""
@@ -143,6 +146,10 @@ def _made(
     if arguments.compiled and arguments.modes is not None:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
+    elif arguments.compiled:
+        waiting.reached(0.0, "FMU: size")
+        if foreseen := _foreseen(inputs.scene):
+            say(f"latin-fmu: {foreseen}")
     waiting.reached(0.0, "FMU")
     files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
     for name in files:
@@ -156,6 +163,21 @@ def _made(
     else:
         build.build_fmu(inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note)
     return files, lines
+
+
+def _foreseen(scene: Scene) -> str:
+    """What the matrices of a scene will take in a compiled FMU, in words; empty where that is little."""
+    from ..assembly.build import discretise
+    from ..effects.cost import Prediction
+    from ..effects.memory import amount
+
+    prediction = Prediction(discretise(scene))
+    if prediction.memory < _LARGE:
+        return ""
+    return (
+        f"the matrices of this scene take about {amount(prediction.memory)} in the FMU and in the memory of its host, "
+        f"and {prediction.operators:.2g} s to make; --modes 20 makes a small one of reduced bodies and prints its error"
+    )
 
 
 def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -> tuple[Any, str, list[str]]:

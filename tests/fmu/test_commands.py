@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import csv
+import re
+import zipfile
+from pathlib import Path
 
 import pytest
 
 from latin_fmu import cli
+from latin_fmu.commands import fmu as commands
 
 from .scenes import blocks
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 @pytest.fixture
@@ -34,6 +40,19 @@ def test_build_and_simulate(scene_file, tmp_path, version, capsys):
         rows = list(csv.DictReader(file))
     assert len(rows) == 5
     assert float(rows[-1]["interface.crush.force[3]"]) != 0.0
+
+
+def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path, capsys, monkeypatch):
+    """Within a factor of two of the matrices in the file; nothing of small ones."""
+    target = tmp_path / "blocks.fmu"
+    assert cli.main(["fmu", str(scene_file), "-o", str(target), "--compiled"]) == 0
+    assert "--modes" not in capsys.readouterr().err
+    monkeypatch.setattr(commands, "_LARGE", 1e7)
+    assert cli.main(["fmu", str(MODELS / "lap_joint" / "scene.toml"), "-o", str(target), "--compiled"]) == 0
+    told = re.search(r"take about ([\d.]+) MB in the FMU .* --modes 20", capsys.readouterr().err)
+    assert told is not None
+    size = zipfile.ZipFile(target).getinfo("resources/image.bin").file_size
+    assert 0.5 * size < 1e6 * float(told[1]) < 2.0 * size
 
 
 def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, capsys):
