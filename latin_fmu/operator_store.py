@@ -178,7 +178,7 @@ class OperatorStore:
         if self.folder is None:
             return ""
         damaged = f", {self.removed} damaged removed" if self.removed else ""
-        return f"operators in {self.folder}: {self.read} read, {self.written} written{damaged}"
+        return f"{self.read} read, {self.written} written{damaged}"
 
 
 NO_STORE: Final = OperatorStore()

@@ -148,6 +148,8 @@ def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
         rows.append(("energy", _energy(outcome, units)))
     if outcome.resultants:
         rows.append(("balance", _balance(outcome.resultants, units)))
+    if "operators" in outcome.settings:
+        rows.append(("operators", outcome.settings["operators"]))
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
     lines = [f"{scene_name}: {outcome.status}"]
