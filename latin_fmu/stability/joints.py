@@ -136,7 +136,7 @@ THROW = (-1.0, -0.7, -0.4)
 
 
 def _corner(friction: float, bench: Bench) -> list[Measure]:
-    # at 1e-3 the work of the errors is told as just above its limit for some coefficients
+    # at 1e-3 the work of the errors is just above its limit for some coefficients
     solution = bench.converged(cornered(THROW, friction, tolerance=1e-4))
     measures = laws(solution)
     if friction <= 0.3:

@@ -92,7 +92,7 @@ class Both:
         return peaks_apart(self.session.table, known, got, self.h * (len(self.rows) - 1))
 
 
-def agree(both: Both, limit: float = LIMIT) -> None:
+def assert_agree(both: Both, limit: float = LIMIT) -> None:
     apart = both.apart()
     worst = max(apart, key=lambda name: apart[name])
     assert apart[worst] <= limit, (worst, apart[worst])
@@ -131,7 +131,7 @@ def model(name: str) -> Scene:
 @pytest.mark.parametrize("name", [*MODELS, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_models(name, n):
     scene = model(name)
-    agree(Both(scene, n).step(min(60, scene.time.n_step) // n), (MODELS | LONG)[name])
+    assert_agree(Both(scene, n).step(min(60, scene.time.n_step) // n), (MODELS | LONG)[name])
 
 
 @pytest.mark.parametrize("name", [*MODELS, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
@@ -155,7 +155,7 @@ def test_models_to_their_end_are_the_run(name):
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("n", [1, 5])
 def test_loads(rule, n):
-    agree(Both(blocks(), n, rule, PRESS).step(30 // n))
+    assert_agree(Both(blocks(), n, rule, PRESS).step(30 // n))
 
 
 @pytest.mark.parametrize("n", [1, 5])
@@ -165,14 +165,14 @@ def test_without_inertia(n):
     base = {"type": "fixed", "face": "lower.zmin"}
     time = {"end": 1.0, "instants": 30, "quasi_static": True}
     scene = blocks(time=time, boundary={"base": base, "held": held}, output={})
-    agree(Both(scene, n, RATE, {"press": lambda t: 0.3 + t - t * t}).step(30 // n), WITHOUT_INERTIA)
+    assert_agree(Both(scene, n, RATE, {"press": lambda t: 0.3 + t - t * t}).step(30 // n), WITHOUT_INERTIA)
 
 
 @pytest.mark.parametrize("propagator", ["explicit", "reduced"])
 def test_propagators(propagator):
     kind = {"type": "reduced", "modes": 20} if propagator == "reduced" else propagator
     scene = blocks(solver={"propagator": kind}, time={"end": 6e-6, "step": 0.1e-6})
-    agree(Both(scene, 3, RATE, {"press": lambda t: 0.25 + 1e5 * t}).step(10))
+    assert_agree(Both(scene, 3, RATE, {"press": lambda t: 0.25 + 1e5 * t}).step(10))
 
 
 @pytest.mark.parametrize("kind", [*driven.KINDS, "acceleration"])
@@ -180,13 +180,13 @@ def test_propagators(propagator):
 def test_motions(kind, rule):
     """Driven faces and ground, until the wave has reached the joint."""
     give = {driven.name_of(kind): lambda t: float(driven.amplitude(kind, t))}
-    agree(Both(driven.bars({"type": "input"}, kind), 4, rule, give).step(15))
+    assert_agree(Both(driven.bars({"type": "input"}, kind), 4, rule, give).step(15))
 
 
 @pytest.mark.parametrize("kind", driven.KINDS)
 def test_motions_by_laws_of_the_scene(kind):
     law = {"type": "table", "times": [0.0, 0.1, 0.3], "values": [0.0, 1.0, -1.0]}
-    agree(Both(driven.bars(law, kind), 3).step(20))
+    assert_agree(Both(driven.bars(law, kind), 3).step(20))
 
 
 @pytest.mark.parametrize("causality", ["force_in", "motion_in", "wave"])
@@ -196,16 +196,16 @@ def test_ports(causality, rule):
     port |= {"impedance": [0.7 * ports.Z]} if causality == "wave" else {}
     name = {"force_in": "force", "motion_in": "velocity", "wave": "incident"}[causality]
     scene = ports.bar(20, 60, port={"foot": port}, output={"energy": True})
-    agree(Both(scene, 3, rule, {f"port.foot.{name}[3]": ports.smooth}).step(20))
+    assert_agree(Both(scene, 3, rule, {f"port.foot.{name}[3]": ports.smooth}).step(20))
 
 
 def test_contact_events():
     """Touch, slip and separation are counted, and lie at the instants that the session finds."""
     both = Both(bar(time={"end": 2.0, "instants": 100})).step(100)
-    agree(both)
+    assert_agree(both)
     assert both.session.values(["interface.wall.touches", "interface.wall.separations"]).min() > 0
     slid = Both(blocks(time={"end": 20e-6, "step": 0.2e-6}), 2, RATE, {"press": lambda t: 0.3 - 2e4 * t}).step(50)
-    agree(slid)
+    assert_agree(slid)
 
 
 def test_fields_of_the_points():

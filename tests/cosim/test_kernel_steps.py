@@ -131,7 +131,7 @@ class Walk:
         self.rows[0].append(python)
         self.rows[1].append(straight)
 
-    def agree(self, limit: float) -> None:
+    def assert_agrees(self, limit: float) -> None:
         straight, other, python = self.sessions
         known, got = (np.array(rows) for rows in self.rows)
         apart = peaks_apart(straight.table, known, got, self.t - self.start)
@@ -162,7 +162,7 @@ def test_a_random_walk_is_that_of_the_python_driver(name, seed, keep):
     walk = Walk(make(), inputs, seed, keep)
     for _ in range(STEPS):
         walk.step()
-    walk.agree(limit)
+    walk.assert_agrees(limit)
 
 
 def test_steps_that_the_kernels_give_up_are_made_by_the_python_driver(monkeypatch):
@@ -187,7 +187,7 @@ def test_steps_that_the_kernels_give_up_are_made_by_the_python_driver(monkeypatc
             walk.rows[1].append(session.row)
     assert calls[0] >= STEPS - 1
     walk.sessions[1] = session
-    walk.agree(LIMIT)
+    walk.assert_agrees(LIMIT)
 
 
 def test_derivatives_are_those_of_the_step_by_the_python_driver():
@@ -215,4 +215,4 @@ def test_a_step_beyond_the_laws_of_the_scene_is_made():
         walk.t = walk.t + walk.dt
         walk.rows[0].append(walk.sessions[2].row)
         walk.rows[1].append(walk.sessions[0].row)
-    walk.agree(LIMIT)
+    walk.assert_agrees(LIMIT)

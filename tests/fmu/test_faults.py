@@ -30,7 +30,7 @@ from .scenes import bar, blocks
 H = 0.6e-6
 
 
-def refused(host, t: float, h: float, words: str, status: int = 2) -> None:
+def assert_refused(host, t: float, h: float, words: str, status: int = 2) -> None:
     """The step is not made, with these words and this status, and the state is as before."""
     saved = host.save()
     before = host.to_bytes(saved)
@@ -43,14 +43,14 @@ def refused(host, t: float, h: float, words: str, status: int = 2) -> None:
     assert host.to_bytes(host.save()) == before
 
 
-def failed(host, words: str) -> None:
+def assert_failed(host, words: str) -> None:
     """The end of the initialization is an error with these words; so is every step after it."""
     host.prepare()
     assert host.status(host.fmu.exitInitializationMode) == 3
     level, category, message = host.messages[-1]
     assert (level, category) == (3, "logStatusError")
     assert words in message, message
-    refused(host, 0.0, H, "initialization failed", 3)
+    assert_refused(host, 0.0, H, "initialization failed", 3)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -58,7 +58,7 @@ def test_inputs(opened, fmi, bad):
     host = opened(fmi)
     host.start()
     host.set(load__press__value=bad)
-    refused(host, 0.0, H, "load.press.value")
+    assert_refused(host, 0.0, H, "load.press.value")
     host.set(load__press__value=0.5)
     assert host.step(0.0, H)
 
@@ -70,7 +70,7 @@ def test_inputs(opened, fmi, bad):
 def test_step_sizes(opened, fmi, h, words, status):
     host = opened(fmi)
     host.start()
-    refused(host, 0.0, h, words, status)
+    assert_refused(host, 0.0, h, words, status)
     assert host.step(0.0, H)
 
 
@@ -78,13 +78,13 @@ def test_a_missing_history_file(opened, fmi):
     host = opened(fmi)
     host.set(mode=1, historyFile="nowhere %s.csv")
     percent = "%%" if fmi == "2" else "%"  # in FMI 2 the text is a format of printf
-    failed(host, f"nowhere {percent}s.csv: no such file")
+    assert_failed(host, f"nowhere {percent}s.csv: no such file")
 
 
 def test_an_unwritable_results_file(opened, fmi, tmp_path):
     host = opened(fmi)
     host.set(resultsFile=str(tmp_path / "no folder" / "x.nc"))
-    failed(host, "no folder")
+    assert_failed(host, "no folder")
 
 
 def test_results_file(opened, fmi, tmp_path):
@@ -125,14 +125,14 @@ def test_estimated_errors_in_the_results_file(opened, fmi, tmp_path):
 def test_settings_out_of_range(opened, fmi):
     host = opened(fmi)
     host.set(mode=5, timeStep=-1.0)
-    failed(host, "2 problems")
+    assert_failed(host, "2 problems")
 
 
 def test_no_convergence(opened, fmi):
     host = opened(fmi)
     host.set(maxIterations=1, tolerance=1e-10, load__press__value=1.0)
     host.start()
-    refused(host, 0.0, H, "no convergence")
+    assert_refused(host, 0.0, H, "no convergence")
 
 
 def test_prescribed_mode_refuses_changed_inputs(opened, fmi):
@@ -140,7 +140,7 @@ def test_prescribed_mode_refuses_changed_inputs(opened, fmi):
     host.set(mode=1, endTime=1.2e-6)
     host.start()
     host.set(load__press__value=0.9)
-    refused(host, 0.0, H, "no effect in prescribed mode")
+    assert_refused(host, 0.0, H, "no effect in prescribed mode")
 
 
 def test_parameters_are_fixed_after_initialization(opened, fmi):
@@ -282,7 +282,7 @@ def test_missing_packages_are_named(fmus, fmi, tmp_path):
 def test_parameters_that_make_no_sense(opened, fmi, given, words):
     host = opened(fmi)
     host.set(**given)
-    failed(host, words)
+    assert_failed(host, words)
 
 
 def test_a_mode_between_two_modes():
@@ -362,7 +362,7 @@ def test_histories_come_from_regular_files_and_are_not_quoted(opened, fmi, tmp_p
     for file, words in ((pipe, "not a regular file"), (Path("/dev/zero"), "not a regular file"), (secret, "row 2")):
         host = opened(fmi)
         host.set(mode=1, historyFile=str(file))
-        failed(host, words)
+        assert_failed(host, words)
         assert "hunter2" not in " ".join(text for *_, text in host.messages)
 
 
