@@ -152,6 +152,7 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
         },
         "resources/image.bin": run.image,
         "resources/variables.bin": run.variables,
+        "resources/results.nc": run.results,
         "modelDescription.xml": _description(facts, fmi),
         "documentation/index.html": compiled_page(facts, scene.text(), f"{fmi}.0", note).encode(),
     }

@@ -195,8 +195,7 @@ def fmi3_description(facts: Facts) -> Element:
     }
     if facts.time_step is not None:
         abilities["fixedInternalStepSize"] = repr(facts.time_step)
-    else:  # after a contact event
-        abilities["mightReturnEarlyFromDoStep"] = "true"
+    abilities["mightReturnEarlyFromDoStep"] = "true"  # after a contact event
     root = _root(facts, "3.0", "CoSimulation", abilities)
     places = facts.references()
     variables = SubElement(root, "ModelVariables")

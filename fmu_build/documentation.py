@@ -115,7 +115,7 @@ own.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>
-<li>Results files, error estimates, directional derivatives, and steps that end early after a contact event: use the
+<li>Error estimates and directional derivatives: use the
 FMU made without <code>--compiled</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program that made the FMU
 has fall-backs for it.</li>

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import LatinError, Problem, ResultsError
 from ..file_digest import add_digest, is_damaged
-from .groups import SCHEMA_VERSION, Group, Variable, with_labels
+from .groups import COORDINATES, SCHEMA_VERSION, Group, Variable, with_labels
 from .writing import write_whole
 
 if TYPE_CHECKING:
@@ -166,7 +166,6 @@ def open_results(path: str | Path) -> xr.DataTree:
     ResultsError : no such file, not a netCDF-4 file, not written by this package, or written by a version
         whose layout this one does not know.
     """
-    import xarray as xr
 
     source = Path(path)
     if not source.is_file():
@@ -176,7 +175,7 @@ def open_results(path: str | Path) -> xr.DataTree:
     try:
         if is_damaged(source):
             raise _unreadable(source, damaged, remedy="take an intact copy, or run the scene again")
-        tree = xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+        tree = _opened(source)
     except ResultsError:
         raise
     except UnicodeEncodeError as error:
@@ -202,6 +201,40 @@ def open_results(path: str | Path) -> xr.DataTree:
             f"{SCHEMA_VERSION.split('.')[0]}.x",
             "open it with the version of latin_fmu that wrote it",
         )
+    return tree
+
+
+def _opened(source: Path) -> xr.DataTree:
+    """A file of a run, with groups, or of a compiled FMU: netCDF-3 has none, and ``interfaces.crush.traction`` is the
+    variable ``traction`` of the group ``interfaces/crush``."""
+    import xarray as xr
+
+    with source.open("rb") as file:
+        flat = file.read(3) == b"CDF"
+    if not flat:
+        return xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    content = xr.open_dataset(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={k: v for k, v in content.attrs.items() if "." not in k})}
+    for full, variable in content.variables.items():
+        path, _, name = str(full).rpartition(".")
+        group = groups.setdefault("/" + path.replace(".", "/"), xr.Dataset())
+        dims = [str(dim).rpartition(".")[2] for dim in variable.dims]
+        own = xr.Variable(dims, variable._data, variable.attrs, variable.encoding)
+        if name in COORDINATES or own.dims == (name,):
+            group.coords[name] = own
+        else:
+            group[name] = own
+    for full, value in content.attrs.items():
+        path, _, name = str(full).rpartition(".")
+        if path:
+            groups["/" + path.replace(".", "/")].attrs[name] = value
+    time = groups["/"].coords["time"]
+    groups["/"] = groups["/"].drop_vars("time")
+    for group in groups.values():
+        if "time" in group.dims:
+            group.coords["time"] = time
+    tree = xr.DataTree.from_dict(groups)
+    tree.set_close(content.close)
     return tree
 
 
