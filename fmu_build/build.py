@@ -44,6 +44,7 @@ from .description import (
     xml_bytes,
 )
 from .documentation import compiled_page, documentation, model_exchange_page
+from .reference import reference_of
 
 Fmi = Literal["2", "3"]
 MAX_SCALARS = 2000  # more make FMI 2 hosts slow
@@ -59,8 +60,8 @@ def build_fmu(
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
-    extra : more files, by path inside the archive (the cross-check). compiled : an FMU that needs no Python. note : for
-        the documentation of a compiled FMU, HTML.
+    extra : more files, by path inside the archive; by default those of ``reference_of``. compiled : an FMU that needs
+        no Python. note : for the documentation of a compiled FMU, HTML.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def build_fmu(
     ResultsError : the file cannot be written.
     """
     files = compiled_files(scene, fmi, note) if compiled else fmu_files(scene, fmi)
-    return write_archive(target, {**files, **(extra or {})})
+    return write_archive(target, {**files, **(reference_of(scene).files if extra is None else extra)})
 
 
 def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_patch: int = 4) -> Path:

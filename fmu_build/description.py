@@ -63,7 +63,7 @@ class Facts:
 
 
 def identifier_of(scene: Scene) -> str:
-    """The name of the scene as one word: of the binaries and the cross-check files."""
+    """The name of the scene as one word: of the binaries and the files of the reference run."""
     return re.sub(r"\W", "_", scene.name)
 
 

@@ -70,6 +70,7 @@ gives <code>reflected[i]</code>, to be connected to <code>incident[i]</code> of 
 the straight line from the last value to the value set, whatever <code>inputInterpolation</code> but 0.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
 <li>The FMU can be extracted to any path, spaces and letters outside ASCII included.</li>
+<li>Where <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a> is beside this page, the FMU carries a reference run.</li>
 </ul>
 <h2>What it needs</h2>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
@@ -112,6 +113,7 @@ function that ends the initialization.</li>
 error; the instance goes on from where it was.</li>
 <li>Instances of one process share the factors; each has a state of its own. Instances may run in threads of their
 own.</li>
+<li>Where <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a> is beside this page, the FMU carries a reference run.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>

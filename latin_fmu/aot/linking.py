@@ -64,8 +64,8 @@ FUNCTIONS: Final = frozenset(
             "fseek",
             "ftell",
         ),
-        *("fwrite", "localeconv", "memchr", "memcmp", "realloc", "remove", "rename", "rint", "sched_yield", "snprintf"),
-        *("strchr", "strcmp", "strcpy", "strcspn", "strlen", "strncmp", "strpbrk", "strspn", "strtod", "vsnprintf"),
+        *("fwrite", "localeconv", "memchr", "memcmp", "realloc", "remove", "rename", "rint", "sched_yield"),
+        *("snprintf", "strchr", "strcmp", "strcpy", "strcspn", "strlen", "strncmp", "strpbrk", "strspn", "strtod", "vsnprintf"),
     ]
 )
 
