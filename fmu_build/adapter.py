@@ -28,47 +28,11 @@ SPACE = uuid.UUID("7d1b3c52-6c0e-5f0a-9a43-2f4b8e1d90aa")  # of the tokens made 
 DIGESTS = "digests.json"  # SHA-256 of the files of the folder ``resources``, by path
 
 
-class Adapter:
-    """Base of the adapters: messages, numbers, states.
+class Messages:
+    """Messages of an instance that wait for the host, and the status that they give a call."""
 
-    Parameters
-    ----------
-    resources : folder of the extracted FMU. name : of the instance. token : given by the host, from the model
-        description.
-
-    Attributes
-    ----------
-    needed : packages the host must have, with their least versions. fmi_instance : takes the calls.
-
-    Raises
-    ------
-    ImportError : a package is missing or too old. ValueError : a file of the FMU, or the token, is another one.
-    """
-
-    needed: ClassVar[Mapping[str, str]] = {}
-    states: ClassVar[dict[int, Any]] = {}  # by handle, of all instances
-    handles: ClassVar[Any] = itertools.count(secrets.randbits(40) + 1)  # of another FMU or run: none of these
-
-    def __init__(self, resources: str, name: str, token: str) -> None:
-        del name
-        self.folder = os.path.normpath(resources)
-        self.package = __name__.partition(".")[0]
+    def __init__(self) -> None:
         self._messages: list[tuple[int, str]] = []
-        self._own_states: set[int] = set()
-        check_contents(Path(self.folder), token)
-        relocate(self.package, self.folder)
-        check_packages(self.needed)
-        self._array = importlib.import_module("numpy").frombuffer
-        self.fmi_instance = self._open()
-
-    def _open(self) -> Any:
-        raise NotImplementedError
-
-    def _module(self, name: str) -> Any:
-        return importlib.import_module(f"{self.package}.latin_fmu.{name}")
-
-    def _content(self, name: str) -> bytes:
-        return Path(self.folder, name).read_bytes()
 
     def _log(self) -> Callable[[int, str], None]:
         """Keeps messages for the host; it does not hold the adapter, so that no cycle of references arises."""
@@ -92,6 +56,24 @@ class Adapter:
         self._messages.append((ERROR, text))
         return self._status()
 
+
+class KeptStates(Messages):
+    """States of an instance: the host holds a handle, the bytes are kept here.
+
+    Attributes
+    ----------
+    fmi_instance : takes the calls.
+    """
+
+    states: ClassVar[dict[int, Any]] = {}  # by handle, of all instances
+    handles: ClassVar[Any] = itertools.count(secrets.randbits(40) + 1)  # of another FMU or run: none of these
+    fmi_instance: Any
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._array = importlib.import_module("numpy").frombuffer
+        self._own_states: set[int] = set()
+
     def close(self) -> int:
         """Free the instance: its states, and what its parts hold of one another."""
         for handle in self._own_states:
@@ -99,59 +81,6 @@ class Adapter:
         self.fmi_instance.close()
         return OK
 
-    def reset(self) -> int:
-        """Return to the state after instantiation."""
-        self.fmi_instance.close()
-        self.fmi_instance = self._open()
-        return self._status()
-
-    def setup(self, start_time: float, tolerance: float) -> int:
-        """Start time, s, and tolerance of the host, 0 where it gives none."""
-        self.fmi_instance.setup(start_time, tolerance or None)
-        return self._status()
-
-    def initialize(self) -> int:
-        """End the initialization."""
-        self.fmi_instance.initialize()
-        return self._status()
-
-    def terminate(self) -> int:
-        """End the simulation."""
-        return self._status()
-
-    # -- variables ------------------------------------------------------------------------------------------------
-    def get_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Write numbers by value reference; elements of arrays in row-major order, the first one alone for a host that
-        reads one number per variable because it has no arrays."""
-        numbers = self._array(references, "u4")
-        read = self.fmi_instance.get(numbers)
-        if values.nbytes == 8 * len(numbers) < 8 * len(read):
-            read = [self.fmi_instance.get([number])[0] for number in numbers]
-        if 8 * len(read) != values.nbytes:
-            return self._refused(f"the host reads {values.nbytes // 8} values of variables that have {len(read)}")
-        self._array(values)[:] = read
-        return self._status() if self._messages else OK
-
-    def set_numbers(self, references: memoryview, values: memoryview) -> int:
-        """Set variables by value reference."""
-        self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
-        return self._status() if self._messages else OK
-
-    def directional_derivative(
-        self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
-    ) -> int:
-        """Write a directional derivative."""
-        return self._refused("this FMU has no directional derivatives")
-
-    def get_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
-        """Append the strings of variables."""
-        return self._refused("this FMU has no strings")
-
-    def set_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
-        """Set the strings of variables."""
-        return self._refused("this FMU has no strings")
-
-    # -- states: the host holds a handle, the bytes are kept here --------------------------------------------------
     def get_state(self, handle: memoryview, phase: int) -> int:
         """Keep the present state under the handle the host gives, where it is known, else under a new one. ``phase`` :
         state of the state machine of the FMI, kept with it."""
@@ -208,6 +137,97 @@ class Adapter:
         if saved is not None:
             self._keep(saved, handle)
         return self._status()
+
+
+class Adapter(KeptStates):
+    """Base of the adapters: life cycle and numbers.
+
+    Parameters
+    ----------
+    resources : folder of the extracted FMU. name : of the instance. token : given by the host, from the model
+        description.
+
+    Attributes
+    ----------
+    needed : packages the host must have, with their least versions. fmi_instance : takes the calls.
+
+    Raises
+    ------
+    ImportError : a package is missing or too old. ValueError : a file of the FMU, or the token, is another one.
+    """
+
+    needed: ClassVar[Mapping[str, str]] = {}
+
+    def __init__(self, resources: str, name: str, token: str) -> None:
+        del name
+        self.folder = os.path.normpath(resources)
+        self.package = __name__.partition(".")[0]
+        check_contents(Path(self.folder), token)
+        relocate(self.package, self.folder)
+        check_packages(self.needed)
+        super().__init__()
+        self.fmi_instance = self._open()
+
+    def _open(self) -> Any:
+        raise NotImplementedError
+
+    def _module(self, name: str) -> Any:
+        return importlib.import_module(f"{self.package}.latin_fmu.{name}")
+
+    def _content(self, name: str) -> bytes:
+        return Path(self.folder, name).read_bytes()
+
+    def reset(self) -> int:
+        """Return to the state after instantiation."""
+        self.fmi_instance.close()
+        self.fmi_instance = self._open()
+        return self._status()
+
+    def setup(self, start_time: float, tolerance: float) -> int:
+        """Start time, s, and tolerance of the host, 0 where it gives none."""
+        self.fmi_instance.setup(start_time, tolerance or None)
+        return self._status()
+
+    def initialize(self) -> int:
+        """End the initialization."""
+        self.fmi_instance.initialize()
+        return self._status()
+
+    def terminate(self) -> int:
+        """End the simulation."""
+        return self._status()
+
+    # -- variables ------------------------------------------------------------------------------------------------
+    def get_numbers(self, references: memoryview, values: memoryview) -> int:
+        """Write numbers by value reference; elements of arrays in row-major order, the first one alone for a host that
+        reads one number per variable because it has no arrays."""
+        numbers = self._array(references, "u4")
+        read = self.fmi_instance.get(numbers)
+        if values.nbytes == 8 * len(numbers) < 8 * len(read):
+            read = [self.fmi_instance.get([number])[0] for number in numbers]
+        if 8 * len(read) != values.nbytes:
+            return self._refused(f"the host reads {values.nbytes // 8} values of variables that have {len(read)}")
+        self._array(values)[:] = read
+        return self._status() if self._messages else OK
+
+    def set_numbers(self, references: memoryview, values: memoryview) -> int:
+        """Set variables by value reference."""
+        self.fmi_instance.set(self._array(references, "u4").tolist(), self._array(values).tolist())
+        return self._status() if self._messages else OK
+
+    def directional_derivative(
+        self, _unknowns: memoryview, _knowns: memoryview, _seed: memoryview, _values: memoryview
+    ) -> int:
+        """Write a directional derivative."""
+        return self._refused("this FMU has no directional derivatives")
+
+    def get_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
+        """Append the strings of variables."""
+        return self._refused("this FMU has no strings")
+
+    def set_texts(self, _references: memoryview, _texts: list[bytes]) -> int:
+        """Set the strings of variables."""
+        return self._refused("this FMU has no strings")
 
 
 class CoSimulationAdapter(Adapter):

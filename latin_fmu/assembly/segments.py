@@ -89,7 +89,8 @@ class SegmentedRun:
     Attributes
     ----------
     dt : time step, s. made : time steps so far. run : windows of the present segment, None before the first.
-    running : energies (J) that the interfaces have dissipated so far, by kind.
+    running : energies (J) that the interfaces have dissipated so far, by kind. stored : kinetic and elastic energy at
+    t = 0, J, None where it is not known yet or not accounted for.
     communication : fields of the record of the run in a co-simulation, for the present ``problem``.
     room : time steps that the histories in the image are laid out for, in which the kernels set them.
 
@@ -118,7 +119,7 @@ class SegmentedRun:
         self.running: dict[str, float] = {}
         self.run: Run | None = None
         self.room = 0
-        self._stored: float | None = None  # energy at t = 0
+        self.stored: float | None = None
         self.communication: Callable[[], Mapping[str, Any]] | None = None
         self._grid, self.dt = self.problem.assembly.time, self.problem.assembly.dt
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
@@ -201,21 +202,36 @@ class SegmentedRun:
             self.run.image.field("motion_state", len(state))[:] = state
         return segment
 
-    def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] = Recorder) -> Run:
+    def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] | None = Recorder) -> Run:
         """Begin a segment of n time steps at the present time, without solving it; ``loads``, ``make`` : as ``loads``
-        and ``recorder`` for ``advance``."""
+        and ``recorder`` for ``advance``, None where nothing is recorded and the state is left as it is."""
         problem, assembly, self.room = self.problem, self.problem.assembly, 0
         if self.run is None:
             fields = {"n_motion_state": motion_size(assembly)} if self.communication is None else self.communication()
             for propagator in assembly.propagators:
                 propagator.restart()  # the motions given from outside may start otherwise than those it was built with
         problem.timeline.begin(assembly, self.instants(self.made, n), loads, self._resumed(), self.dt)
-        recorder = make(assembly, problem.output, problem.info)
-        if self.run is None:
-            self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
-        else:
+        given = assembly, problem.output, problem.info
+        recorder = None if make is None else make(*given)
+        if self.run is not None:
             self.run.begin_segment(recorder)
+        else:
+            recorder = Recorder(*given, n + 1) if recorder is None else recorder
+            self.run = Run(assembly, problem.settings, recorder, self.timings, communication=fields)
         return self.run
+
+    def lay_out(self, amplitudes: Mapping[str, Array]) -> Run:
+        """Begin a segment of as many time steps as one call of the kernels makes, in which they set histories and rows.
+
+        amplitudes : (COMMUNICATION_ROWS,) by name, of all that drives; the first two are those of the next time step.
+        """
+        with one_thread():
+            if self.run is None:
+                self.settle({name: float(values[0]) for name, values in amplitudes.items()})
+            run = self.begin(COMMUNICATION_ROWS - 1, amplitudes, None)
+            run.open_bonds()
+        self.room = COMMUNICATION_ROWS - 1
+        return run
 
     def _solve(
         self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
@@ -231,9 +247,9 @@ class SegmentedRun:
                 if term in energy:
                     energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
-            self._stored = first if self._stored is None else self._stored
-            energy["balance"] = energy["balance"] + (first - self._stored)
-        converged, sentence = run.status(energy, self._stored)
+            self.stored = first if self.stored is None else self.stored
+            energy["balance"] = energy["balance"] + (first - self.stored)
+        converged, sentence = run.status(energy, self.stored)
         return Segment(
             assembly.time[: recorder.n_kept],
             run.windows,
@@ -246,28 +262,6 @@ class SegmentedRun:
             recorder.bolt_histories(),
             recorder,
         )
-
-    # -- communication steps in kernels ---------------------------------------------------------------------------
-    @property
-    def stored(self) -> float:
-        """Kinetic and elastic energy at t = 0, J; 0 where it is not accounted for."""
-        return 0.0 if self._stored is None else self._stored
-
-    def lay_out(self, amplitudes: Mapping[str, Array]) -> Run:
-        """Begin a segment of time steps of the scene that the kernels drive, after the first segment.
-
-        amplitudes : (n,) by name, of all that drives; the first two are those of the next time step.
-        """
-        assert self.run is not None
-        problem, n = self.problem, max(map(len, amplitudes.values()), default=COMMUNICATION_ROWS)
-        with one_thread():
-            time = self.instants(self.made, n - 1)
-            problem.timeline.begin(problem.assembly, time, amplitudes, self._resumed(), self.dt)
-            recorder = Recorder(problem.assembly, problem.output, problem.info, n)
-            self.run.begin_segment(recorder)
-            self.run.open_bonds()
-        self.room = n - 1
-        return self.run
 
     def _resumed(self) -> dict[int, GroundState]:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
@@ -310,7 +304,7 @@ class SegmentedRun:
             "made": self.made,
             "start": self._amplitudes,
             "running": dict(self.running),
-            "stored": self._stored,
+            "stored": self.stored,
             "state": into,
         }
 
@@ -321,7 +315,7 @@ class SegmentedRun:
             return
         assert self.run is not None
         self.run.image.state[:] = state["state"]
-        self.made, self._stored, self.running = state["made"], state["stored"], dict(state["running"])
+        self.made, self.stored, self.running = state["made"], state["stored"], dict(state["running"])
         self._resumed()
 
     def snapshot(self) -> bytes:
@@ -384,7 +378,7 @@ class SegmentedRun:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:
             propagator.restart()
-        self.made, self.room, self.running, self._stored, self.run = 0, 0, {}, None, None
+        self.made, self.room, self.running, self.stored, self.run = 0, 0, {}, None, None
 
 
 # -- motions from outside: part of the state in the image --------------------------------------------------------------

@@ -61,10 +61,10 @@ class Sources:
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
         return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
 
-    @staticmethod
-    def own_laws(scene: Scene, time: Array) -> dict[str, Array]:
-        """Amplitudes of the own laws at other instants, (n,) by name."""
-        return {name: sample(time) for name, (_, sample) in _own_laws(scene).items()}
+    def own(self, scene: Scene, time: Array) -> Array:
+        """Amplitudes of the own laws at other instants, (n, n_law)."""
+        laws = _own_laws(scene)
+        return np.stack([laws[name][1](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.laws)
@@ -216,6 +216,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     products = drives.force_products() if static else np.zeros(0)
     sources, sizes = drives.sources, {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1, "n_source": n_s}
     inputs = {"n_input": len(sources.inputs), "input_kind": np.array(sources.kinds, dtype=np.int64)}
+    inputs |= {"input_held": np.full(len(sources.inputs), FREE), "input_start": sources.start}
     laws = {"law_table": sources.table, "law_end": sources.end}
     return fields | sizes | inputs | laws | {"force_products": products}
 
@@ -259,7 +260,6 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
         "opening_place": place.astype(np.int64),
         "opening": sp.csr_array(table[place]),
         "input_held": held.astype(np.int64),
-        "input_start": sources.start,
     }
 
 

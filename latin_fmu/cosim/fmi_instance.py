@@ -38,26 +38,130 @@ class SavedState(bytes):
     foreign: bool = False
 
 
-class FmiInstance:
-    """Variables by value reference (their place in the table), life cycle, states.
+class HostedSession:
+    """The session of an instance: it is made of the parameters and the inputs of the variables.
+
+    Parameters
+    ----------
+    scene : called once, when the scene is needed. variables : their values. log : takes the level and the text of a
+        message.
+
+    Attributes
+    ----------
+    session : None before it was needed. start_time : of the simulation, s. host_tolerance : of the host, None where it
+    gives none. opened : whether the session is at its start under the variables as they are.
+    """
+
+    def __init__(self, scene: Callable[[], Scene], variables: VariableStore, log: Log) -> None:
+        self._scene, self._variables, self._log = scene, variables, log
+        self.session: Session | None = None
+        self._inputs: list[tuple[str, int, int]] | None = None  # value references by name, once they are known
+        self.clear()
+
+    def clear(self) -> None:
+        """Return to before initialization; operators are kept."""
+        self.host_tolerance: float | None = None
+        self.start_time, self.opened = 0.0, False
+        if self.session is not None:
+            self.session.reset()
+
+    def settings(self) -> Settings:
+        """Settings of a session from the parameters.
+
+        A tolerance of the host is a relative accuracy and replaces the parameter ``tolerance``, which is on sqrt(eta).
+        """
+        from .settings import Settings
+
+        number, accuracy = self._variables.number, self.host_tolerance
+        return Settings(
+            mode=int(number("mode")),
+            interpolation=int(number("inputInterpolation")),
+            time_step=number("timeStep"),
+            end_time=number("endTime"),
+            tolerance=tolerance_for(accuracy) if accuracy is not None and accuracy > 0.0 else number("tolerance"),
+            max_iterations=int(number("maxIterations")),
+            keep=bool(self._variables.text("resultsFile")),
+        )
+
+    def present(self) -> Session:
+        """The session with the settings as they are; the last one, with its operators, where they are equal."""
+        from .session import Session
+
+        settings = self.settings()
+        if self.session is None or self.session.settings != settings:
+            self.session = Session(self._scene(), settings)
+        return self.session
+
+    def open(self) -> Session:
+        """The session at its start, under the parameters and inputs as they are."""
+        session = self.present()
+        if not self.opened:
+            session.reset()
+            self.give_loads(session)
+            self._give_histories(session)
+            session.initialize(self.start_time)
+            self._variables.update(session)
+            self.opened = True
+        return session
+
+    def give_loads(self, session: Session) -> None:
+        """Set the loads of a session from the inputs."""
+        place, numbers = self._variables.place, self._variables.numbers
+        if self._inputs is None:
+            named = [(n, input_variable(n, "value"), input_variable(n, "rate")) for n in session.loads]
+            self._inputs = [(name, place[value], place[rate]) for name, value, rate in named]
+        for name, value, rate in self._inputs:
+            session.set_load(name, numbers[value], numbers[rate])
+
+    def _give_histories(self, session: Session) -> None:
+        """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
+        file = self._variables.text("historyFile")
+        if not session.prescribed:
+            if file:
+                self._log(WARNING, "historyFile has no effect in windowed mode: set mode = 1")
+            return
+        if file:
+            from .loads import read_histories
+
+            for name, history in read_histories(file, session.loads).items():
+                session.set_history(name, *history)
+        for name, history in self._variables.histories().items():
+            session.set_history(name, *history)
+
+    def check_results_file(self) -> None:
+        """Whether a results file that is named can be written. Raises InputError."""
+        target = self._variables.text("resultsFile")
+        if target:
+            from ..results.writing import check_target
+
+            check_target(target)
+        elif self._variables.number("estimateError"):
+            self._log(WARNING, "estimateError has no effect without resultsFile, to which the estimate is written")
+
+    def write_results(self) -> None:
+        """Write the results file where one is named."""
+        target = self._variables.text("resultsFile")
+        if target and self._variables.fixed and self.session is not None:
+            from ..results.files import write_netcdf
+
+            write_netcdf(self.session.dataset(estimate=bool(self._variables.number("estimateError"))), target)
+
+
+class ReferencedVariables:
+    """The variables of an instance by value reference, their place in the table.
 
     Parameters
     ----------
     table : the variables. scene : called once, when the scene is needed. log : takes the level and the text of a
-        message. digest : of the scene, in the states that leave the process.
-
-    Attributes
-    ----------
-    phase : state of the state machine of the FMI, a number that the library of the FMU sets and finds in states.
+        message.
     """
 
-    def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log, digest: str = "") -> None:
-        self._open_scene, self.log, self._digest = scene, log, digest
+    def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log) -> None:
+        self.log = log
         self._variables = VariableStore(table, log)
-        self._session: Session | None = None
-        self._inputs: list[tuple[str, int, int]] | None = None  # value references by name, once they are known
-        self.phase = 0
-        self.clear()
+        self._hosted = HostedSession(scene, self._variables, log)
+        self._failure = ""
+        self._set_up = False
 
     @property
     def table(self) -> tuple[Variable, ...]:
@@ -73,156 +177,93 @@ class FmiInstance:
         """Log a message with the level of an error."""
         self.log(ERROR, message)
 
-    def clear(self) -> None:
-        """Set every variable to its start value, before initialization; operators are kept."""
-        self._variables.clear()
-        self._host_tolerance: float | None = None
-        self._failure = ""
-        self._discarded = ""  # the last step, where it was not made
-        self._start_time = 0.0
-        self._opened = self._set_up = False
-        if self._session is not None:
-            self._session.reset()
-
-    # -- variables ------------------------------------------------------------------------------------------------
+    @exception_barrier(lambda self, references: np.zeros(self._variables.size(list(references))), computes=False)
     def get(self, references: Sequence[int] | Index) -> Array:
         """Numbers by value reference, arrays in row-major order; zeros, and an error is logged, on failure."""
-        numbers = self._get(references)
-        return np.zeros(self._variables.size(list(references))) if numbers is None else numbers
-
-    @exception_barrier(None, computes=False)
-    def _get(self, references: Sequence[int] | Index) -> Array | None:
-        variables = self._variables
+        variables, hosted = self._variables, self._hosted
         initializing = not variables.fixed and self._set_up and not self._failure
         if initializing and any(self.table[reference].causality == "output" for reference in references):
             with np.errstate(all="ignore"):
-                self._open()  # in Initialization Mode: outputs under the inputs as they are set now
-        return variables.get(references, self._session)
+                hosted.open()  # in Initialization Mode: outputs under the inputs as they are set now
+        return variables.get(references, hosted.session)
 
-    @exception_barrier(False, computes=False)
+    @exception_barrier(lambda *_: False, computes=False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
         them is refused: then none is set."""
-        self._opened = False
+        self._hosted.opened = False
         return self._variables.set(references, values)
 
+    @exception_barrier(lambda _, references: [""] * len(references))
     def get_texts(self, references: Sequence[int]) -> Sequence[str]:
         """Values of strings by value reference; empty, and an error is logged, on failure."""
-        return self._get_texts(references) or [""] * len(references)
-
-    @exception_barrier(())
-    def _get_texts(self, references: Sequence[int]) -> Sequence[str]:
         return self._variables.get_texts(references)
 
-    @exception_barrier(False)
+    @exception_barrier(lambda *_: False)
     def set_texts(self, references: Sequence[int], values: Sequence[str]) -> bool:
         """Set strings by value reference; as for ``set``."""
-        self._opened = False
+        self._hosted.opened = False
         return self._variables.set_texts(references, values)
 
-    # -- life cycle -----------------------------------------------------------------------------------------------
-    @exception_barrier(None)
-    def setup(self, start_time: float, tolerance: float | None) -> None:
-        """Start time, s, and the tolerance of the host, None where it gives none."""
-        self._start_time, self._host_tolerance, self._set_up = start_time, tolerance, True
+
+class FmiInstance(ReferencedVariables):
+    """Variables by value reference, life cycle, states.
+
+    Parameters
+    ----------
+    table, scene, log : as for ``ReferencedVariables``. digest : of the scene, in the states that leave the process.
+
+    Attributes
+    ----------
+    phase : state of the state machine of the FMI, a number that the library of the FMU sets and finds in states.
+    """
+
+    def __init__(self, table: Sequence[Variable], scene: Callable[[], Scene], log: Log, digest: str = "") -> None:
+        super().__init__(table, scene, log)
+        self._digest, self.phase = digest, 0
+        self.clear()
 
     def settings(self) -> Settings:
-        """Settings of a session from the parameters.
+        """Settings of a session from the parameters."""
+        return self._hosted.settings()
 
-        A tolerance of the host is a relative accuracy and replaces the parameter ``tolerance``, which is on sqrt(eta).
-        """
-        from .settings import Settings
+    def clear(self) -> None:
+        """Set every variable to its start value, before initialization; operators are kept."""
+        self._variables.clear()
+        self._hosted.clear()
+        self._failure = ""
+        self._discarded = ""  # the last step, where it was not made
+        self._set_up = False
 
-        number, accuracy = self._variables.number, self._host_tolerance
-        return Settings(
-            mode=int(number("mode")),
-            interpolation=int(number("inputInterpolation")),
-            time_step=number("timeStep"),
-            end_time=number("endTime"),
-            tolerance=tolerance_for(accuracy) if accuracy is not None and accuracy > 0.0 else number("tolerance"),
-            max_iterations=int(number("maxIterations")),
-            keep=bool(self._variables.text("resultsFile")),
-        )
+    # -- life cycle -----------------------------------------------------------------------------------------------
+    @exception_barrier(lambda *_: None)
+    def setup(self, start_time: float, tolerance: float | None) -> None:
+        """Start time, s, and the tolerance of the host, None where it gives none."""
+        self._hosted.start_time, self._hosted.host_tolerance, self._set_up = start_time, tolerance, True
 
+    @exception_barrier(lambda *_: False)
     def initialize(self) -> bool:
         """Build the scene, in prescribed mode solve it; False, and an error is logged, where that fails."""
         self._failure = "initialization failed, see the message before"
-        if self._initialize():
-            self._failure, self._variables.fixed = "", True
-        return self._variables.fixed
-
-    @exception_barrier(False)
-    def _initialize(self) -> bool:
-        target = self._variables.text("resultsFile")
-        if target:
-            from ..results.writing import check_target
-
-            check_target(target)
-        elif self._estimates_errors():
-            self.log(WARNING, "estimateError has no effect without resultsFile, to which the estimate is written")
-        for remark in self._open().warnings:
+        self._hosted.check_results_file()
+        for remark in self._hosted.open().warnings:
             self.log(WARNING, remark)
+        self._failure, self._variables.fixed = "", True
         return True
 
-    def _open(self) -> Session:
-        """The session at its start, under the parameters and inputs as they are."""
-        session = self._session_with(self.settings())
-        if not self._opened:
-            session.reset()
-            self._set_loads(session)
-            self._set_histories(session)
-            session.initialize(self._start_time)
-            self._variables.update(session)
-            self._opened = True
-        return session
-
-    def _estimates_errors(self) -> bool:
-        return bool(self._variables.number("estimateError"))
-
-    def _session_with(self, settings: Settings) -> Session:
-        """The session with these settings; the present one, with its operators, where they are equal."""
-        from .session import Session
-
-        if self._session is None or self._session.settings != settings:
-            self._session = Session(self._open_scene(), settings)
-        return self._session
-
-    def _set_loads(self, session: Session) -> None:
-        place, numbers = self._variables.place, self._variables.numbers
-        if self._inputs is None:
-            named = [(n, input_variable(n, "value"), input_variable(n, "rate")) for n in session.loads]
-            self._inputs = [(name, place[value], place[rate]) for name, value, rate in named]
-        for name, value, rate in self._inputs:
-            session.set_load(name, numbers[value], numbers[rate])
-
-    def _set_histories(self, session: Session) -> None:
-        """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
-        file = self._variables.text("historyFile")
-        if not session.prescribed:
-            if file:
-                self.log(WARNING, "historyFile has no effect in windowed mode: set mode = 1")
-            return
-        if file:
-            from .loads import read_histories
-
-            for name, history in read_histories(file, session.loads).items():
-                session.set_history(name, *history)
-        for name, history in self._variables.histories().items():
-            session.set_history(name, *history)
-
-    @exception_barrier(False)
+    @exception_barrier(lambda *_: False)
     def step(self, t: float, h: float, early: bool = False) -> bool:
         """Advance from t by h, s; False, and the reason is logged, where the step is not made.
 
         early : end the step after a contact event, at ``time``.
         The level is DISCARD where a shorter step or another input may help, else ERROR. The state is as before.
         """
-        session = self._session
+        session = self._hosted.session
         if not self._variables.fixed or session is None:
             self.log(ERROR, self._failure or "a step before initialization")
             return False
         before = [(name, *session.load(name)) for name in session.loads]
-        self._set_loads(session)
+        self._hosted.give_loads(session)
         if self._discarded and self._step(session, t, h) == self._discarded:  # some hosts repeat it for ever
             self.log(ERROR, "this very step was discarded before: make it shorter, or with another input")
             return False
@@ -246,62 +287,60 @@ class FmiInstance:
         """A step and its inputs, as text."""
         return repr((t, h, [session.load(name) for name in session.loads]))
 
-    @exception_barrier(())
+    @exception_barrier(lambda *_: ())
     def directional_derivative(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float]
     ) -> Sequence[float]:
         """Derivatives of outputs at the end of the last step by inputs over it, by value reference (see
         ``Session.derivative``); empty, and an error is logged, where there are none."""
-        if not self._variables.fixed or self._session is None:
+        if not self._variables.fixed or self._hosted.session is None:
             raise InputError([Problem("directional derivative", "not available before initialization")])
         outputs, inputs = ([self.table[reference].name for reference in group] for group in (unknowns, knowns))
-        product: list[float] = self._session.derivative(outputs, inputs, seed).tolist()
+        product: list[float] = self._hosted.session.derivative(outputs, inputs, seed).tolist()
         return product
 
-    @exception_barrier(False)
+    @exception_barrier(lambda *_: False)
     def terminate(self) -> bool:
         """Write the results file, where one is named.
 
         False, and an error is logged, where the last step was discarded and not made again: the values that the host
         has read since are those before it.
         """
-        target = self._variables.text("resultsFile")
-        if target and self._variables.fixed and self._session is not None:
-            from ..results.files import write_netcdf
-
-            write_netcdf(self._session.dataset(estimate=self._estimates_errors()), target)
-        if self._discarded and self._session is not None:
-            self.log(ERROR, f"the simulation ends at {self._session.time:g} s: the step from there was discarded")
+        self._hosted.write_results()
+        if self._discarded and self._hosted.session is not None:
+            self.log(
+                ERROR, f"the simulation ends at {self._hosted.session.time:g} s: the step from there was discarded"
+            )
         return not self._discarded
 
     def close(self) -> None:
         """Free the session and its operators."""
-        if self._session is not None:
-            self._session.close()
-        self._session = None
+        if self._hosted.session is not None:
+            self._hosted.session.close()
+        self._hosted.session = None
 
     # -- states ---------------------------------------------------------------------------------------------------
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def get_state(self) -> SavedState | None:
         """Everything that determines the next steps, bit for bit; None, and an error is logged, on failure."""
-        session = self._session if self._variables.fixed else None
+        session = self._hosted.session if self._variables.fixed else None
         saved = SavedState(self._encoded())
         saved.last_step = None if session is None else session.step_history.head
         return saved
 
     def _encoded(self) -> bytes:
-        session = self._session if self._variables.fixed else None
+        session = self._hosted.session if self._variables.fixed else None
         snapshot = None if session is None else np.frombuffer(session.snapshot(), dtype=np.uint8)
         return encode({**self._own_state(), "session": snapshot}, self._kind)
 
-    @exception_barrier(False)
+    @exception_barrier(lambda *_: False)
     def set_state(self, saved: bytes) -> bool:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
-        before, session = self._encoded(), self._session
+        before, session = self._encoded(), self._hosted.session
         try:
             self._restore(decode(saved, self._kind), check=getattr(saved, "foreign", True))
         except Exception:  # of any kind: the present state must not be half of another one
-            self._session = session
+            self._hosted.session = session
             self._restore(decode(before, self._kind), check=False)
             raise
         self._discarded = ""
@@ -310,9 +349,12 @@ class FmiInstance:
     def _restore(self, state: dict[str, Any], check: bool) -> None:
         if check:
             self._check(state)
-        self._set_own_state(state)
+        self._variables.set_state(state["variables"])
+        hosted = self._hosted
+        hosted.opened, hosted.start_time, hosted.host_tolerance = False, state["start_time"], state["tolerance"]
+        self._failure, self.phase = state["failure"], state["phase"]
         if state["session"] is not None:
-            self._session_with(self.settings()).restore(state["session"].tobytes(), check)
+            self._hosted.present().restore(state["session"].tobytes(), check)
             self._variables.forget_arrays()
 
     def _check(self, state: dict[str, Any]) -> None:
@@ -322,15 +364,12 @@ class FmiInstance:
         if bool(state["variables"]["fixed"]) != (state["session"] is not None):
             raise InputError([Problem("state", "initialized without a session, or the other way round")])
 
+    @exception_barrier(lambda *_: b"")
     def to_bytes(self, saved: SavedState) -> bytes:
         """A state with header and checksum, for ``from_bytes``; empty, and an error is logged, on failure."""
-        return self._to_bytes(saved) or b""
-
-    @exception_barrier(None)
-    def _to_bytes(self, saved: SavedState) -> bytes:
         return sealed(bytes(saved), _STATE, self._digest)
 
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def from_bytes(self, block: bytes) -> SavedState | None:
         """The state of ``to_bytes``; None, and an error is logged, for other bytes."""
         saved = SavedState(opened(block, _STATE, self._digest))
@@ -345,13 +384,8 @@ class FmiInstance:
     def _own_state(self) -> dict[str, Any]:
         return {
             "variables": self._variables.get_state(),
-            "start_time": self._start_time,
-            "tolerance": self._host_tolerance,
+            "start_time": self._hosted.start_time,
+            "tolerance": self._hosted.host_tolerance,
             "failure": self._failure,
             "phase": self.phase,
         }
-
-    def _set_own_state(self, state: dict[str, Any]) -> None:
-        self._variables.set_state(state["variables"])
-        self._opened, self._start_time, self._host_tolerance = False, state["start_time"], state["tolerance"]
-        self._failure, self.phase = state["failure"], state["phase"]

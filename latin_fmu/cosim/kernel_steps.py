@@ -1,7 +1,8 @@
-"""Communication steps of a session in one call of the kernels each (``kernels.communication``).
+"""Communication steps of a session in calls of the kernels (``kernels.communication``).
 
-The image of the run serves both drivers: all that the next step depends on is its state. Inputs are written into it
-before each step.
+The image of the run holds all that the next step depends on in its state. Inputs are written into it before each step.
+The kernels set the histories of a step, march and follow its outputs; windows that they do not solve are left to
+``latin.windows`` in between: those of several instants, and those of one that need a fall-back.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_en
 
 
 class Origin(NamedTuple):
-    """Start of the last step in kernels: state of the run and loads; and what of the grid that step took, and the
-    number of its time steps."""
+    """Start of a step: state of the run (at t = 0 under these loads) and loads; what of the grid the step takes, and
+    the number of its time steps."""
 
     state: dict[str, Any]
     loads: Loads
@@ -47,8 +48,8 @@ class KernelSteps:
 
     Attributes
     ----------
-    must_record : whether a step has to be recorded, because its energies do not follow from the outputs. origin : of
-    the last step in kernels.
+    must_record : whether a step has to be recorded, because its energies, or forces of moved faces, do not follow from
+    the outputs. origin : of the last step, or of the one that is made.
     """
 
     must_record = False
@@ -57,21 +58,8 @@ class KernelSteps:
     def __init__(self, scene: Scene, rule: int, run: SegmentedRun, outputs: OutputRows) -> None:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources, self._outputs = outputs.sources, outputs
-        self._moved = any(port.causality == "motion_in" for port in scene.port.values())
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
         self._has_rows = False  # whether the output of the image is that of the last step
-
-    # -- what the kernels can do ------------------------------------------------------------------------------------
-    def fit(self, n: int) -> bool:
-        """Whether the kernels can make the next n time steps."""
-        run, problem, end = self._run.run, self._run.problem, self.sources.end
-        if run is None or 0 <= end < self._run.made + n:
-            return False
-        if self._run.room:
-            return True
-        if problem.settings.window != 1 or run.on_threads:
-            return False
-        return run.compiles() and not (self._moved and problem.assembly.scheme.explicit)
 
     @property
     def _follows_energy(self) -> bool:
@@ -91,44 +79,55 @@ class KernelSteps:
         assert self._run.run is not None
         return self._run.run.image
 
-    def _lay_out(self, loads: Loads, part: GridPart) -> None:
+    def _lay_out(self, loads: Loads, part: GridPart) -> Run:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, made = self._run, self._run.made
         given = loads.driving(part, run.dt, self._rule)
-        rows, own = np.ones((COMMUNICATION_ROWS, len(self.sources))), self.sources.table
-        for e, name in enumerate(self.sources.inputs):
-            rows[:2, e] = given[name][:2]
-        for row in (0, 1):
-            rows[row, len(self.sources.inputs) :] = own[min(made + row, len(own) - 1)]
-        kept = self._image.state.copy()
-        image = run.lay_out(self.sources.named(rows)).image
-        image.state[:] = kept  # gaps read from the displacements of a moving ground would differ by round-off
-        image.set({"first_row": 0})
+        rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))
+        rows[:2, : len(given)] = np.reshape([line[:2] for line in given.values()], (-1, 2)).T
+        rows[:2, len(given) :] = self.sources.own(self._scene, run.instants(made, 1))
+        with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
+            march = run.lay_out(self.sources.named(rows))
+        march.image.set({"first_row": 0, "by_caller": int(not march.marches)})
         accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
         self._followed = accounted and self._follows_energy
-        self.must_record = accounted and not self._followed
+        self.must_record = (accounted and not self._followed) or self._outputs.incomplete
+        return march
+
+    def _open(self, loads: Loads, part: GridPart) -> None:
+        """The state at t = 0 under the loads of the first step."""
+        image = self._lay_out(loads, part).image
+        self._give(loads, part, 0)
+        image.call(entries.PRESENT, self._rule, part.n)
+        if self._run.problem.output.energy and not self._run.problem.assembly.quasi_static:
+            self._run.stored = float(image.field("progress", 9)[4])
 
     # -- steps ----------------------------------------------------------------------------------------------------
     def march(self, loads: Loads, part: GridPart, early: bool = False) -> Array | None:
-        """Make a communication step; outputs at its end, None where a time step did not converge: then nothing has
-        changed. ``early`` : up to the end of the first time step with a contact event."""
+        """Make a communication step; outputs at its end. None where it has to be ``recorded``: an instant needs a
+        fall-back, windows have several instants, the scheme may have gained energy.
+
+        early : up to the end of the first time step with a contact event.
+        """
         run = self._run
-        if run.room < min(part.n, COMMUNICATION_ROWS - 1):
+        if run.run is None:
+            self._open(loads, part)
+        elif run.room < min(part.n, COMMUNICATION_ROWS - 1):
             self._lay_out(loads, part)
-        now, last = self._states
-        before = run.get_state(now)
+        before = run.get_state(self._states[0])
         assert before is not None
-        begun = Origin(before, loads, part, part.n)
-        row = self._marched(begun, early=early)
-        if row is not None and self._ends < part.n:
-            self._image.state[:], begun = before["state"], begun._replace(n=self._ends)
-            row = self._marched(begun)
-        if row is None or (self._followed and self._gains_energy(row)):
-            self._image.state[:] = before["state"]
+        assert run.run is not None
+        self.origin, self._has_rows = Origin(before, loads, part, part.n), False
+        if not run.run.marches:
             return None
-        self._states, self.origin = (last, before["state"]), begun
-        self._has_rows = begun.n < COMMUNICATION_ROWS
-        run.made += begun.n
+        row = self._marched(self.origin, early=early)
+        if row is not None and self._ends < part.n:
+            self._image.state[:], self.origin = before["state"], self.origin._replace(n=self._ends)
+            row = self._marched(self.origin)
+        if row is None or (self._followed and self._gains_energy(row)):
+            return None
+        self._has_rows = self.origin.n < COMMUNICATION_ROWS
+        run.made += self.origin.n
         if run.problem.output.energy:
             friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
             if self._followed:  # the interfaces dissipate the work that the bodies do on them
@@ -136,76 +135,135 @@ class KernelSteps:
                 run.running["contact_dissipation"] = -float(work) - friction
         return row
 
-    def accept(self, given: Loads, loads: Loads) -> bool:
-        """Let the loads go on from what a ``march`` to the end of the step has left of those ``given`` to it; False
-        where the last one was another."""
-        if self.origin is None or self.origin.loads is not given or self.origin.n < self.origin.part.n:
-            return False
+    def take_back(self) -> None:
+        """Return to the state before the step that is made."""
+        if self._run.made == 0 or self.origin is None:
+            self._run.reset()
+        else:
+            self._run.set_state(self.origin.state)
+
+    def accept(self, loads: Loads) -> None:
+        """End the step that was made to its end: let the loads go on from what it has left of them."""
         progress = self._image.field("progress", 9).tolist()
         loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
         loads.span, loads.behind = progress[3], progress[7]
-        return True
 
-    def recorded(self) -> Segment:
-        """The ``march`` that was just made as the Python driver records it; taken back where it is not accepted."""
+    def keep_state(self) -> dict[str, Any] | None:
+        """The state before the step that was made, None for t = 0; it is kept until the step after the next one."""
         assert self.origin is not None
-        step, after, run = self.origin, self._image.state.copy(), self._run
-        has_rows = self._has_rows and run.room > 0  # no segment was begun since
+        self._states = self._states[1], self.origin.state["state"]
+        return self.origin.state if self.origin.state["made"] else None
+
+    def recorded(self, early: bool = False) -> Segment:
+        """The step as a segment: what ``march`` has just made, else it is made now; taken back where it is not
+        accepted. ``early`` : as there."""
+        assert self.origin is not None
+        step, run = self.origin, self._run
+        after = self._image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
         run.set_state(step.state)
 
         def solve(run: Run) -> None:
-            if has_rows and run.recorder.until_fields() >= step.n:
+            if after is not None and run.recorder.until_fields() >= step.n:
                 run.image.state[:] = after
                 run.keep_marched(1, step.n, 1)
             else:
                 run.image.state[:] = step.state["state"]
                 run.image.set({"first_row": 0})
-                self._marched(step, run)
+                self._marched(step, run, early)
 
         driving = step.loads.driving(step.part, run.dt, self._rule)
         given = {name: line[: step.n + 1] for name, line in driving.items()}
         with np.errstate(all="ignore"):
             segment = run.advance((run.made + step.n) * run.dt, step.n, given, solve=solve)
         run.room, self._has_rows = step.n, False
-        if not segment.accepted:
-            self.origin = None  # another step follows from there
+        if early and segment.accepted and self._ends < step.n:
+            run.set_state(step.state)
+            self.origin = step._replace(n=self._ends)
+            return self.recorded()
         return segment
+
+    def _give(self, loads: Loads, part: GridPart, made: int) -> Array:
+        """Write inputs and place of a step into the image; its ``progress``."""
+        image, inputs = self._image, self.sources.inputs
+        image.field("input_value", len(inputs))[:] = [loads.value[name] for name in inputs]
+        image.field("input_rate", len(inputs))[:] = [loads.rate[name] for name in inputs]
+        image.field("inputs", *loads.memory.shape)[:] = loads.memory
+        progress = image.field("progress", 9)
+        progress[0], progress[3], progress[7], progress[8] = made, loads.span, loads.behind, part.rest
+        progress[6] = self._outputs.start
+        return progress
 
     def _marched(self, step: Origin, run: Run | None = None, early: bool = False) -> Array | None:
         """Outputs at the end of a step from the state in the image, None where a time step did not converge; ``run`` :
-        records the instants; ``early`` : up to a contact event, which ends the time step ``_ends``."""
-        image, inputs, self._has_rows, self._ends = self._image, self.sources.inputs, False, step.n
-        image.field("input_value", len(inputs))[:] = [step.loads.value[name] for name in inputs]
-        image.field("input_rate", len(inputs))[:] = [step.loads.rate[name] for name in inputs]
-        image.field("inputs", *step.loads.memory.shape)[:] = step.loads.memory
-        progress = image.field("progress", 9)
-        progress[0], progress[3], progress[7], progress[8] = (
-            step.state["made"],
-            step.loads.span,
-            step.loads.behind,
-            step.part.rest,
-        )
+        records the instants, with fall-backs; ``early`` : up to a contact event, which ends the time step ``_ends``."""
+        march, image, self._ends = self._run.run, self._image, step.n
+        assert march is not None
+        self._give(step.loads, step.part, step.state["made"])
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         outputs = image.field("output", image.rows, self._outputs.n)
-        most, done, some = COMMUNICATION_ROWS - 1, 0, 0
+        most, done, row = self._longest_call(), 0, 0
         if run is not None and run.recorder.until_fields() < step.n:
             most = 1  # fields of the instants in between are kept
         while done < self._ends:
-            some = min(most, step.n - done)
-            if image.call(entries.COMMUNICATE, some, self._rule, done, step.part.n) != some:
+            n = min(most, step.n - done)
+            self._tabulate(step.state["made"] + done, n)
+            row = march.communicate(n, self._rule, done, step.part.n)
+            if run is None and row < n:
                 return None
-            if run is not None:
-                run.keep_marched(done + 1, some, 1)
-            event = first_event(outputs[: some + 1, self._outputs.of_event :]) if early else None
-            done, self._ends = done + some, self._ends if event is None else done + event
-        last: Array = outputs[some].copy()
+            if run is not None and row:
+                run.keep_marched(done + 1, row, 1)
+            if run is not None and row < n:
+                solved = self._solved(run, row, n - row, done)
+                if not solved:
+                    return None
+                row += solved
+            event = first_event(outputs[: row + 1, self._outputs.of_event :]) if early else None
+            done, self._ends = done + row, self._ends if event is None else done + event
+        last: Array = outputs[row].copy()
         return last
 
+    def _solved(self, run: Run, row: int, left: int, done: int) -> int:
+        """Solve the window behind a row, which the kernels have left, and end its time steps; how many, 0 where it did
+        not converge. ``left`` : rows of the call. ``done`` : time steps of the step before the call."""
+        assert self.origin is not None
+        image, whole = run.image, self.origin.part.n
+        n = min(run.settings.window or left, left, image.window) if not run.marches else 1
+        record = run.solve_rows(row + 1, n, done)
+        if not record.converged:
+            return 0
+        progress = image.field("progress", 9)
+        progress[1] += record.iterations
+        progress[2] = max(progress[2], record.final_error)
+        image.set({"first_row": 0})
+        for i in range(row, row + n):
+            image.call(entries.CONCLUDE, i + 1, done + i, whole, self._rule)
+        return n
+
+    # -- own laws of the scene ------------------------------------------------------------------------------------
+    def _longest_call(self) -> int:
+        """Time steps that one call can make."""
+        most, end = COMMUNICATION_ROWS - 1, self.sources.end
+        return most if end < 0 else min(most, end)
+
+    def _tabulate(self, made: int, n: int) -> None:
+        """Let the table of own laws hold the next n time steps, beyond the end of the scene too."""
+        sources, image = self.sources, self._image
+        first, end = int(image.run[0]["law_first"]), sources.end
+        if end < 0 or first <= made <= first + end - n:
+            return
+        first = 0 if made + n <= end else made
+        table = sources.table if first == 0 else sources.own(self._scene, self._run.instants(first, end))
+        image.write()
+        at = image.run_fields["law_table"]
+        image.fixed[at : at + table.size] = table.ravel()
+        image.set({"law_first": first})
+
+    # -- what follows from the outputs ----------------------------------------------------------------------------
     def _gains_energy(self, row: Array) -> bool:
         """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
         first = self._outputs.of_solver + N_SOLVER
         _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
-        put_in = self._run.stored + max(of_loads, 0.0) + _CANCELLED * abs(work)
+        put_in = (self._run.stored or 0.0) + max(of_loads, 0.0) + _CANCELLED * abs(work)
         return not work - damping - landing - scheme <= _SAFE * put_in
 
     def iterations(self, row: Array) -> tuple[int, float]:

@@ -74,9 +74,8 @@ class OutputRows:
         """
 
         def made(assembly: Assembly, request: OutputRequest, info: dict[str, SubstructureInfo]) -> OutputRecorder:
-            own = self.sources.own_laws(self._scene, assembly.time)
-            table = [given[name] for name in self.sources.inputs] + [own[name] for name in self.sources.laws]
-            amplitudes = np.stack(table, axis=1) if table else np.zeros((len(assembly.time), 0))
+            own = self.sources.own(self._scene, assembly.time)
+            amplitudes = np.column_stack([*(given[name] for name in self.sources.inputs), own])
             drives, made = self._drives.rows(amplitudes), self._run.made
             opens = self.start if self._run.run is None else None
             return OutputRecorder(assembly, request, info, drives, made, opens, every)
@@ -96,6 +95,11 @@ class OutputRows:
         present = self.present
         self.complete(present[None], segment)
         return present.copy()
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether there are outputs that no instant gives alone."""
+        return bool(self._moved)
 
     @property
     def present(self) -> Array:

@@ -32,9 +32,9 @@ class HasErrorLog(Protocol):
         ...
 
 
-def exception_barrier(fallback: object, computes: bool = True) -> Callable[[Method], Method]:
-    """Log what a method raises and return ``fallback``; no warning is printed for values that overflow where the method
-    ``computes``.
+def exception_barrier(fallback: Callable[..., object], computes: bool = True) -> Callable[[Method], Method]:
+    """Log what a method raises and return ``fallback`` of its arguments; no warning is printed for values that overflow
+    where the method ``computes``.
 
     The instance goes on after it, and the host is given a status with the message.
     """
@@ -51,7 +51,7 @@ def exception_barrier(fallback: object, computes: bool = True) -> Callable[[Meth
                 self.log_error(str(error))
             except Exception as error:  # of any kind: the process of the host must go on
                 self.log_error(f"unexpected {type(error).__name__} in {method.__name__}: {error}")
-            return fallback
+            return fallback(self, *args)
 
         return cast(Method, call)
 

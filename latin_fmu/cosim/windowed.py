@@ -18,12 +18,12 @@ from ..machine import one_thread
 from ..scene.schema import Scene
 from .kernel_steps import KernelSteps
 from .loads import GridPart, Loads
-from .output_rows import OutputRecorder, OutputRows
-from .outputs import first_event
+from .output_rows import OutputRows
 from .settings import MAX_INSTANTS, Settings, StepReport, refused
 from .step_history import INTERFACE_FIELDS
 
 _ENTRIES: Final = ("run", "row", "window", "fields")  # of a state
+_OF_SOLVER: Final = (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError)
 
 
 class LastStep(NamedTuple):
@@ -41,8 +41,7 @@ class Windowed:
     """A run advanced by communication steps.
 
     The state stands at the last instant of the grid that is not beyond the communication point; outputs are held from
-    there. A step in kernels is one call of them (``KernelSteps``); the Python driver makes the others: the first one,
-    steps that need a fall-back, and what the kernels do not hold.
+    there. Every step is made by ``KernelSteps``.
 
     Attributes
     ----------
@@ -113,12 +112,13 @@ class Windowed:
                 again=True,
             )
         self._outputs.start, part, given = t0, loads.part(made, t, h, t0, dt), loads.copy()
-        report = self._held() if not part.n else self._by_kernels(given, part, early)
-        report = report or self._by_python(given, part, early)
+        report = self._marched(given, part, early) if part.n else self._held()
         if not report.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
         n = self._window[1]
-        if not self._kernels.accept(given, loads):
+        if n and n == part.n:
+            self._kernels.accept(loads)
+        else:
             loads.accept(part, dt, self.rule, n)
         self._last_step = LastStep(self._before, given, part, n, h)
         return report if n == part.n else replace(report, early=float(t0 + self.time[-1]))
@@ -131,52 +131,37 @@ class Windowed:
         self._window, self.segment = (self.run.made, 0), None
         return StepReport(True)
 
-    def _by_kernels(self, loads: Loads, part: GridPart, early: bool) -> StepReport | None:
-        """A step in calls of the kernels; None where the Python driver has to make it, for which nothing changes."""
+    def _marched(self, loads: Loads, part: GridPart, early: bool) -> StepReport:
+        """A step in calls of the kernels; not accepted: nothing has changed, and the message says what the run says."""
         kernels, made, segment = self._kernels, self.run.made, None
-        row = kernels.march(loads, part, early) if kernels.fit(part.n) else None
-        if row is None or kernels.origin is None:
-            return None
-        before = kernels.origin.state
-        if self._keeps or kernels.must_record:
-            segment = kernels.recorded()
-            if not segment.accepted:
-                return None
-        self._window, self.segment, self.row = (made, self.run.made - made), segment, row
+        try:
+            row = kernels.march(loads, part, early)
+            if row is None or self._keeps or kernels.must_record:
+                segment = kernels.recorded(early)
+                row = self._outputs.at_end(segment) if segment.accepted else None
+        except BaseException as error:
+            kernels.take_back()
+            if isinstance(error, _OF_SOLVER):
+                raise SolverError(f"the solver cannot make this step: {error}") from error
+            raise
+        if row is None:
+            kernels.take_back()
+            return StepReport(False, "" if segment is None else segment.status)
+        before = kernels.keep_state()
         self._before = partial(self.run.set_state, before)
+        self._window, self.segment, self.row = (made, self.run.made - made), segment, row
         self._histories = kernels.histories if segment is None else lambda: segment.interfaces
         return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
-    # -- the Python driver ----------------------------------------------------------------------------------------
-    def _by_python(self, loads: Loads, part: GridPart, early: bool) -> StepReport:
-        """A step by the Python driver; not accepted: nothing has changed, and the message says what the run says."""
-        before, made, n = self.run.get_state(), self.run.made, part.n
-        driving = loads.driving(part, self.run.dt, self.rule)
-        segment = self.advance(n, driving, every=early)
-        if early and segment.accepted:
-            assert isinstance(segment.recorder, OutputRecorder)
-            event = first_event(segment.recorder.outputs[:, self._outputs.of_event :])
-            if event is not None and event < n:
-                self.run.set_state(before)
-                n = event
-                segment = self.advance(n, driving)
-        if not segment.accepted:
-            return StepReport(False, segment.status)
-        self.row, self._window, self.segment = self.outputs_of(segment), (made, n), segment
-        self._before, self._histories = partial(self.run.set_state, before), lambda: segment.interfaces
-        return StepReport(True, "", n, segment.iterations, segment.error_indicator)
-
-    def advance(
-        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all, every: bool = False
-    ) -> Segment:
-        """Solve n time steps, for which ``loads`` has amplitudes or more; nothing changes where the segment is not
-        accepted. ``solve`` : as for ``SegmentedRun.advance``. ``every`` : as for ``OutputRows.recorder``."""
+    def advance(self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all) -> Segment:
+        """Solve n time steps, for which ``loads`` has amplitudes or more, and nothing but the run changes; nothing at
+        all where the segment is not accepted. ``solve`` : as for ``SegmentedRun.advance``."""
         given = {name: line[: n + 1] for name, line in loads.items()}
         try:
             with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                recorder = self._outputs.recorder(given, every)
+                recorder = self._outputs.recorder(given)
                 return self.run.advance((self.run.made + n) * self.run.dt, n, given, solve=solve, recorder=recorder)
-        except (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+        except _OF_SOLVER as error:
             raise SolverError(f"the solver cannot make this step: {error}") from error
 
     def outputs_of(self, segment: Segment) -> Array:

@@ -38,14 +38,16 @@ with an amplitude of input i for which the initial state of the image does not h
 def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
     negative status. Row i of the outputs is that after i time steps; row 0, that before the first. None: the
-    communication step ends after those made, at its own end before the next instant where ``whole`` is 0."""
+    communication step ends after those made, at its own end before the next instant where ``whole`` is 0. Where fewer
+    converged than n, and always where the caller solves the windows (``by_caller``), the histories of the others are
+    there: the caller solves the next ones, and has each end (``conclude``)."""
     run, moving = pools.run[0], pools.moving
     made = int(moving[run.progress])
     if n == 0:
         keep_inputs(pools, before, whole, rule)
     if n < 1 or n >= run.n_time or before + n > whole:
         return 0
-    if run.law_end >= 0 and made + n > run.law_end:
+    if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
         return BEYOND_LAWS
     if before == 0:
         moving[run.progress + 1] = 0.0
@@ -61,17 +63,24 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
             set_start_columns(pools, made, whole, rule)
     for i in range(1, n + 1):
         set_histories(pools, i, before + i, made + i, whole, rule)
-    done = march_instants(pools, 1, n)
+    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)
     for i in range(1, done + 1):
         count_iterations(pools, i - 1)
-        keep_outputs(pools, i, before + i, made + i)
-    moving[run.progress] = made + done
-    if done > 0:
-        move(pools, run.output + done * run.n_output, run.present, run.n_output)
-        move(pools, run.drive + done * run.n_drive, run.motion_state, run.n_motion_state)
-    if before + done == whole:
-        keep_inputs(pools, whole, whole, rule)
+        conclude(pools, i, before + i - 1, whole, rule)
     return done
+
+
+@kernel
+def conclude(pools: Any, row: int, before: int, whole: int, rule: int) -> None:
+    """End the time step of a row, solved and with its iterations counted: one of ``whole``, after ``before``."""
+    run, moving = pools.run[0], pools.moving
+    made = int(moving[run.progress]) + 1
+    keep_outputs(pools, row, before + 1, made)
+    moving[run.progress] = made
+    move(pools, run.output + row * run.n_output, run.present, run.n_output)
+    move(pools, run.drive + row * run.n_drive, run.motion_state, run.n_motion_state)
+    if before + 1 == whole:
+        keep_inputs(pools, whole, whole, rule)
 
 
 @kernel
@@ -86,10 +95,13 @@ def place(pools: Any) -> int:
 
 
 @kernel
-def present(pools: Any) -> int:
+def present(pools: Any, rule: int, whole: int) -> int:
     """Put the outputs of the present state, and its fields at the points, into row 0; before the first time step those
-    at t = 0 under the inputs as they are set, where a simulation begins. 0, or a negative status."""
+    at t = 0 under the inputs as they are set, where a simulation begins; with ``whole`` under those of a first
+    communication step of so many time steps. 0, or a negative status."""
     run, moving = pools.run[0], pools.moving
+    if whole > 0:
+        return open_run(pools, rule, whole)
     if moving[run.progress] > 0.0:
         put_back(pools)
         return 0
@@ -128,7 +140,7 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
     for e in range(n):
         moving[to + e] = drive(given, memory, kinds, e, span, j, begin, total, rule, run.dt)
     own = run.n_source - run.n_input
-    row = run.law_table + own * min(made, max(run.law_end, 0))
+    row = run.law_table + own * min(made - run.law_first, max(run.law_end, 0))
     for e in range(own):
         moving[to + run.n_input + e] = pools.fixed[row + e]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .communication import communicate, follow, place, present
+from .communication import communicate, conclude, follow, place, present
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     correct,
@@ -96,7 +96,8 @@ from .tasks import end_class, serve
     SERVE,
     FOLLOW,
     PLACE,
-) = range(31)
+    CONCLUDE,
+) = range(32)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -186,7 +187,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     if action == COMMUNICATE:
         return communicate(pools, a, b, c, d)
     if action == PRESENT:
-        return present(pools)
+        return present(pools, a, b)
     if action == PLACE:
         return place(pools)
     if action == END_INSTANT:
@@ -218,6 +219,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         force_residual(pools, a)
     elif action == FOLLOW:
         follow(pools, a, b, c)
+    elif action == CONCLUDE:
+        conclude(pools, a, b, c, d)
     elif action == FIELDS:
         gather_fields(pools, a)
     elif action == SERVE:

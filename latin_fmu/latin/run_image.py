@@ -18,7 +18,7 @@ from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
-from ..propagator.image import Image
+from ..propagator.image import COMMUNICATION_ROWS, Image
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
@@ -102,7 +102,8 @@ def make_image(
         **more,
     }
     groups = [_group_fields(group, static) for group in layout.groups]
-    window = settings.window or assembly.n_instant
+    # the first segment of a co-simulation may be shorter than those after it
+    longest = max(assembly.n_instant, COMMUNICATION_ROWS - 1) if more.get("n_output") else assembly.n_instant
     return Image(
         assembly.propagators,
         assembly.channels,
@@ -110,7 +111,7 @@ def make_image(
         None if probes is None else probes.slide.rows,
         run,
         groups,
-        min(window, assembly.n_instant),
+        min(settings.window or longest, longest),
         len(assembly.time),
         histories(assembly, None if part is None else part.whole),
         None if probes is None else probes.rows,

@@ -158,6 +158,7 @@ class RunState:
         self._exchange: Exchange | None = None
         self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
         self.marched = self.condensed = 0
+        self._in_rows = False  # instants are in the rows of their numbers
         self._clear()
         self._set_up(initial_conditions(assembly))
         self.image.call(entries.OPEN_ACCOUNTS)
@@ -299,15 +300,17 @@ class RunState:
         direction.bind(exact)
         self.image.bind(key, direction.run_fields(), direction.group_fields())
 
-    def begin_segment(self, recorder: Recorder) -> None:
-        """Continue after the assembly has begun a new segment of time."""
-        self.recorder = recorder
+    def begin_segment(self, recorder: Recorder | None = None) -> None:
+        """Continue after the assembly has begun a new segment of time; without a recorder the state is left as it is,
+        and the kernels set histories and rows (``kernels.communication``)."""
         self._clear()
         alike, self._still = self._still, still(self.assembly)
         if not (alike and self._still and self.image.begin_alike(len(self.assembly.time))):
             self.image.begin(len(self.assembly.time), histories(self.assembly))
-        self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
-        self._begin_recording()
+        if recorder is not None:
+            self.image.field("worst", len(self.assembly.interfaces))[:] = 0.0
+            self.recorder = recorder
+            self._begin_recording()
 
     def _begin_recording(self) -> None:
         """Record the first instant of the segment."""
@@ -317,13 +320,18 @@ class RunState:
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
 
-    def _set_first_row(self, instant: int) -> None:
-        """Let the next call of the kernels begin its output with an instant, behind the rows in front of it."""
-        self.image.set({"first_row": instant - self.recorder.rows_before})
+    def _row(self, instant: int) -> int:
+        """Row of the image's output for an instant that the next call of the kernels begins with: behind those in
+        front of it, or that of its number."""
+        return instant if self._in_rows else self.recorder.rows_before
 
-    def _record_instant(self, i: int) -> None:
-        """Record instant i of those that the last call of the kernels has marched."""
-        self._record(1, i + self.recorder.rows_before)
+    def _set_first_row(self, instant: int) -> None:
+        """Let the next call of the kernels begin its output with an instant."""
+        self.image.set({"first_row": instant - self._row(instant)})
+
+    def _record_instant(self, _: int) -> None:
+        """Record the present instant, which the last call of the kernels has marched."""
+        self._record(1, self.assembly.instant - int(self.image.run_fields["first_row"]))
 
     def _record(self, n: int, row: int = 0) -> None:
         """Record n accepted instants, rows of the image's output from ``row`` on."""

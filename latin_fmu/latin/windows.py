@@ -156,7 +156,7 @@ class Run(RunState):
     def _all(self) -> None:
         self.open_bonds()
         total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
-        length = self.settings.window or total
+        length = min(self.settings.window or total, self.image.window)
         self._use(length)
         self._solve(total, length)
 
@@ -215,14 +215,14 @@ class Run(RunState):
         """Whether windows of one instant are all that is solved, and no part of a longer one."""
         return self.settings.window == 1 and self._sequence is None
 
+    @property
+    def marches(self) -> bool:
+        """Whether windows are solved by calls of the kernels, but for those that need a fall-back."""
+        return self.settings.window == 1 and self._bonds is None
+
     def compiles(self) -> bool:
         """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
         return self._bonds is None and self._in_kernels
-
-    @property
-    def on_threads(self) -> bool:
-        """Whether the substructures are distributed over threads."""
-        return self._team.several
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
@@ -245,14 +245,15 @@ class Run(RunState):
         longest = _FIRST if self._max_cpu is None else 1
         if self._per_instant > 0:
             longest = max(1, int(_SECONDS / self._per_instant))
-        rows = image.rows - self.recorder.rows_before
+        row = self._row(first)
+        rows = image.rows - row
         n = min(n, rows, longest, rows if self._sequence is not None else self._until(first))
         if self._max_cpu is not None:
             n = int(self._least(n))  # calls of one length, as the limit is looked at between them
         self._set_first_row(first)
         done = self._march_instants(first, n)
         if done:
-            self.keep_marched(first, done, self.recorder.rows_before)
+            self.keep_marched(first, done, row)
         self._refused, self.refusals = done < n, self.refusals + (done < n)
         self._count(cpu)
         self._per_instant = (clock.perf_counter() - wall) / max(done, 1)
@@ -278,6 +279,25 @@ class Run(RunState):
         """The same in one call of the kernels."""
         with self._team.at_work():
             return self.image.call(entries.MARCH, first, n)
+
+    def communicate(self, n: int, rule: int, before: int, whole: int) -> int:
+        """Make n time steps of a communication step (``kernels.communication.communicate``); how many converged."""
+        self._use(min(self.settings.window or n, self.image.window), exact=self.refusals > _MOST_REFUSALS)
+        with self._team.at_work():
+            return self.image.call(entries.COMMUNICATE, n, rule, before, whole)
+
+    def solve_rows(self, first: int, n: int, done: int) -> WindowRecord:
+        """Solve and record the window of the n rows from ``first`` on, whose histories ``communicate`` has set;
+        ``done`` : instants of the segment before row 1."""
+        self._set_instant(first - 1)
+        self._in_rows, self._refused, self.refusals = True, self.marches, self.refusals + self.marches
+        try:
+            record = self.advance(n, len(self.windows), self.assembly.n_instant)
+        finally:
+            self._in_rows = False
+        record.first_instant, record.last_instant = done + first, done + first + n - 1
+        self._set_instant(done + self.assembly.instant)
+        return record
 
     def _count(self, before: float) -> None:
         """Add the work, and the CPU time since ``before``, that of the process then."""

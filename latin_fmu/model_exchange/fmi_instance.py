@@ -137,12 +137,9 @@ class ReducedModelInstance:
         return self._evaluated
 
     # -- variables ------------------------------------------------------------------------------------------------
+    @exception_barrier(lambda _, references: [nan] * len(references))
     def get(self, references: Sequence[int]) -> list[float]:
         """Numbers by value reference; NaN, and an error is logged, where they cannot be computed."""
-        return self._get(references) or [nan] * len(references)
-
-    @exception_barrier(None)
-    def _get(self, references: Sequence[int]) -> list[float]:
         if not self._outputs_are_set and any(r < len(self._names.table) for r in references):
             row = self._outputs.row(self.y, self.modes, self._evaluation(), self.events)
             self.variables.numbers[self.variables.outputs] = row
@@ -159,7 +156,7 @@ class ReducedModelInstance:
             return float(self._evaluation().derivative[reference - names.derivatives])
         return self.indicators()[reference - names.indicators]
 
-    @exception_barrier(False)
+    @exception_barrier(lambda *_: False)
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set inputs, states, and before initialization parameters; False, and an error is logged, where one of them is
         refused: then none is set."""
@@ -179,27 +176,21 @@ class ReducedModelInstance:
         self.variables.time = time
         self._changed()
 
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def set_states(self, values: Sequence[float]) -> None:
         """Set all continuous states."""
         self.y[:] = values
         self._changed()
 
+    @exception_barrier(lambda self: [nan] * self.n_state)
     def derivatives(self) -> list[float]:
         """Time derivatives of the states; NaN, and an error is logged, where they cannot be computed."""
-        return self._derivatives() or [nan] * self.n_state
-
-    @exception_barrier(None)
-    def _derivatives(self) -> list[float]:
         values: list[float] = self._evaluation().derivative.tolist()
         return values
 
+    @exception_barrier(lambda self: [nan] * self.n_indicator)
     def indicators(self) -> list[float]:
         """Event indicators; NaN, and an error is logged, where they cannot be computed."""
-        return self._indicators() or [nan] * self.n_indicator
-
-    @exception_barrier(None)
-    def _indicators(self) -> list[float]:
         values: list[float] = self.equations.indicators(self.time, self.y, self.modes).tolist()
         return values
 
@@ -212,7 +203,7 @@ class ReducedModelInstance:
         return values
 
     # -- life cycle, events -----------------------------------------------------------------------------------------
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def initialize(self) -> None:
         """Fix the parameters; contact states follow from the motion at the start."""
         self.equations.use(self.variables.regularisation())
@@ -220,12 +211,9 @@ class ReducedModelInstance:
         self.variables.fixed = True
         self._changed()
 
+    @exception_barrier(lambda _: Update(terminate=True))
     def update(self) -> Update:
         """Update contact states and the segment of the time laws at an event."""
-        return self._update() or Update(terminate=True)
-
-    @exception_barrier(None)
-    def _update(self) -> Update:
         if not self.variables.finite():
             self.log(ERROR, "an input is not finite: the simulation ends")
             return Update(terminate=True)
@@ -239,7 +227,7 @@ class ReducedModelInstance:
     def _kind(self) -> str:
         return f"model exchange {self._names.table[-1].name} {self.n_state}"
 
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def get_state(self) -> bytes:
         """Everything that determines the next evaluations, bit for bit."""
         return self._encoded()
@@ -259,7 +247,7 @@ class ReducedModelInstance:
         }
         return encode(state, self._kind)
 
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def set_state(self, saved: bytes) -> None:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
         self._logged.clear()  # the call fails each time, and its message is logged each time
@@ -281,7 +269,7 @@ class ReducedModelInstance:
         """A state with header and checksum, for ``from_bytes``."""
         return sealed(saved, _STATE, self._digest)
 
-    @exception_barrier(None)
+    @exception_barrier(lambda *_: None)
     def from_bytes(self, block: bytes) -> bytes:
         """The state of ``to_bytes``; None, and an error is logged, for other bytes."""
         self._logged.clear()

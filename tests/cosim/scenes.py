@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 import latin_fmu
+from latin_fmu.assembly.segments import Segment
 from latin_fmu.cosim import Session
+from latin_fmu.cosim.kernel_steps import Origin
+from latin_fmu.cosim.loads import GridPart, Loads
 from latin_fmu.cosim.windowed import Windowed
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
@@ -47,8 +52,23 @@ def bar(**changes: Any) -> Scene:
 
 
 def by_python(session: Session) -> Session:
-    """Let the Python driver make every step of a session in windowed mode, after its initialization."""
+    """Let every step of a session in windowed mode, after its initialization, be made as a segment of a run: histories
+    from the laws of the scene (``Timeline``), marched without communication steps."""
     mode = session._mode
     assert isinstance(mode, Windowed)
-    mode._kernels.fit = lambda *_: False  # type: ignore[method-assign]
+    kernels = mode._kernels
+
+    def given_up(loads: Loads, part: GridPart, _early: bool) -> None:
+        run = mode.run
+        state = run.get_state() if run.made else {"made": 0, "state": np.zeros(0)}
+        kernels.origin, kernels._ends = Origin(state, loads, part, part.n), part.n
+
+    def recorded(_early: bool = False) -> Segment:
+        step, run = kernels.origin, mode.run
+        assert step is not None
+        run.set_state(step.state if step.state["made"] else None)
+        return mode.advance(step.n, step.loads.driving(step.part, run.dt, mode.rule))
+
+    kernels.march, kernels.recorded = given_up, recorded  # type: ignore[method-assign,assignment]
+    kernels.accept = lambda loads: loads.accept(kernels.origin.part, mode.run.dt, mode.rule)  # type: ignore
     return session

@@ -57,7 +57,7 @@ def peaks_apart(table: Sequence[Variable], known: np.ndarray, got: np.ndarray, d
 
 
 class Both:
-    """A session by the Python driver and a run in kernels of one scene, with the same inputs, step by step."""
+    """A session by segments of a run, and a run in kernels of one scene, with the same inputs, step by step."""
 
     def __init__(self, scene: Scene, n: int = 1, rule: int = CAUSAL, give: Give | None = None) -> None:
         self.scene, self.n, self.rule, self.give = completed(scene), n, rule, give or {}

@@ -1,8 +1,9 @@
-"""Sessions whose steps are kernels against the Python driver, along random walks.
+"""Sessions by communication steps in kernels against segments of a run, along random walks.
 
 Three sessions take the same steps: one straight on, one that makes other steps in between and takes them back, goes on
-from bytes or in a session that was opened anew, and one by the Python driver. The first two are equal bit for bit, the
-third but for the order of sums. Limit, set before the runs: that of ``test_communication``.
+from bytes or in a session that was opened anew, and one whose steps are segments of a run (``scenes.by_python``). The
+first two are equal bit for bit, the third but for the order of sums. Limit, set before the runs: that of
+``test_communication``.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 import pytest
 
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.kernel_steps import KernelSteps
 from latin_fmu.cosim.variables import CAUSAL, LINE, RATE
+from latin_fmu.latin.windows import Run
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import half_sine
 
@@ -25,6 +26,7 @@ from .scenes import blocks, by_python
 from .test_communication import LIMIT, WITHOUT_INERTIA, peaks_apart
 
 STEPS = 14
+GRADIENTS = 1e-6  # that the solution by conjugate gradients leaves of round-off
 PRESS = {"press": (0.1, 1.0)}
 LONG = {"end": 60e-6, "step": 0.2e-6}
 
@@ -50,6 +52,12 @@ def wave_bar() -> Scene:
     return ports.bar(20, 400, port={"foot": port}, output={"energy": False})
 
 
+def moved_bar() -> Scene:
+    """A bar by the explicit march, whose end is moved: its force is a mean over two time steps."""
+    port = {"face": "bar.zmax", "causality": "motion_in", "components": ["z"]}
+    return ports.bar(10, 200, propagator="explicit", port={"foot": port}, output={"energy": True})
+
+
 def on_layer(law: Any) -> Scene:
     """A bar on moving ground with an elastic layer between, which starts from the acceleration of the ground."""
     layer = {"behaviour": "elastic_layer", "normal_stiffness": 4500.0, "tangential_stiffness": 1500.0}
@@ -64,6 +72,10 @@ WALKS: Mapping[str, tuple[Any, Mapping[str, tuple[float, float]], float]] = {
     "fields": (lambda: blocks(time=LONG, output={"fields": True, "every": 2, "energy": True}), PRESS, LIMIT),
     "reduced": (lambda: blocks(time=LONG, solver={"propagator": {"type": "reduced", "modes": 20}}), PRESS, LIMIT),
     "explicit": (lambda: blocks(time={"end": 20e-6, "step": 0.1e-6}, solver={"propagator": "explicit"}), PRESS, LIMIT),
+    "windows": (lambda: blocks(time=LONG, solver={"window": 3}), PRESS, LIMIT),
+    "whole windows": (lambda: blocks(time=LONG, solver={"window": "whole"}), PRESS, LIMIT),
+    "gradients": (lambda: blocks(time=LONG, solver={"propagator": "cg"}), PRESS, GRADIENTS),
+    "moved": (moved_bar, {"port.foot.velocity[3]": (0.0, 0.05)}, LIMIT),
     "held": (held_blocks, PRESS, WITHOUT_INERTIA),
     "layer": (lambda: on_layer({"type": "input"}), {"ground.wall": (0.0, 0.05)}, LIMIT),
     "layer by law": (lambda: on_layer(half_sine(0.25)), {}, LIMIT),
@@ -157,7 +169,7 @@ SLOW = [pytest.param(seed, keep, marks=pytest.mark.slow) for seed in range(2, 8)
 
 @pytest.mark.parametrize(("seed", "keep"), [*QUICK, *SLOW])
 @pytest.mark.parametrize("name", list(WALKS))
-def test_a_random_walk_is_that_of_the_python_driver(name, seed, keep):
+def test_a_random_walk_is_that_of_segments(name, seed, keep):
     make, inputs, limit = WALKS[name]
     walk = Walk(make(), inputs, seed, keep)
     for _ in range(STEPS):
@@ -165,32 +177,37 @@ def test_a_random_walk_is_that_of_the_python_driver(name, seed, keep):
     walk.assert_agrees(limit)
 
 
-def test_steps_that_the_kernels_give_up_are_made_by_the_python_driver(monkeypatch):
-    """Every third one, after it has changed the image; derivatives and histories are those of the last step."""
-    walk, calls = Walk(blocks(time=LONG, output={"energy": False}, **FREE), PRESS, 0, False), [0]
-    marched = KernelSteps._marched
+def test_time_steps_that_the_kernels_leave_are_solved_in_their_rows(monkeypatch):
+    """As those that need a fall-back; here of calls that are made to leave them: of the march, and of its recording."""
+    walk, calls, left = Walk(blocks(time=LONG, output={"energy": False}, **FREE), PRESS, 0, False), [0], []
+    communicate, solve_rows = Run.communicate, Run.solve_rows
 
-    def given_up(*arguments: Any, **named: Any) -> Any:
-        row = marched(*arguments, **named)
+    def leaves(run: Run, *arguments: int) -> int:
         calls[0] += 1
-        return None if calls[0] % 3 == 0 else row
+        run.image.set({"by_caller": int(calls[0] % 5 in (3, 4))})
+        return communicate(run, *arguments)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(KernelSteps, "_marched", given_up)
-        session, python = walk.sessions[0], walk.sessions[2]
-        for _ in range(STEPS):
-            walk.give([session, python])
-            for own in (session, python):
-                assert own.step(walk.t, walk.dt)
-            walk.t = walk.t + walk.dt
-            walk.rows[0].append(python.row)
-            walk.rows[1].append(session.row)
-    assert calls[0] >= STEPS - 1
+    def solves(run: Run, *arguments: int) -> Any:
+        left.append(arguments)
+        return solve_rows(run, *arguments)
+
+    monkeypatch.setattr(Run, "communicate", leaves)
+    monkeypatch.setattr(Run, "solve_rows", solves)
+    session, known = walk.sessions[0], walk.sessions[2]
+    for i in range(STEPS):
+        walk.give([session, known])
+        h = (1, 4)[i % 2] * walk.dt
+        for own in (session, known):
+            assert own.step(walk.t, h)
+        walk.t = walk.t + h
+        walk.rows[0].append(known.row)
+        walk.rows[1].append(session.row)
+    assert len(left) >= STEPS // 4
     walk.sessions[1] = session
     walk.assert_agrees(LIMIT)
 
 
-def test_derivatives_are_those_of_the_step_by_the_python_driver():
+def test_derivatives_are_those_of_the_step_as_a_segment():
     walk = Walk(blocks(time=LONG, **FREE), PRESS, 0, False)
     outputs = ["interface.crush.force[3]", "interface.crush.impulse[3]", "energy.kinetic", "sensor.head.velocity[3]"]
     for _ in range(6):
@@ -206,7 +223,7 @@ def test_derivatives_are_those_of_the_step_by_the_python_driver():
 
 
 def test_a_step_beyond_the_laws_of_the_scene_is_made():
-    """Their tables end with the scene: the Python driver evaluates them."""
+    """Their tables end with the scene, and are made anew beyond."""
     walk = Walk(blocks(), PRESS, 0, False)
     for _ in range(34):
         walk.give(walk.sessions)
