@@ -31,12 +31,12 @@ Session Signals Solution Stages SubstructureModel TimeScheme
 """
 LONG_SIGNATURES = """
 api.solve api.run models.model_classes models._model modes._named problem.of windows.__init__
-study.sweep image.__init__ dataset.result_groups
+study.sweep image.__init__
 """
 SHARED_NAMES = """
-Anderson Block Box CentralDifference CgPropagator Coupling DirectPropagator ExplicitPropagator GeneralizedAlpha Group
+Anderson Block Box CentralDifference CgPropagator Coupling DirectPropagator ExplicitPropagator GeneralizedAlpha
 HHT InitialState MasslessContact Material ModalDamping Modes Motion Newmark Place Points ReducedPropagator Row Run
-Settings Signals Sources Table Variable _Model _Point _Points
+Settings Signals Sources Table _Model _Point _Points
 """
 
 # Each layer may import those before it, never its own neighbours or those after it.

@@ -23,10 +23,10 @@ from ..latin.outcome import (
 from ..machine import provenance
 from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
-from .dataset import Recovered, datatree, result_blocks, result_groups
+from .dataset import Recovered, datatree, result_blocks, result_groups, root_group
 from .estimates import ErrorEstimate
 from .files import write_groups
-from .groups import Group, in_units
+from .groups import StoredGroup, in_units
 from .sensors import (
     bolt_lines,
     bolt_report,
@@ -166,15 +166,15 @@ class Solution:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
         return datatree(self._groups(), self.scene_name)
 
-    def _groups(self, streamed: bool = False) -> dict[str, Group]:
+    def _groups(self, streamed: bool = False) -> dict[str, StoredGroup]:
         errors = None if self.estimate is None else self.estimate.spectra
-        given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
-        groups = result_groups(*given, errors, self.surfaces, streamed)
+        groups = {"/": root_group(self.outcome, self.scene_name, self.scene_text, self.provenance)}
+        groups |= result_groups(self.outcome, self.recovered, self.sensor_tables, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group(self.units)
         return in_units(groups, self.units)
 
-    def _blocks(self) -> Iterator[dict[str, Group]]:
+    def _blocks(self) -> Iterator[dict[str, StoredGroup]]:
         """Groups of a streamed run, block by block."""
         return (in_units(block, self.units) for block in result_blocks(self.outcome, self.surfaces))
 
