@@ -12,8 +12,8 @@ import numpy as np
 
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
-from ..latin.probes import SensorPlace
-from ..latin.recorder import OutputRequest, SubstructureInfo
+from ..latin.probes import OutputRequest, SensorPlace
+from ..latin.recorder import SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, SubstructureModel
