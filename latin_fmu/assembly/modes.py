@@ -52,7 +52,7 @@ from ..results.summary import aligned, readable
 from ..results.vtk import export_vtu
 from ..scene.fields import split_face
 from ..scene.schema import Scene
-from ..scene.settings import HHT, GivenStart
+from ..scene.settings import GivenStart, HHTTable
 from ..scene.units import SI, UnitSystem
 from .body import consecutive
 from .build import discretise
@@ -91,7 +91,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     modes = vibration_modes(load_scene("scene.toml"), "sticking", 5)
     modes.frequency, modes.damping.numerical    # Hz, and damping ratios of time scheme and landing layer
     """
-    plain = {"scheme": HHT(), "quasi_static": False, "start": GivenStart()}
+    plain = {"scheme": HHTTable(), "quasi_static": False, "start": GivenStart()}
     pressed = _pressed(scene) if scene.bolt and joints == "sticking" else {}
     discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
     models = {m.name: m for c in discretised.classes for m in c.members}

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from ..errors import Problem, shown
-from .fields import BOX_FACES, Face, Series, Table, _as_list, about, refusal
+from .fields import BOX_FACES, Face, SceneTable, Series, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, is_box, named_tables, parsed_face, text_list
 from .substructures import LocalAxes
@@ -27,7 +27,7 @@ _FACE = 'the face, "substructure.face"'
 _AXES = "axes of the components; the global ones where left out"
 
 
-class Fixed(Table):
+class Fixed(SceneTable):
     """No displacement along the components."""
 
     type: Literal["fixed"] = "fixed"
@@ -36,14 +36,14 @@ class Fixed(Table):
     axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class Symmetry(Table):
+class Symmetry(SceneTable):
     """Plane of symmetry: no displacement along the normal of a plane face, however inclined."""
 
     type: Literal["symmetry"] = "symmetry"
     face: Annotated[Face, about(_FACE)]
 
 
-class PrescribedVelocity(Table):
+class PrescribedVelocity(SceneTable):
     """Velocity history value * law(t) along the components."""
 
     type: Literal["velocity"] = "velocity"
@@ -54,7 +54,7 @@ class PrescribedVelocity(Table):
     axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedDisplacement(Table):
+class PrescribedDisplacement(SceneTable):
     """Displacement history value * law(t) along the components."""
 
     type: Literal["displacement"] = "displacement"
@@ -65,7 +65,7 @@ class PrescribedDisplacement(Table):
     axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedAcceleration(Table):
+class PrescribedAcceleration(SceneTable):
     """Acceleration history value * law(t) along the components, from rest; the time scheme integrates it as it does the
     motion of a free body, so that no velocity or path is left over that the history does not hold."""
 
@@ -77,14 +77,14 @@ class PrescribedAcceleration(Table):
     axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class Absorbing(Table):
+class Absorbing(SceneTable):
     """Lets waves out: dashpots rho c_p (normal) and rho c_s (tangential) per unit area."""
 
     type: Literal["absorbing"] = "absorbing"
     face: Annotated[Face, about(_FACE)]
 
 
-class Periodic(Table):
+class Periodic(SceneTable):
     """Two opposite faces of one substructure move together."""
 
     type: Literal["periodic"] = "periodic"

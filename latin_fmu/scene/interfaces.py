@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, create_model
 
 from ..errors import Problem, did_you_mean, shown
-from .fields import GROUND, Direction, Name, Real, Side, Table, Text, Vector, _as_list, about, refusal
+from .fields import GROUND, Direction, Name, Real, SceneTable, Side, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, given, number
 
@@ -110,7 +110,7 @@ Behaviour = Annotated[Text, AfterValidator(_check_behaviour)]
 Sides = Annotated[tuple[Side, Side], BeforeValidator(_as_list)]
 
 
-class GroundVelocity(Table):
+class GroundVelocity(SceneTable):
     """Translation of the rigid ground: velocity(t) = amplitude a(t) direction / |direction|."""
 
     direction: Annotated[Direction, about("direction of the motion (its length does not count)", "1")]
@@ -126,14 +126,14 @@ class GroundVelocity(Table):
         return (x / scale * factor, y / scale * factor, z / scale * factor)
 
 
-class GroundPlane(Table):
+class GroundPlane(SceneTable):
     """Rigid ground behind a plane."""
 
     point: Annotated[Vector, about("a point of the plane", "m")]
     normal: Annotated[Direction, about("normal of the plane, out of the ground (its length does not count)", "1")]
 
 
-class Interface(Table):
+class Interface(SceneTable):
     """Two faces that meet. The normal N points from the first side (E) to the second (E')."""
 
     sides: Annotated[Sides, about('two faces "substructure.face"; the second may be "ground" (rigid)')]
@@ -205,7 +205,7 @@ NamePairs = Annotated[tuple[NamePair, ...], BeforeValidator(_as_list)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_as_list)]
 
 
-class _ContactKeys(Table):
+class _ContactKeys(SceneTable):
     search: Annotated[Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)]
     parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"

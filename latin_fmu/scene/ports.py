@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ..errors import Problem, shown
-from .fields import Face, Real, Table, _as_list, about, refusal, split_face
+from .fields import Face, Real, SceneTable, _as_list, about, refusal, split_face
 from .laws import InputLaw, Law
 from .raw_scene import RawTable, face_problems, is_explicit, named_tables, parsed_face, single_table, text_list
 from .substructures import Load
@@ -37,7 +37,7 @@ Components = Annotated[tuple[Component, ...], BeforeValidator(_as_list), AfterVa
 Impedances = Annotated[tuple[Annotated[Real, about("impedance", gt=0)], ...], BeforeValidator(_as_list)]
 
 
-class Port(Table):
+class Port(SceneTable):
     """A face that another model is connected to, by the mean motion of the face: translation and rotation of its
     centre, as a least-squares fit by area. Everything is in SI units along the global axes.
 

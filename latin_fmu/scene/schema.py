@@ -8,11 +8,11 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from ..errors import Problem, SceneError
-from .attachments import Coupling, PointMass, Spring, joints_of
+from .attachments import CouplingTable, PointMass, Spring, joints_of
 from .boundaries import Boundary, Periodic
 from .describe import field_problems, path_text
-from .fields import BodyName, Name, Table, Text, about, split_face
-from .initial_fields import InitialState
+from .fields import BodyName, Name, SceneTable, Text, about, split_face
+from .initial_fields import InitialStateTable
 from .interfaces import MEANINGLESS, ContactSearch, Interface
 from .laws import TimeLaw, base_dir_of, units_in
 from .ports import Port
@@ -20,7 +20,7 @@ from .raw_scene import named_tables, oversized_integers, plain
 from .relations import relation_problems, with_defaults
 from .sensors import Sensor
 from .settings import Accuracy, Output, Solver, Time
-from .substructures import Bolt, Gravity, Load, Material, MeshParts, Substructure
+from .substructures import Bolt, Gravity, Load, MaterialTable, MeshParts, Substructure
 from .units import SystemName, UnitSystem, system_named
 
 
@@ -109,7 +109,7 @@ def faces_of(boundary: Boundary) -> tuple[str, ...]:
     return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
 
 
-class Scene(Table):
+class Scene(SceneTable):
     """A scene; building one, from a file or in Python, raises `SceneError` listing every problem found.
 
     The named tables are dictionaries by name. Files named in it are relative to `base_dir`.
@@ -118,7 +118,7 @@ class Scene(Table):
     name: Annotated[Name, about("name of the scene")]
     description: Annotated[Text, about("free text")] = ""
     units: Annotated[SystemName, about("system of units of all numbers: labels results, scales checks")] = "SI"
-    material: Annotated[dict[Name, Material], about("materials by name"), Field(min_length=1)]
+    material: Annotated[dict[Name, MaterialTable], about("materials by name"), Field(min_length=1)]
     mesh: Annotated[
         dict[Name, MeshParts],
         about("mesh files with several parts; the effective scene has them as substructures"),
@@ -139,12 +139,12 @@ class Scene(Table):
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
     bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
-    coupling: Annotated[dict[Name, Coupling], about("couplings by name"), Field(default_factory=dict)]
+    coupling: Annotated[dict[Name, CouplingTable], about("couplings by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     port: Annotated[
         dict[Name, Port], about("faces that other models are connected to, by name"), Field(default_factory=dict)
     ]
-    initial_state: Annotated[InitialState | None, about("state of an earlier run that bodies start from")] = None
+    initial_state: Annotated[InitialStateTable | None, about("state of an earlier run that bodies start from")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import Problem, shown
-from .fields import Count, Face, Name, Real, Table, Vector, about, by_type, refusal, split_face
+from .fields import Count, Face, Name, Real, SceneTable, Vector, about, by_type, refusal, split_face
 from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, unknown_name
 
 CFC_RATE: Final = 10.0
@@ -15,7 +15,7 @@ CFC_RATE: Final = 10.0
 MAX_FREQUENCIES: Final = 10_000
 
 
-class ChannelClass(Table):
+class ChannelClass(SceneTable):
     """Channel frequency class of SAE J211-1 (ISO 6487): Butterworth with two poles, run forwards and backwards, so that
     the phase stays."""
 
@@ -33,7 +33,7 @@ class ChannelClass(Table):
         return f"SAE J211 CFC {self.channel_class}, phaseless"
 
 
-class LowPass(Table):
+class LowPass(SceneTable):
     """Butterworth low pass; forwards and backwards (`phaseless`) its order counts twice, and the cut-off is that of
     both passes."""
 
@@ -52,7 +52,7 @@ _Filter = ChannelClass | LowPass
 Filter = Annotated[Annotated[_Filter, Field(discriminator="type")], by_type(_Filter, "cfc")]
 
 
-class Spectrum(Table):
+class Spectrum(SceneTable):
     """Shock response spectrum of the acceleration of a sensor: largest response of oscillators on it."""
 
     lowest: Annotated[
@@ -82,7 +82,7 @@ class Spectrum(Table):
         return (*made, last) if short else made
 
 
-class Sensor(Table):
+class Sensor(SceneTable):
     """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
 
     It has `point` with `substructure`; or `face`, and then `point` is one that follows the mean motion of the face,

@@ -9,26 +9,26 @@ from typing import Annotated, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from ..errors import did_you_mean
-from .fields import Count, Flag, Real, Table, Text, about, by_type, refusal
+from .fields import Count, Flag, Real, SceneTable, Text, about, by_type, refusal
 
 MAX_INSTANTS = 10_000_000
 
 
-class AutomaticScheme(Table):
+class AutomaticScheme(SceneTable):
     """generalized_alpha where bodies land (a gap, or sides that approach each other), all of them elastic and thick
     enough for a contact layer (at most a quarter of the elements); else hht."""
 
     type: Literal["automatic"] = "automatic"
 
 
-class HHT(Table):
+class HHTTable(SceneTable):
     """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh does not resolve."""
 
     type: Literal["hht"] = "hht"
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
 
 
-class Newmark(Table):
+class NewmarkTable(SceneTable):
     """Newmark's family; damped where gamma > 1/2, best with beta = (gamma + 1/2)^2 / 4."""
 
     type: Literal["newmark"] = "newmark"
@@ -36,7 +36,7 @@ class Newmark(Table):
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
-class GeneralizedAlpha(Table):
+class GeneralizedAlphaTable(SceneTable):
     """For bodies that land and fronts through closed joints: massless contact nodes, and a viscous layer of elements at
     faces that may open; stable at any step."""
 
@@ -57,13 +57,13 @@ class GeneralizedAlpha(Table):
     ] = 0.6
 
 
-class MasslessContact(Table):
+class MasslessContactTable(SceneTable):
     """Undamped, with massless contact nodes: keeps the energy of bouncing bodies; Courant number at most 0.8."""
 
     type: Literal["massless_contact"] = "massless_contact"
 
 
-class CentralDifference(Table):
+class CentralDifferenceTable(SceneTable):
     """Explicit, with a lumped mass: the scheme of the explicit propagator; only small steps are stable."""
 
     type: Literal["central_difference"] = "central_difference"
@@ -76,19 +76,21 @@ def _of_its_keys(value: object) -> object:
     return value
 
 
-_Scheme = AutomaticScheme | HHT | Newmark | GeneralizedAlpha | MasslessContact | CentralDifference
+_Scheme = (
+    AutomaticScheme | HHTTable | NewmarkTable | GeneralizedAlphaTable | MasslessContactTable | CentralDifferenceTable
+)
 Scheme = Annotated[
     Annotated[_Scheme, Field(discriminator="type")], BeforeValidator(_of_its_keys), by_type(_Scheme, "hht")
 ]
 
 
-class GivenStart(Table):
+class GivenStart(SceneTable):
     """The initial displacements and velocities of the substructures, with no stress but that of preloads."""
 
     type: Literal["given"] = "given"
 
 
-class StaticStart(Table):
+class StaticStart(SceneTable):
     """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
     over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
@@ -104,7 +106,7 @@ _Start = GivenStart | StaticStart
 Start = Annotated[Annotated[_Start, Field(discriminator="type")], by_type(_Start, "static")]
 
 
-class Time(Table):
+class Time(SceneTable):
     """The interval [0, end], cut into equal steps. It has exactly one of `step` and `instants`."""
 
     end: Annotated[Real, about("last instant", "s", gt=0)]
@@ -140,7 +142,7 @@ class Time(Table):
         return self.end / self.n_step
 
 
-class Output(Table):
+class Output(SceneTable):
     """Interface histories and convergence are always kept; the rest costs memory and is kept on request."""
 
     fields: Annotated[Flag, about("displacement and velocity history of the substructures")] = False
@@ -216,7 +218,7 @@ def _check_quantity(quantity: str) -> str:
 Quantity = Annotated[Text, AfterValidator(_check_quantity)]
 
 
-class Accuracy(Table):
+class Accuracy(SceneTable):
     """Whether `latin-fmu run` estimates its error, and the error that `--accuracy` has to reach."""
 
     estimate: Annotated[Flag, about("coarser runs give the estimated error of each quantity (`latin-fmu run`)")] = True
@@ -231,19 +233,19 @@ class Accuracy(Table):
     ] = None
 
 
-class AutomaticPropagator(Table):
+class AutomaticPropagator(SceneTable):
     """The one that suits the time scheme: explicit for central differences, else direct."""
 
     type: Literal["automatic"] = "automatic"
 
 
-class DirectPropagator(Table):
+class DirectPropagatorTable(SceneTable):
     """Implicit, factorised once: one forward and one backward substitution per instant."""
 
     type: Literal["direct"] = "direct"
 
 
-class ExplicitPropagator(Table):
+class ExplicitPropagatorTable(SceneTable):
     """Central differences with a lumped mass: no factorisation, cheap contact. The time step must be below the limit of
     stability (about the smallest element over the wave speed; an error states the limit). Its time scheme is
     "central_difference"; gaps are those half a step after the instants. Because of the lumped mass it is less accurate
@@ -252,7 +254,7 @@ class ExplicitPropagator(Table):
     type: Literal["explicit"] = "explicit"
 
 
-class ReducedPropagator(Table):
+class ReducedPropagatorTable(SceneTable):
     """A few vibration modes of each substructure and its exact static response to interface tractions and loads: small
     dense matrices. The modes cost more than one linear run, so that this propagator suits repeated substructures,
     parameter studies, long runs and FMUs. The response above the modes is lost; a warning states how much that is."""
@@ -261,13 +263,15 @@ class ReducedPropagator(Table):
     modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
 
 
-class CgPropagator(Table):
+class CgPropagatorTable(SceneTable):
     """As direct, by conjugate gradients instead of factors, for models whose factors exceed the memory. Slower."""
 
     type: Literal["cg"] = "cg"
 
 
-_Propagator = AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator | CgPropagator
+_Propagator = (
+    AutomaticPropagator | DirectPropagatorTable | ExplicitPropagatorTable | ReducedPropagatorTable | CgPropagatorTable
+)
 Propagator = Annotated[Annotated[_Propagator, Field(discriminator="type")], by_type(_Propagator, "automatic")]
 
 
@@ -277,21 +281,21 @@ WHOLE: Literal["whole"] = "whole"
 _FACTOR = "factor on k; it changes the number of iterations, not the converged result"
 
 
-class Automatic(Table):
+class Automatic(SceneTable):
     """Own wave impedance where the step resolves the wave, the discrete admittance where it does not."""
 
     type: Literal["automatic"] = "automatic"
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Impedance(Table):
+class Impedance(SceneTable):
     """Wave impedance of each side's own material: rho c_p (normal), rho c_s (tangential)."""
 
     type: Literal["impedance"] = "impedance"
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Uniform(Table):
+class Uniform(SceneTable):
     """The same k on every interface."""
 
     type: Literal["uniform"] = "uniform"
@@ -300,28 +304,28 @@ class Uniform(Table):
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Diagonal(Table):
+class Diagonal(SceneTable):
     """Inverse of the diagonal of the discrete admittance of one instant."""
 
     type: Literal["diagonal"] = "diagonal"
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Row(Table):
+class RowTable(SceneTable):
     """Discrete resistance of a face to a uniform velocity, spread by area."""
 
     type: Literal["row"] = "row"
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Anderson(Table):
+class AndersonTable(SceneTable):
     """Anderson acceleration on the incoming quantity F + k W."""
 
     type: Literal["anderson"] = "anderson"
     depth: Annotated[Count, about("number of former iterations combined", "1", ge=1, le=100)] = 6
 
 
-class NoAcceleration(Table):
+class NoAcceleration(SceneTable):
     """The plain iteration of the paper."""
 
     type: Literal["none"] = "none"
@@ -336,7 +340,7 @@ def _check_window(value: object) -> object:
     raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
 
 
-class OperatorFolder(Table):
+class OperatorFolder(SceneTable):
     """Folder in which factors and dense matrices of interfaces are kept: a run of the same bodies, steps and search
     directions reads them, whatever its loads, friction, gaps and bolt forces are. Results are the same to the last
     bit. It may be shared by runs at the same time; an entry that is damaged, or of another version, is made anew."""
@@ -345,9 +349,9 @@ class OperatorFolder(Table):
     limit: Annotated[Real, about("size of all entries; the ones used longest ago are removed", "GB", gt=0)] = 10.0
 
 
-_Direction = Automatic | Impedance | Uniform | Diagonal | Row
+_Direction = Automatic | Impedance | Uniform | Diagonal | RowTable
 SearchDirection = Annotated[Annotated[_Direction, Field(discriminator="type")], by_type(_Direction, "automatic")]
-_Acceleration = Anderson | NoAcceleration
+_Acceleration = AndersonTable | NoAcceleration
 Acceleration = Annotated[Annotated[_Acceleration, Field(discriminator="type")], by_type(_Acceleration, "anderson")]
 Window = Annotated[
     int | Literal["whole"],
@@ -355,7 +359,7 @@ Window = Annotated[
 ]
 
 
-class Solver(Table):
+class Solver(SceneTable):
     """Settings of the iteration; the defaults suit most scenes."""
 
     tolerance: Annotated[
@@ -367,7 +371,7 @@ class Solver(Table):
     ] = None
     max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
-    acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = Anderson()
+    acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = AndersonTable()
     relaxation: Annotated[Real, about("1: none; 1/2: the most robust", "1", gt=0, le=1)] = 1.0
     window: Annotated[
         Window, about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1")

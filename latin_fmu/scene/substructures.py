@@ -17,7 +17,7 @@ from .fields import (
     Positive,
     PositiveCount,
     Real,
-    Table,
+    SceneTable,
     Text,
     Vector,
     _as_list,
@@ -28,7 +28,7 @@ from .initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFi
 from .laws import ConstantLaw, Law
 
 
-class DampingRatios(Table):
+class DampingRatios(SceneTable):
     """Damping ratios at two frequencies, from which the Rayleigh coefficients follow."""
 
     frequencies: Annotated[tuple[Positive, Positive], BeforeValidator(_as_list), about("two of them, ascending", "Hz")]
@@ -61,7 +61,7 @@ class DampingRatios(Table):
         return max(a, 0.0), max(b, 0.0)  # round-off at the ends of the range
 
 
-class Material(Table):
+class MaterialTable(SceneTable):
     """Homogeneous isotropic elastic material, with optional Rayleigh damping C = a M + b K.
 
     Both coefficients may be given; or `damping_ratios`; or `loss_factor` with `at_frequency`. A loss factor eta is that
@@ -132,7 +132,7 @@ Elements = Annotated[
 _SMALLEST, _LARGEST = 1e-60, 1e60  # m; products of several such lengths are still numbers
 
 
-class Box(Table):
+class BoxTable(SceneTable):
     """A box along the axes, cut into 8-node hexahedra; its faces are xmin xmax ymin ymax zmin zmax."""
 
     origin: Annotated[Vector, about("corner with the smallest coordinates", "m")] = (0.0, 0.0, 0.0)
@@ -171,7 +171,7 @@ Refinements = Annotated[
 ]
 
 
-class MeshFile(Table):
+class MeshFile(SceneTable):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, also mixed); its
     faces are the named surface groups of the file."""
 
@@ -181,7 +181,7 @@ class MeshFile(Table):
     refine: Refinements = 0
 
 
-class ModalDamping(Table):
+class ModalDampingTable(SceneTable):
     """Damping C = M Phi diag(2 zeta omega) Phi^T M of the elastic modes of a substructure, its interfaces free, held as
     its boundaries hold it; rigid motions and the motion of driven faces lose nothing.
 
@@ -194,11 +194,11 @@ class ModalDamping(Table):
     ] = None
 
 
-class Substructure(Table):
+class Substructure(SceneTable):
     """An elastic body, or a rigid one. It has exactly one of `box` and `mesh`."""
 
     material: Annotated[Name, about("name of a [material.NAME] table")]
-    box: Annotated[Box | None, about("a box meshed by the program")] = None
+    box: Annotated[BoxTable | None, about("a box meshed by the program")] = None
     mesh: Annotated[MeshFile | None, about("a mesh read from a file")] = None
     rigid: Annotated[
         Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
@@ -206,7 +206,9 @@ class Substructure(Table):
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
-    modal_damping: Annotated[ModalDamping | None, about("damping of the modes, with the reduced propagator")] = None
+    modal_damping: Annotated[ModalDampingTable | None, about("damping of the modes, with the reduced propagator")] = (
+        None
+    )
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
@@ -259,7 +261,7 @@ def _all_or_listed(value: object) -> object:
     return (ALL,) if value == ALL else _as_list(value)
 
 
-class MeshParts(Table):
+class MeshParts(SceneTable):
     """A mesh file with several parts: every volume group, or each group listed, becomes a substructure of its name."""
 
     file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
@@ -282,7 +284,7 @@ def part_name(group: str) -> str:
     return f"{name}_" if name == GROUND else name[:100]
 
 
-class Gravity(Table):
+class Gravity(SceneTable):
     """Acceleration that acts on every body by its density, times a law: weight, a tilting table, an earthquake.
 
     In a frame that moves with its base at the acceleration b(t), the bodies are loaded by the acceleration -b(t).
@@ -292,7 +294,7 @@ class Gravity(Table):
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
-class LocalAxes(Table):
+class LocalAxes(SceneTable):
     """Axes of a condition: x, then y made perpendicular to it in the plane of both, then z = x cross y."""
 
     x: Annotated[Direction, about("direction of the local x axis (its length does not count)", "1")]
@@ -328,7 +330,7 @@ def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     return (x / length, y / length, z / length)
 
 
-class Load(Table):
+class Load(SceneTable):
     """A load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`; or a `moment`, alone or
     with `force`.
 
@@ -370,7 +372,7 @@ class Load(Table):
         return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 
-class Bolt(Table):
+class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force or by a shortening; then the shortening is kept.
 
     The shank is cut by a plane across the axis. Where the cut is in the shank does not matter.
