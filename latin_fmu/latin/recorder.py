@@ -133,6 +133,7 @@ class Recorder:
             self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self._probes: Probes | None = None
+        self._whole: Probes | None = None  # those of all nodes, where they are kept at every instant
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -158,7 +159,7 @@ class Recorder:
             self.stream.keep(image, probes, self.n_kept, n, row)
         if probes is not None:
             probes.read(assembly, image, now, rows, self._series)
-        self._probes = probes
+        self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
         for key, kept in self._series["energy"].items():
             drift = key == "drift"
             own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
@@ -166,11 +167,6 @@ class Recorder:
         self.n_kept += n
         if self._stored.wanted:
             self._stored.keep(assembly, image, self._whole, now, row)
-
-    @property
-    def _whole(self) -> Probes | None:
-        """Probes of all nodes, where they are kept at every instant."""
-        return self._probes if self._probes is not None and self._probes.whole else None
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""

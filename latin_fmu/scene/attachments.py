@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..errors import Problem
 from .fields import GROUND, Direction, Face, Flag, Name, Real, SceneTable, Vector, _as_list, about, refusal, split_face
 from .interfaces import Interface
-from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, unknown_name
+from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, reference_problems
 
 VISCOSITY: Final = "_viscosity"
 """What the name of a spring gets for the interface of its viscosity, where it has a stiffness, too."""
@@ -254,8 +254,5 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
 
 def _place_problems(raw: Any, where: str, place: RawTable) -> Iterator[Problem]:
     """Unknown names in a place."""
-    substructures, body = named_tables(raw, "substructure"), place.get("substructure")
-    if substructures and isinstance(body, str) and body not in substructures:
-        yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
-    if isinstance(place.get("face"), str):
-        yield from face_problems(raw, f"{where}.face", place["face"])
+    yield from reference_problems(raw, f"{where}.substructure", "substructure", place.get("substructure"))
+    yield from face_problems(raw, f"{where}.face", place.get("face"))

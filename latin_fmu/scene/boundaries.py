@@ -43,38 +43,35 @@ class Symmetry(SceneTable):
     face: Annotated[Face, about(_FACE)]
 
 
-class PrescribedVelocity(SceneTable):
+class _Prescribed(SceneTable):
+    type: str
+    face: Annotated[Face, about(_FACE)]
+    components: Annotated[Axes, about("components driven")]
+    value: Series
+    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
+
+
+class PrescribedVelocity(_Prescribed):
     """Velocity history value * law(t) along the components."""
 
     type: Literal["velocity"] = "velocity"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-1")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedDisplacement(SceneTable):
+class PrescribedDisplacement(_Prescribed):
     """Displacement history value * law(t) along the components."""
 
     type: Literal["displacement"] = "displacement"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedAcceleration(SceneTable):
+class PrescribedAcceleration(_Prescribed):
     """Acceleration history value * law(t) along the components, from rest; the time scheme integrates it as it does the
     motion of a free body, so that no velocity or path is left over that the history does not hold."""
 
     type: Literal["acceleration"] = "acceleration"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-2")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
 class Absorbing(SceneTable):
@@ -104,9 +101,7 @@ def boundary_problems(raw: Any) -> Iterator[Problem]:
     imposed: dict[tuple[str, str], str] = {}
     for name, table in named_tables(raw, "boundary").items():
         where, kind = f"boundary.{name}", table.get("type")
-        face = table.get("face")
-        if isinstance(face, str):
-            yield from face_problems(raw, f"{where}.face", face)
+        yield from face_problems(raw, f"{where}.face", table.get("face"))
         if kind == "periodic":
             yield from _periodic_problems(raw, where, table)
         if kind in _DRIVEN:

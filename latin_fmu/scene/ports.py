@@ -116,9 +116,8 @@ def _unit(component: Component) -> dict[str, Any]:
 def port_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the ports of a scene as written with its other tables."""
     for name, table in named_tables(raw, "port").items():
-        where, face = f"port.{name}", table.get("face")
-        if isinstance(face, str):
-            yield from face_problems(raw, f"{where}.face", face)
+        where = f"port.{name}"
+        yield from face_problems(raw, f"{where}.face", table.get("face"))
         if table.get("causality") == "wave":
             yield from _wave_problems(raw, where, table)
         if table.get("causality") == "motion_in":

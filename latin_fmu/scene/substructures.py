@@ -2,11 +2,14 @@
 
 import math
 import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from ..errors import Problem, shown
 from .fields import (
     GROUND,
     Count,
@@ -26,6 +29,17 @@ from .fields import (
 )
 from .initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from .laws import ConstantLaw, Law
+from .raw_scene import (
+    RawTable,
+    chosen_type,
+    exactly_one,
+    face_problems,
+    given,
+    moves,
+    named_tables,
+    reference_problems,
+    single_table,
+)
 
 
 class DampingRatios(SceneTable):
@@ -387,3 +401,102 @@ class Bolt(SceneTable):
         about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
     ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
+
+
+# -- checks of these tables with each other and with others ---
+def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
+    """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
+    for name, table in named_tables(raw, "substructure").items():
+        where = f"substructure.{name}"
+        yield from exactly_one(table, where, "box", "mesh")
+        yield from reference_problems(raw, f"{where}.material", "material", table.get("material"))
+        if table.get("rigid") is True and chosen_type(single_table(raw, "time"), "scheme") == "massless_contact":
+            yield Problem(
+                f"{where}.rigid",
+                "massless_contact takes the mass from contact nodes, which a rigid body does not have",
+                'time.scheme = "massless_contact"',
+                "hht or newmark",
+                "choose another scheme, or leave the body elastic",
+            )
+        if given(table, "modal_damping"):
+            yield from _modal_problems(raw, where, table)
+        mesh = table.get("mesh")
+        file = mesh.get("file") if isinstance(mesh, dict) else None
+        if isinstance(file, str) and not _is_file(base_dir, file):
+            yield Problem(
+                f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
+            )
+
+
+def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
+    """Modal damping of a body that has no modes in the run."""
+    if table.get("rigid") is True:
+        yield Problem(f"{where}.modal_damping", "a rigid body has no elastic modes", None, None, "remove it")
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    if kind != "reduced":
+        yield Problem(
+            f"{where}.modal_damping",
+            "modes are known to the reduced propagator only",
+            f"solver.propagator = {shown(kind or 'automatic')}",
+            'solver.propagator = "reduced"',
+            "choose it, or damp the material by damping_ratios at two frequencies",
+        )
+
+
+def _is_file(base_dir: Path, name: str) -> bool:
+    try:
+        return (base_dir / name).is_file()
+    except (OSError, ValueError):  # a name the system refuses, e.g. too long or with a null character
+        return False
+
+
+def load_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the loads of a scene as written."""
+    for name, table in named_tables(raw, "load").items():
+        if not given(table, "moment"):
+            yield from exactly_one(table, f"load.{name}", "pressure", "traction", "force")
+        for key in ("moment", "point"):
+            others = [k for k in ("pressure", "traction") if given(table, k)]
+            if given(table, key) and others:
+                what = f"a {others[0]} has no {key}"
+                yield Problem(f"load.{name}.{key}", what, None, "with 'force'", f"leave out {key!r} or {others[0]!r}")
+        if given(table, "pressure") and given(table, "axes"):
+            what = "a pressure acts along the normal"
+            yield Problem(f"load.{name}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")
+        yield from face_problems(raw, f"load.{name}.face", table.get("face"))
+
+
+def bolt_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
+    substructures = named_tables(raw, "substructure")
+    for name, table in named_tables(raw, "bolt").items():
+        where, body = f"bolt.{name}", table.get("substructure")
+        yield from exactly_one(table, where, "force", "shortening")
+        yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
+        if not isinstance(body, str) or body not in substructures:
+            continue
+        if substructures[body].get("rigid") is True:
+            yield Problem(
+                f"{where}.substructure",
+                "a rigid body cannot be stretched",
+                shown(body),
+                "an elastic substructure",
+                f"leave out substructure.{body}.rigid",
+            )
+        for key in ("initial_velocity", "initial_spin"):
+            if moves(substructures[body].get(key)):
+                yield Problem(
+                    f"{where}.substructure",
+                    f"bolts are tightened at rest, before t = 0, and {body} has the {key} {substructures[body][key]}",
+                    shown(body),
+                    "a substructure that is at rest at t = 0",
+                    f"remove substructure.{body}.{key}, or the bolt",
+                )
+    if named_tables(raw, "bolt") and chosen_type(single_table(raw, "time"), "start") == "given":
+        yield Problem(
+            "time.start",
+            "bolts are tightened in the static equilibrium that a scene with bolts starts from",
+            "given",
+            '"static"',
+            "leave time.start out, or remove the bolts",
+        )
