@@ -23,7 +23,8 @@ from latin_fmu.cosim.communication import CommunicationRun
 from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import AXES, interface_group
-from latin_fmu.results.groups import BOLT, ENERGY, SCHEMA_VERSION, SENSOR, Group, Variable, annotated, in_units
+from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
+from latin_fmu.results.quantities import BOLT, ENERGY, LABELS, SENSOR, named
 
 _KINDS: Final = ("time", "output", "field")
 """What a part of a record is, in the order of the names R_... of compiled.h."""
@@ -66,7 +67,7 @@ def results_file(
         "schema_version": SCHEMA_VERSION,
         "unit_system": run.scene.unit_system.name,
     }
-    time = annotated(Group.of({}, {"time": np.zeros(1)}, root), {})
+    time = StoredGroup.of((), named(LABELS, {"time": np.zeros(1)}), root)
     groups = in_units({"/": time, **dict(_interfaces(run)), **dict(_outputs(table))}, run.scene.unit_system)
     parts: dict[str, RecordPart] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -81,10 +82,13 @@ def results_file(
     return whole[:4] + bytes(4) + whole[8:-record], list(parts.values())
 
 
-def _add_group(file: netCDF4.Dataset, path: str, group: Group, places: Mapping[str, int]) -> dict[str, RecordPart]:
+def _add_group(
+    file: netCDF4.Dataset, path: str, group: StoredGroup, places: Mapping[str, int]
+) -> dict[str, RecordPart]:
     """Write a group; its variables over time in their order."""
     parts: dict[str, RecordPart] = {}
-    for name, value in group.attrs.items():
+    attributes = {**group.attrs, "coordinates": " ".join(sorted(group.labels))}
+    for name, value in attributes.items():
         file.setncattr(_flat(path, name), value)
     for name, variable in group.variables.items():
         if name == "time" and path != "/":
@@ -104,7 +108,7 @@ def _flat(path: str, name: str) -> str:
     return ".".join([*(part for part in path.split("/") if part), name])
 
 
-def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: Variable) -> None:
+def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: StoredVariable) -> None:
     """Write a variable with its dimensions; texts as characters along a dimension of their own."""
     values = np.asarray(variable.values)
     dims = ["time" if dim == "time" else _flat(path, dim) for dim in variable.dims]
@@ -126,7 +130,7 @@ def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: Variabl
         made.setncattr(key, value.astype("i4") if isinstance(value, np.ndarray) and value.dtype.kind == "i" else value)
 
 
-def _interfaces(run: CommunicationRun) -> Iterator[tuple[str, Group]]:
+def _interfaces(run: CommunicationRun) -> Iterator[tuple[str, StoredGroup]]:
     """Groups of the interfaces in the present state, one instant."""
     assembly, image = run.run.assembly, run.image
     rows = InterfaceRows(assembly, np.zeros((1, InterfaceRows.width_of(assembly))))
@@ -138,23 +142,23 @@ def _interfaces(run: CommunicationRun) -> Iterator[tuple[str, Group]]:
         yield f"/interfaces/{name}", group
 
 
-def _outputs(table: Sequence[FmiVariable]) -> Iterator[tuple[str, Group]]:
+def _outputs(table: Sequence[FmiVariable]) -> Iterator[tuple[str, StoredGroup]]:
     """Groups of sensors, bolts and energies from the scalar outputs, one instant."""
     names = {
         _COMPONENT.sub(r"\1", v.name): 3 if _COMPONENT.fullmatch(v.name) else 1
         for v in table
         if v.causality == "output" and not v.is_array
     }
-    columns: dict[str, dict[str, tuple[object, ...]]] = {}
+    made: dict[str, dict[str, np.ndarray]] = {}
     for name, n in names.items():
-        *path, what = name.split(".")
-        if path and path[0] in _FAMILIES:
-            values = (("time", "component"), np.zeros((1, 3))) if n == 3 else (("time",), np.zeros(1))
-            columns.setdefault("/".join([_FAMILIES[path[0]][0], *path[1:]]), {})[what] = values
-    for path, own in columns.items():
-        labels = {"component": AXES} if any(len(dims) > 1 for dims, _ in own.values()) else {}
-        meanings = next(meanings for family, meanings in _FAMILIES.values() if path.startswith(family))
-        yield f"/{path}", annotated(Group.of(own, labels), meanings)
+        family, *own, what = name.split(".") if "." in name else ("", name)
+        if family in _FAMILIES and what in _FAMILIES[family][1]:
+            path = "/".join(["", _FAMILIES[family][0], *own])
+            made.setdefault(path, {})[what] = np.zeros((1, 3) if n == 3 else 1)
+    meanings = dict(_FAMILIES.values())
+    for path, own in made.items():
+        labels = {"component": AXES} if any(values.ndim > 1 for values in own.values()) else {}
+        yield path, StoredGroup.of(named(meanings[path.split("/")[1]], own), named(LABELS, labels))
 
 
 def _source(path: str, name: str, places: Mapping[str, int]) -> tuple[str, int] | None:

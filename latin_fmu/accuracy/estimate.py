@@ -38,7 +38,7 @@ from ..results.solution import Solution
 from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
-from ..scene.settings import GeneralizedAlpha
+from ..scene.settings import GeneralizedAlphaTable
 from .quantities import Quantities
 from .resolution import (
     FEWEST_STEPS,
@@ -186,7 +186,7 @@ def overshoot(scene: Scene, transit: float) -> tuple[float, float]:
     (measured on thrown bars, Courant numbers from 0.05 to 1.5).
     """
     scheme = scene.time.scheme
-    if isinstance(scheme, GeneralizedAlpha) and scheme.landing_damping >= _LEAST_DAMPING:
+    if isinstance(scheme, GeneralizedAlphaTable) and scheme.landing_damping >= _LEAST_DAMPING:
         return 0.12, 0.15
     return math.inf, min(0.2 * (transit / scene.time.time_step) ** 1.5, 2.0)
 

@@ -34,7 +34,7 @@ from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from ..scene.schema import Scene
-from ..scene.substructures import Material, MeshFile, Substructure
+from ..scene.substructures import MaterialTable, MeshFile, Substructure
 from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _OF_MOTION: Final = (
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
-    def __init__(self, mesh: Mesh, material: Material, bending_modes: bool = False) -> None:
+    def __init__(self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False) -> None:
         self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
 
     @cached_property
@@ -182,7 +182,7 @@ class Body:
         """A face as flat pieces."""
         return Surface(self.mesh.nodes, self.facets(name))
 
-    def of(self, description: Substructure, material: Material) -> bool:
+    def of(self, description: Substructure, material: MaterialTable) -> bool:
         """Whether a substructure of this description and material has this mesh and these matrices."""
         own = self.description
         alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})

@@ -28,7 +28,7 @@ from ..fem.elements import Elements
 from ..fem.mesh import Array, CellBlock, Index, Mesh
 from ..fem.stress import MeanStress, Recovery
 from ..propagator import LoadTerm
-from ..scene.substructures import Bolt, Material
+from ..scene.substructures import Bolt, MaterialTable
 from ..scene.units import UnitSystem
 from .body import Body, Shape
 
@@ -212,7 +212,7 @@ class OpenedMesh:
 class OpenedStress:
     """Mean stress of the elements of a body with bolts (as ``MeanStress``)."""
 
-    def __init__(self, opened: OpenedMesh, material: Material) -> None:
+    def __init__(self, opened: OpenedMesh, material: MaterialTable) -> None:
         self._opened = opened
         self._mean = MeanStress(Elements(opened.mesh), material.young_modulus, material.poisson_ratio)
 

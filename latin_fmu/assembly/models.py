@@ -21,7 +21,7 @@ from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
-from ..scene.settings import AutomaticScheme, ReducedPropagator
+from ..scene.settings import AutomaticScheme, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
 from .bolts import BoltCut
@@ -284,7 +284,7 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
     front = "" if landing or not opening else _front(scene, bodies, opening)
     if not landing and not front:
         return HHT(), "no body lands: no gap at a face that may open, no sides that approach each other, no front"
-    if isinstance(scene.solver.propagator, ReducedPropagator):
+    if isinstance(scene.solver.propagator, ReducedPropagatorTable):
         return HHT(), "reduced bodies have mass at every node"
     for name in dict.fromkeys(name for _, _, name in body_sides(opening)):
         body = bodies[name]

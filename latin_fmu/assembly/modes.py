@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, Literal
 
@@ -43,14 +44,15 @@ from ..latin.recorder import SubstructureInfo
 from ..machine import provenance
 from ..propagator import SubstructureModel
 from ..propagator.reduction import Vibration
-from ..results.dataset import AXES, datatree
+from ..results.dataset import datatree
 from ..results.files import write_groups
-from ..results.groups import CONVENTIONS, MODES, SCHEMA_VERSION, Columns, Group, annotated, describe_mesh, in_units
+from ..results.groups import CONVENTIONS, SCHEMA_VERSION, StoredGroup, describe_mesh, in_units
+from ..results.quantities import AXES, LABELS, MESH, NODES, columns, named, rows
 from ..results.summary import aligned, readable
 from ..results.vtk import export_vtu
 from ..scene.fields import split_face
 from ..scene.schema import Scene
-from ..scene.settings import HHT, GivenStart
+from ..scene.settings import GivenStart, HHTTable
 from ..scene.units import SI, UnitSystem
 from .body import consecutive
 from .build import discretise
@@ -89,7 +91,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     modes = vibration_modes(load_scene("scene.toml"), "sticking", 5)
     modes.frequency, modes.damping.numerical    # Hz, and damping ratios of time scheme and landing layer
     """
-    plain = {"scheme": HHT(), "quasi_static": False, "start": GivenStart()}
+    plain = {"scheme": HHTTable(), "quasi_static": False, "start": GivenStart()}
     pressed = _pressed(scene) if scene.bolt and joints == "sticking" else {}
     discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
     models = {m.name: m for c in discretised.classes for m in c.members}
@@ -263,6 +265,35 @@ def _named(
     )
 
 
+_MODES: Final = rows(
+    """
+    frequency  | Hz | mode | natural frequency, 0 for rigid motions
+    rigid      | -  | mode | whether the mode is a rigid motion | | elastic rigid
+    modal_mass | kg | mode | modal mass | of the shape whose largest nodal displacement is 1
+    """,
+    {"rigid": lambda modes: modes.rigid.astype(np.int8)},
+)
+"""Of ``VibrationModes``."""
+_DAMPING: Final = rows(
+    """
+    scheme_damping | 1 | mode | damping ratio of the time scheme in a run with the step of the scene \
+        | share of critical damping
+    landing_damping | 1 | mode | damping ratio of the viscous layer at faces that may open | share of critical damping
+    body_damping | 1 | mode | damping ratio of Rayleigh damping, absorbing faces and wave ports \
+        | share of critical damping
+    """,
+    {
+        "scheme_damping": attrgetter("scheme"),
+        "landing_damping": attrgetter("landing"),
+        "body_damping": attrgetter("bodies"),
+    },
+)
+"""Of their ``ModalDamping``."""
+_SHAPE: Final = rows(
+    "shape | 1 | mode node component | displacement in the mode, largest nodal displacement of the assembly 1"
+)["shape"]
+
+
 @dataclass(frozen=True)
 class VibrationModes:
     """Modes of an assembly, undamped, and the damping ratio of each in a run.
@@ -324,26 +355,21 @@ class VibrationModes:
         what = f"damping, % of critical, in a run with steps of {step} and time scheme {self.damping.time_scheme}"
         return ["", what, *([self.damping.remedy] if self.damping.remedy else [])]
 
-    def groups(self) -> dict[str, Group]:
+    def groups(self) -> dict[str, StoredGroup]:
         """Groups by path: ``modes`` and one for every substructure with its shapes and mesh."""
         number = np.arange(1, len(self.frequency) + 1, dtype=np.int32)
-        columns: Columns = {
-            "frequency": ("mode", self.frequency),
-            "rigid": ("mode", self.rigid.astype(np.int8)),
-            "modal_mass": ("mode", self.modal_mass),
-        }
         attrs: dict[str, object] = {"joints": self.joints, "interfaces": "\n".join(self.remarks)}
-        if (damping := self.damping) is not None:
-            ratios = {"scheme": damping.scheme, "landing": damping.landing, "body": damping.bodies}
-            columns |= {f"{name}_damping": ("mode", ratio) for name, ratio in ratios.items()}
-            attrs |= {"time_scheme": damping.time_scheme, "time_step": damping.step}
-        groups = {"/": self._root(), "/modes": annotated(Group.of(columns, {"mode": number}, attrs), MODES)}
+        stored = columns(_MODES, self)
+        if self.damping is not None:
+            stored += columns(_DAMPING, self.damping)
+            attrs |= {"time_scheme": self.damping.time_scheme, "time_step": self.damping.step}
+        groups = {"/": self._root(), "/modes": StoredGroup.of(stored, named(LABELS, {"mode": number}), attrs)}
         for name, shape in self.shapes.items():
             groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])
         return in_units(groups, self.units)
 
-    def _root(self) -> Group:
-        return Group(
+    def _root(self) -> StoredGroup:
+        return StoredGroup(
             {},
             attrs={
                 **provenance(),
@@ -380,14 +406,9 @@ class VibrationModes:
         return export_vtu(xr.DataTree.from_dict(played), folder)
 
 
-def _shapes(shape: Array, number: NDArray[np.int32], mesh: SubstructureInfo) -> Group:
+def _shapes(shape: Array, number: NDArray[np.int32], mesh: SubstructureInfo) -> StoredGroup:
     """Group of one substructure: its shapes and its mesh."""
-    columns: Columns = {
-        "shape": (("mode", "node", "component"), shape),
-        "cell_nodes": (("cell", "cell_node"), mesh.cells),
-        "mesh": ((), np.int32(0)),
-    }
-    positions = {f"node_{axis}": ("node", mesh.nodes[:, i]) for i, axis in enumerate(AXES)}
-    group = annotated(Group.of(columns, {"mode": number, "component": AXES, **positions}), MODES)
+    along = [*named(LABELS, {"mode": number, "component": AXES}), *columns(NODES, mesh)]
+    group = StoredGroup.of([(_SHAPE, shape), *columns(MESH, mesh)], along)
     describe_mesh(group, mesh.cell_type, "mode")
     return group

@@ -36,8 +36,7 @@ from ..propagator import SubstructureModel
 from ..propagator.model import diagonal_matrix
 from ..propagator.reduction import Vibration
 from ..scene.schema import Scene
-from ..scene.settings import GeneralizedAlpha as GeneralizedAlphaTable
-from ..scene.settings import ReducedPropagator
+from ..scene.settings import GeneralizedAlphaTable, ReducedPropagatorTable
 from ..time_scheme import HHT, GeneralizedAlpha, QuasiStatic, TimeScheme
 from ..time_scheme.scheme import coefficients
 from .models import chosen_scheme, contact_layers
@@ -274,7 +273,7 @@ def _lower_scheme(scene: Scene, scheme: TimeScheme, dt: float, omega: float) -> 
         return f"{words}, and {undamped} has none, and damps nothing that the step does not resolve"
     if scheme.name != "hht":
         return f'{words}, and time.scheme = "hht" leaves {_percent(scheme_damping(HHT(), omega, dt))}'
-    if isinstance(scene.solver.propagator, ReducedPropagator):
+    if isinstance(scene.solver.propagator, ReducedPropagatorTable):
         left = _percent(scheme_damping(HHT(-0.01), omega, dt))
         return f'{words}, and time.scheme = {{type = "hht", alpha = -0.01}} leaves {left}, and less damping of noise'
     left = _percent(scheme_damping(GeneralizedAlpha(), omega, dt))

@@ -21,8 +21,7 @@ from ..errors import Problems
 from ..fem.location import cross_matrix
 from ..fem.mesh import Array, Index
 from ..latin.assembly import Assembly
-from ..latin.probes import SensorPlace
-from ..latin.reactions import Support
+from ..latin.probes import SensorPlace, Support
 from ..latin.recorder import Recorder
 from ..propagator import SubstructureModel
 from ..propagator.model import diagonal_matrix
@@ -157,7 +156,7 @@ def port_supports(
 def moved_face_forces(scene: Scene, assembly: Assembly, recorder: Recorder) -> Array:
     """Forces and moments that bodies exert through the faces that ports move, over the kept instants, (n, k): those of
     one port after the other, in the order of its components."""
-    reactions, columns = recorder.port_reactions(assembly), [np.zeros((recorder.n_kept, 0))]
+    reactions, columns = recorder.reactions(assembly, ports=True), [np.zeros((recorder.n_kept, 0))]
     for name, port in scene.port.items():
         keys = [key for key in (port_key(name), port_key(name, True)) if key in reactions]
         if keys:

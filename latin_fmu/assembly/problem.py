@@ -12,8 +12,8 @@ import numpy as np
 
 from ..fem.mesh import padded_cells
 from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
-from ..latin.probes import SensorPlace
-from ..latin.recorder import OutputRequest, SubstructureInfo
+from ..latin.probes import OutputRequest, SensorPlace
+from ..latin.recorder import SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
 from ..propagator import Histories, SubstructureModel
@@ -24,7 +24,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
-from ..scene.settings import WHOLE, Anderson, Uniform
+from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, flexibility, side_impedance, side_stiffness
@@ -335,7 +335,7 @@ def settings_of(scene: Scene) -> Settings:
         force_tolerance=10.0 * solver.tolerance if solver.force_tolerance is None else solver.force_tolerance,
         max_iterations=solver.max_iterations,
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
-        anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,
+        anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, AndersonTable) else 0,
         relaxation=solver.relaxation,
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,

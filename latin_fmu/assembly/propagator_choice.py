@@ -332,7 +332,7 @@ def interfaces_of(scene: Scene) -> Interfaces:
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene requests, whether they fit into memory or not."""
     requested = scene.solver.propagator
-    if isinstance(requested, tables.ReducedPropagator):
+    if isinstance(requested, tables.ReducedPropagatorTable):
         return PropagatorSettings("reduced", modes=requested.modes)
     automatic: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
     kind: Kind = automatic if isinstance(requested, tables.AutomaticPropagator) else requested.type

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import Problem, Problems, SceneError
 from ..fem.faces import changes_basis, consistent_dashpots, lumped_dashpots
 from ..fem.mesh import Array, Index
-from ..latin.reactions import Support
+from ..latin.probes import Support
 from ..propagator import SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
 from ..scene.fields import split_face

@@ -13,7 +13,7 @@ from ..remarks import Remark, remarks_of
 from ..results.summary import readable
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
-from ..scene.settings import WHOLE, Anderson
+from ..scene.settings import WHOLE, AndersonTable
 from .cost import Prediction
 from .scene_effects import EFFECTS, Effect
 from .suggestions import Suggestion, suggestions
@@ -187,7 +187,7 @@ def choices(p: Prediction) -> dict[str, str]:
         direction += ": 1 / D_ii of one instant" if solver.window == 1 else ": rho c, or half the row value"
     factor = solver.search_direction.factor
     acceleration = "none (plain iteration)"
-    if isinstance(solver.acceleration, Anderson):
+    if isinstance(solver.acceleration, AndersonTable):
         acceleration = f"anderson, depth {solver.acceleration.depth}"
     if not p.discretised.units:
         window, direction, acceleration = "no interface: one linear march", "none", "none"

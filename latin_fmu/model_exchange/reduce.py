@@ -34,7 +34,7 @@ from ..scene.boundaries import Driven
 from ..scene.fields import GROUND
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..scene.settings import HHT
+from ..scene.settings import HHTTable
 from .bodies import BondedBody, Cut, ReducedBody, bond_of, bonded_bodies, damping_of, face_means, is_bond, loads_of
 from .equations import Regularisation
 from .system import DAMPING, ENERGY_NAMES, EVENTS, SLIDING, STIFFNESS, WORKS, Contacts, Local, Names, ReducedSystem
@@ -61,7 +61,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     if problems:
         raise SceneError(problems, _HEADING)
     # without a time scheme of its own, contact nodes keep their mass
-    discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHT()})}))
+    discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": HHTTable()})}))
     cuts = [Cut.of(i, u, n_patch) for i, u in enumerate(discretised.units) if not is_bond(u)]
     whole = bonded_bodies(discretised)
     problems = [

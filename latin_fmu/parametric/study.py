@@ -43,9 +43,9 @@ from ..latin.state_serialization import decode, encode, opened, sealed
 from ..machine import memory_room, provenance
 from ..reader import read_tables
 from ..results.checkpoint import scene_digest
-from ..results.dataset import AXES
 from ..results.files import write_netcdf
 from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
+from ..results.quantities import AXES
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene

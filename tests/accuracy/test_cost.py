@@ -36,7 +36,7 @@ from latin_fmu.accuracy.study import (
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
-from latin_fmu.scene.settings import MasslessContact
+from latin_fmu.scene.settings import MasslessContactTable
 from latin_fmu.time_scheme import SCHEMES
 
 from ..verification.known_answers import MODELS, shipped
@@ -109,7 +109,7 @@ def test_every_scheme_of_the_registry_is_tried() -> None:
     scene = shipped("impact_bar")
     names = {v.name for v in variants_of(scene)} | {study_module.main_variant(scene).name}
     assert {name for name in SCHEMES if "static" not in name and "euler" not in name} <= names
-    assert MasslessContact().type in names
+    assert MasslessContactTable().type in names
 
 
 def test_run_time_fit_follows_two_runs() -> None:
