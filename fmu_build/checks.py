@@ -22,8 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from latin_fmu import api
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.runs import Quantities, measure_solution
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variable import input_variable

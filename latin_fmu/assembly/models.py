@@ -1,12 +1,19 @@
-"""Models of the substructures of a scene, grouped into classes of identical ones."""
+"""Models of the substructures of a scene, grouped into classes of identical ones; operators of the scene solved last,
+for a scene that differs in parameters which enter none or few of them.
+
+Friction, preload, amplitudes, laws and initial velocities change no operator; a time step changes the factors, a
+material the matrices too. What may be used again is decided by comparison: meshes and element matrices where the
+description of a body is equal, factors where all matrices of a class, the time scheme and the step are equal to the
+last bit. A key that is not listed here can therefore cost time, but never give other results.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,7 +23,7 @@ from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longe
 from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit, Layout
 from ..operator_store import NO_STORE, OperatorStore, store_at
-from ..propagator import LoadTerm, SubstructureModel
+from ..propagator import LoadTerm, Propagator, SubstructureModel
 from ..propagator.model import diagonal_matrix, share_patterns
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
@@ -26,7 +33,69 @@ from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeSchem
 from .body import AddedMass, Body, body_sides
 from .bolts import BoltCut
 from .conditions import Conditions, RigidConditions, rigid_model, total
-from .kept_operators import KeptOperators
+
+_OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start"))
+"""Fields of a model that no operator depends on."""
+
+
+Kept = dict[bytes, list[tuple[float, Any]]]
+"""Operators of static problems by ``ModelClass.key``."""
+
+
+@dataclass
+class KeptOperators:
+    """Bodies, models and propagators of the scene solved last (module docstring).
+
+    Attributes
+    ----------
+    bodies : by substructure. models : first member of every class, before its propagator changes it. propagators : of
+        the classes. made_with : scheme, step (s) and choices that the propagators were made with.
+    """
+
+    bodies: dict[str, Body] = field(default_factory=dict)
+    models: list[SubstructureModel] = field(default_factory=list)
+    propagators: list[Propagator] = field(default_factory=list)
+    made_with: tuple[Any, ...] = ()
+
+    def adopt(self, model: SubstructureModel) -> None:
+        """Give a model the reduced matrices of one with equal matrices, where there is one."""
+        known = self._like(model)
+        if known is not None:
+            self.models[known].share_operators(model)
+
+    def twin(self, model: SubstructureModel, made_with: tuple[Any, ...]) -> Propagator | None:
+        """Propagator with the operators of a model, made with the same scheme, step and choices; None where there is
+        none."""
+        known = self._like(model) if self.propagators and made_with == self.made_with else None
+        return None if known is None else self.propagators[known]
+
+    def replace(
+        self, models: Sequence[SubstructureModel], propagators: Sequence[Propagator], made_with: tuple[Any, ...]
+    ) -> None:
+        """Take the operators of the scene that is solved next in the place of the former ones."""
+        self.models, self.propagators, self.made_with = list(models), list(propagators), made_with
+
+    def _like(self, model: SubstructureModel) -> int | None:
+        """Number of the class with the operators of a model; None where there is none."""
+        return next((i for i, known in enumerate(self.models) if same_operators(known, model)), None)
+
+
+def same_operators(first: SubstructureModel, second: SubstructureModel) -> bool:
+    """Whether all matrices of two models are equal to the last bit."""
+    names = [f.name for f in fields(SubstructureModel) if f.name not in _OWN]
+    return all(_same(getattr(first, name), getattr(second, name)) for name in names)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if a is b:
+        return True
+    if isinstance(a, sp.csr_array) and isinstance(b, sp.csr_array):
+        parts = ((a.indptr, b.indptr), (a.indices, b.indices), (a.data, b.data))
+        return a.shape == b.shape and all(np.array_equal(x, y) for x, y in parts)
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return type(a) is type(b) and isinstance(a, str | int | float) and a == b
+
 
 NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes

@@ -32,11 +32,18 @@ from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
 from .conditions import Conditions
 from .initial_state import InitialState, TightBolts, field_tractions
-from .kept_operators import Kept, KeptOperators
-from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, contact_layers, model_classes
-from .ports import port_motions, port_supports
+from .models import (
+    NO_BOLTS,
+    ContactLayer,
+    Kept,
+    KeptOperators,
+    ModelClass,
+    chosen_scheme,
+    contact_layers,
+    model_classes,
+)
 from .propagator_choice import divided, made_propagators
-from .supports import Motion, supports
+from .supports import Motion, port_motions, port_supports, supports
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
