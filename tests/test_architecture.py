@@ -30,8 +30,7 @@ Adapter Assembly FmiInstance Image Loads Propagator Recorder ReducedModelInstanc
 Session Signals Solution Stages SubstructureModel TimeScheme
 """
 LONG_SIGNATURES = """
-api.solve api.run models.model_classes models._model modes._named problem.of windows.__init__
-study.sweep image.__init__ dataset.result_groups
+api.solve api.run windows.__init__ study.sweep image.__init__ dataset.result_groups
 """
 SHARED_NAMES = """
 Anderson Block Box CentralDifference CgPropagator Coupling DirectPropagator ExplicitPropagator GeneralizedAlpha Group

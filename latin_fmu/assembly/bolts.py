@@ -54,7 +54,7 @@ class BoltCut:
     name, table : of the bolt in the scene. axis : (3,) unit vector a. point : (3,) centre of the cut, m.
     area : of the cut across the axis, m2. nodes : of the cut. beyond : (n_cell,) elements beyond the plane that touch
         it. moving : (n_node,) nodes joined to those elements when the cut is open.
-    pattern : (n_full,) g, N m-1. stiffness : k, N m-1.
+    pattern : (n_full,) g, N m-1. stiffness : k, N m-1. loose : whether F is given and delta is not, while tightened.
     """
 
     name: str
@@ -67,15 +67,16 @@ class BoltCut:
     moving: np.ndarray
     pattern: Array
     stiffness: float
+    loose: bool = False
 
     @property
     def load(self) -> str:
         """Name of its load term."""
         return load_name(self.name)
 
-    def loads(self, free: bool) -> LoadTerm:
-        """Load term of the bolt: amplitude delta; ``free`` : amplitude F."""
-        return LoadTerm(self.load, self.pattern / self.stiffness if free else self.pattern)
+    def loads(self) -> LoadTerm:
+        """Load term of the bolt: amplitude delta, F while it is loose."""
+        return LoadTerm(self.load, self.pattern / self.stiffness if self.loose else self.pattern)
 
     def stress(self, body: Body) -> float:
         """Mean stress of the shank when tightened, Pa; with a given shortening, of a shank as long as its body and held

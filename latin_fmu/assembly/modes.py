@@ -403,10 +403,9 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     values, vectors, n_rigid = _lowest(vibration, k, count)
     omega = np.sqrt(np.maximum(values, 0.0))
     matrices = run_matrices(scene, discretised, parts.models)
-    damping = (
-        None if matrices is None else modal_damping(matrices, Modes(vibration, expansion, vectors, omega, n_rigid))
-    )
-    return _named(discretised, parts, joints, omega, expansion @ vectors, n_rigid, remarks, damping)
+    modes = Modes(vibration, expansion, vectors, omega, n_rigid)
+    damping = None if matrices is None else modal_damping(matrices, modes)
+    return _named(discretised, parts, modes, damping, joints, remarks)
 
 
 def _pressed(scene: Scene) -> dict[str, np.ndarray]:
@@ -524,15 +523,13 @@ def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[
 def _named(
     discretised: DiscretisedProblem,
     parts: _Parts,
-    joints: str,
-    omega: Array,
-    full: Array,
-    n_rigid: int,
-    remarks: Sequence[str],
+    modes: Modes,
     damping: ModalDamping | None,
+    joints: str,
+    remarks: Sequence[str],
 ) -> VibrationModes:
     """The modes by substructure, the largest nodal displacement of each 1."""
-    shapes = {}
+    full, omega, shapes = modes.expansion @ modes.vectors, modes.omega, {}
     for name, model in parts.models.items():
         own = full[parts.where[name]]
         own = own if model.nodal is None else model.nodal @ own
@@ -544,7 +541,7 @@ def _named(
         name=discretised.scene.name,
         joints=joints,
         frequency=omega / (2 * np.pi),
-        rigid=np.arange(len(omega)) < n_rigid,
+        rigid=np.arange(len(omega)) < modes.n_rigid,
         modal_mass=modal,
         shapes={name: shape / size[:, None, None] for name, shape in shapes.items()},
         meshes=discretised.info,

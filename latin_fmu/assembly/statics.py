@@ -211,7 +211,8 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     units = [unit for unit in whole.units if unit.name in scene.joints]
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
-    return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
+    cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
+    return DiscretisedProblem.of(scene, bodies, conditions, units, moved, cuts)
 
 
 def loose_bolts(
