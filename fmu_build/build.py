@@ -12,7 +12,7 @@ from typing import Literal
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.variable import Variable, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem

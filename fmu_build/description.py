@@ -12,7 +12,7 @@ from math import prod
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from latin_fmu.cosim.variable import UNITS, Variable
-from latin_fmu.model_exchange.system import Local, Names
+from latin_fmu.model_exchange.equations import Local, Names
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.units import SI, UnitSystem, unit_text
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from latin_fmu.model_exchange.system import Names
+from latin_fmu.model_exchange.equations import Names
 from latin_fmu.scene.units import SI
 
 from .description import Facts

@@ -30,8 +30,7 @@ Assembly Image Loads Propagator ReducedModelInstance Run RunState SegmentedRun
 Session Signals Stages SubstructureModel TimeScheme
 """
 LONG_SIGNATURES = """
-api.solve api.run models.model_classes models._model modes._named problem.of windows.__init__
-study.sweep image.__init__
+api.solve api.run windows.__init__ study.sweep image.__init__
 """
 SHARED_NAMES = """
 Block Modes Motion Points Row Run Settings Signals Sources _Model _Point _Points

@@ -39,7 +39,6 @@ from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
 from ..scene.settings import GeneralizedAlphaTable
-from .quantities import Quantities
 from .resolution import (
     FEWEST_STEPS,
     Resolution,
@@ -51,7 +50,7 @@ from .resolution import (
     mesh_files,
     sampling_error,
 )
-from .runs import Run, cost_exponent, measure_solution, message_of, run_at
+from .runs import Quantities, Run, cost_exponent, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a

@@ -30,8 +30,7 @@ from ..scene import settings as tables
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
-from .kept_operators import KeptOperators
-from .models import ModelClass
+from .models import KeptOperators, ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take
 _CELL_BYTES = 20e3  # of matrices while they are assembled, per hexahedron, at least

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..assembly.face_pairs import completed
+from ..assembly.interfaces import completed
 from ..assembly.segments import Segment
 from ..errors import InputError, LatinError, Problem
 from ..latin.outcome import Array, InterfaceHistory
