@@ -22,9 +22,9 @@ import latin_fmu
 from latin_fmu.cosim.communication import CommunicationRun
 from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.latin.interface_rows import InterfaceRows
-from latin_fmu.results.dataset import AXES, interface_group
+from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
-from latin_fmu.results.quantities import BOLT, ENERGY, LABELS, SENSOR, named
+from latin_fmu.results.quantities import AXES, BOLT, ENERGY, LABELS, SENSOR, named
 
 _KINDS: Final = ("time", "output", "field")
 """What a part of a record is, in the order of the names R_... of compiled.h."""
@@ -156,9 +156,9 @@ def _outputs(table: Sequence[FmiVariable]) -> Iterator[tuple[str, StoredGroup]]:
             path = "/".join(["", _FAMILIES[family][0], *own])
             made.setdefault(path, {})[what] = np.zeros((1, 3) if n == 3 else 1)
     meanings = dict(_FAMILIES.values())
-    for path, own in made.items():
-        labels = {"component": AXES} if any(values.ndim > 1 for values in own.values()) else {}
-        yield path, StoredGroup.of(named(meanings[path.split("/")[1]], own), named(LABELS, labels))
+    for path, arrays in made.items():
+        labels = {"component": AXES} if any(values.ndim > 1 for values in arrays.values()) else {}
+        yield path, StoredGroup.of(named(meanings[path.split("/")[1]], arrays), named(LABELS, labels))
 
 
 def _source(path: str, name: str, places: Mapping[str, int]) -> tuple[str, int] | None:
