@@ -70,7 +70,8 @@ def build_fmu(
     ResultsError : the file cannot be written.
     """
     files = compiled_files(scene, fmi, note) if compiled else fmu_files(scene, fmi)
-    return write_archive(target, {**files, **(reference_of(scene).files if extra is None else extra)})
+    more = reference_of(scene, compiled=compiled).files if extra is None else extra
+    return write_archive(target, {**files, **more})
 
 
 def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_patch: int = 4) -> Path:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, Problem
+from ..errors import InputError, LatinError, Problem
 from . import (
     BAD_INPUT,
     CONVERGED,
@@ -39,9 +39,11 @@ examples:
   latin-fmu fmu scene.toml --compiled --inputs all
   latin-fmu fmu scene.toml --compiled --inputs press --modes 20
   latin-fmu fmu scene.toml --model-exchange --modes 20
+  latin-fmu fmu models --compiled -o fmus
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
 Energies are outputs where the scene says output.energy = true (--set output.energy=true).
+Of a folder the FMU of every scene file in it and below is made, in the folder -o, named after folder and file.
 The FMU carries a reference run by the layered standard FMI-LS-REF: experiment, inputs and outputs, in the folder
 extra/org.fmi-standard.fmi-ls-ref. A load named by --inputs follows the law it had in the scene.
 --compiled makes an FMU of machine code and factors, which needs no Python where it runs; its time step and tolerance
@@ -75,7 +77,8 @@ def _register_fmu(add: AddParser) -> None:
     text = "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
     parser = declare(add, "fmu", text, _fmu, _BUILD_EXAMPLES)
     add_scene(parser)
-    option(parser, "-o --output", "X.fmu", "file to write (default: <name of the scene>.fmu)", output_file)
+    text = "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder"
+    option(parser, "-o --output", "X.fmu", text, output_file)
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
     option(parser, "--inputs", "LOAD,...", "loads that become inputs; 'all' for every load", default="")
     text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
@@ -111,6 +114,8 @@ def _fmu(arguments: argparse.Namespace) -> int:
 
     if problems := list(_contradictions(arguments)):
         raise InputError(problems, "the options contradict each other")
+    if arguments.scene.is_dir():
+        return _of_folder(arguments)
     scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.fmu")
     check_target(target)
@@ -133,6 +138,28 @@ def _fmu(arguments: argparse.Namespace) -> int:
     return CONVERGED
 
 
+def _of_folder(arguments: argparse.Namespace) -> int:
+    """Make the FMU of every scene file in a folder and below, also after one that cannot be made."""
+    files = sorted(arguments.scene.rglob("*.toml"))
+    if not files:
+        raise InputError([Problem(str(arguments.scene), "holds no scene file (*.toml)")])
+    target, worst = arguments.output or Path(), CONVERGED
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
+    for file in files:
+        name = "_".join([*file.relative_to(arguments.scene).parent.parts, file.stem]).removesuffix("_scene")
+        one = argparse.Namespace(**{**vars(arguments), "scene": file, "output": target / f"{name}.fmu"})
+        try:
+            code = _fmu(one)
+        except LatinError as error:
+            say(f"latin-fmu: {file}: {error}")
+            code = BAD_INPUT
+        worst = max(worst, code)
+    return worst
+
+
 def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
     """Make the FMU; lines on its reference run and on the error of reduced bodies."""
     from importlib import import_module
@@ -151,8 +178,8 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
     inside: dict[str, bytes] = {}
     if arguments.reference != "none" and not arguments.model_exchange:
         begin = time.process_time()
-        whole = arguments.reference == "whole"
-        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, whole)
+        how = arguments.reference == "whole", arguments.compiled
+        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, *how)
         inside = reference.files
         took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)" if inside else ""
         lines.append(f"{reference.said}{took}")

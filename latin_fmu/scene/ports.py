@@ -53,7 +53,8 @@ class Port(SceneTable):
         Components, about("connected components: forces along x, y, z, moments about them (rx, ry, rz)")
     ] = TRANSLATIONS
     impedance: Annotated[
-        Impedances | None, about("Z of each component of a wave port; of rotations in N m s", "N s m-1")
+        Impedances | None,
+        about("list of Z, one number for each component of a wave port; of rotations in N m s", "N s m-1"),
     ] = None
     laws: Annotated[
         dict[Component, Law],
