@@ -130,7 +130,8 @@ def test_it_is_valid(fmus, fmi):
 def test_the_same_scene_gives_the_same_bytes(fmus):
     files = compiled_files(scene(), "2")
     with zipfile.ZipFile(fmus["2"]) as archive:
-        assert {name: archive.read(name) for name in archive.namelist()} == files
+        inside = {name: archive.read(name) for name in archive.namelist() if "ls-ref" not in name}
+    assert inside == files
 
 
 def test_the_archive_of_the_crushing_is_small(tmp_path):
@@ -156,7 +157,9 @@ def test_the_command(tmp_path, capsys):
         assert "crush.peak_force" in archive.read("documentation/index.html").decode()
     assert main(["explain", str(tmp_path / "scene.toml"), "--json", "--fmu", "6"]) == 0
     predicted = json.loads(capsys.readouterr().out)["compiled_fmu_bytes"]
-    assert predicted == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
+    with zipfile.ZipFile(tmp_path / "b.fmu") as archive:  # the reference run is made with the FMU alone
+        reference = sum(member.compress_size for member in archive.infolist() if "ls-ref" in member.filename)
+    assert predicted + reference == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
     assert main(["explain", str(tmp_path / "scene.toml"), "--fmu", "-3"]) != 0
     assert "1 or more" in capsys.readouterr().err
     assert main([*reduced[:4], "0", *reduced[5:]]) != 0
