@@ -33,8 +33,7 @@ from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEA
 from latin_fmu.scene.laws import InputLaw, TimeLaw
 from latin_fmu.scene.schema import Scene
 
-from .build import build_fmu
-from .contents import Files
+from .build import Files, build_fmu
 from .description import identifier_of, suggested_step
 
 FOLDER = "documentation/cross_check"  # inside the FMU
