@@ -51,7 +51,7 @@ def pressed_stack(
     shear: tuple[float, float, float] = (3e7, 1e7, 0.0),
     **keys: Any,
 ) -> Description:
-    """Boxes b0, b1, ... on the ground; interfaces floor, i0, i1, ... with friction, or as ``contact`` says; the last box
+    """Boxes b0, b1, ... on the ground; interfaces floor, i0, i1, ... with friction or as ``contact`` says; the last box
     is pressed by a half sine of this duration, s, and sheared by a step, Pa."""
     names, joint = [f"b{i}" for i in range(len(boxes))], contact or {"friction_coefficient": 0.3}
     tables = column(

@@ -159,11 +159,6 @@ def facet_change(kind: str, changed: bool) -> Array:
     return change
 
 
-def basis_change(face: FacetSet, nodes: Index) -> sp.csr_array:
-    """L (n_point, n_point) on a face with these nodes: u = L u~, and int phi~ = L^T int phi."""
-    return _edge_matrix(face, nodes, 1 - 2 * ALPHA, ALPHA)
-
-
 def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
     """L^-1 (n_point, n_point): the values u~ that belong to phi~ from the values u at the nodes."""
     return _edge_matrix(face, nodes, 1 / (1 - 2 * ALPHA), -ALPHA / (1 - 2 * ALPHA))
@@ -242,7 +237,9 @@ def face_of(places: Array, facets: FacetSet) -> Face:
         at = np.searchsorted(nodes, block.facets)
         np.add.at(areas, at, scalar)
         np.add.at(vector_areas, at, vector)
-    return Face(nodes, areas, vector_areas, basis_change(facets, nodes) if changes_basis(facets) else None)
+    # u = L u~, and int phi~ = L^T int phi
+    change = _edge_matrix(facets, nodes, 1 - 2 * ALPHA, ALPHA) if changes_basis(facets) else None
+    return Face(nodes, areas, vector_areas, change)
 
 
 def _at_gauss_points(kind: str, places: Array) -> tuple[Array, Array, Array]:
