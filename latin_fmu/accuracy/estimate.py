@@ -39,18 +39,23 @@ from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
 from ..scene.settings import GeneralizedAlpha
-from .resolution import (
+from .runs import (
     FEWEST_STEPS,
+    Quantities,
     Resolution,
+    Run,
     aligned,
     coarsens_mesh,
+    cost_exponent,
     element_transit,
     in_short_windows,
+    measure_solution,
     mesh_factor,
     mesh_files,
+    message_of,
+    run_at,
     sampling_error,
 )
-from .runs import Quantities, Run, cost_exponent, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
