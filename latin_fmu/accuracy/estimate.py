@@ -149,12 +149,13 @@ def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> 
     a, b = math.log(ratios[0]), math.log(ratios[1])
 
     def quotient(p: float) -> float:
+        # the limit at p = 0
         return (b - a) / a if abs(p) < 1e-9 else (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
 
     low, high = _ORDERS
     if not quotient(low) < quarter / half < quotient(high):
         return low if quarter / half <= quotient(low) else high
-    for _ in range(60):
+    for _ in range(60):  # bisection to round-off: the quotient grows with p
         middle = 0.5 * (low + high)
         low, high = (middle, high) if quotient(middle) < quarter / half else (low, middle)
     return 0.5 * (low + high)

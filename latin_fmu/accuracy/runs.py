@@ -114,7 +114,7 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     if resolution.mesh != 1.0:
         changes["substructure"] = {n: _refined(body, resolution.mesh) for n, body in scene.substructure.items()}
     if resolution.time != 1.0:
-        n = max(1, math.ceil(scene.time.n_step * resolution.time - 1e-6))
+        n = max(1, math.ceil(scene.time.n_step * resolution.time - 1e-6))  # round-off of a ratio makes no step more
         step = scene.time.time_step / resolution.time
         changes["time"] = scene.time.model_copy(update={"end": n * step, "step": None, "instants": n})
     if resolution.tolerance is not None:
@@ -198,7 +198,9 @@ def aligned(scene: Scene, factor: float) -> float:
     choices = [factor]
     for jump in _jumps(scene):
         first, last = math.ceil(0.88 * factor * jump / step), math.floor(1.12 * factor * jump / step)
+        # steps that divide the time up to the jump
         choices += [k * step / jump for k in range(max(first, 1), min(last, first + 100) + 1)]
+    # equal but for round-off: the one nearest to the factor is taken
     errors = np.round([sampling_error(scene, step / choice) for choice in choices], 6)
     best = np.flatnonzero(errors == errors.min())
     return min((choices[i] for i in best), key=lambda choice: abs(choice - factor))
