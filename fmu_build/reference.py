@@ -16,7 +16,7 @@ import numpy as np
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings

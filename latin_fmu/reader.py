@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
 from .file_digest import is_damaged
-from .mesh_files.deck_tables import with_deck
+from .mesh_files.content import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialState
 from .scene.overrides import apply_overrides

@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1] / "latin_fmu"
 MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
 SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
 TESTS = tuple(sorted(Path(__file__).parent.rglob("*.py")))
-LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 130  # lines
+LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 200  # lines
 LONGEST_CLASS, MOST_METHODS, MOST_PARAMETERS = 250, 20, 7
 
 # What is beyond these limits today. A name leaves a list when it no longer needs it; none is added.
@@ -30,8 +30,7 @@ Adapter Assembly FmiInstance Image Loads Propagator Recorder ReducedModelInstanc
 Session Signals Solution Stages SubstructureModel TimeScheme
 """
 LONG_SIGNATURES = """
-api.solve api.run models.model_classes models._model modes._named problem.of windows.__init__
-study.sweep image.__init__ dataset.result_groups
+api.solve api.run windows.__init__ study.sweep image.__init__ dataset.result_groups
 """
 SHARED_NAMES = """
 Anderson Block Box CentralDifference CgPropagator Coupling DirectPropagator ExplicitPropagator GeneralizedAlpha Group

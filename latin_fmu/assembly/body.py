@@ -16,6 +16,8 @@ from ..fem.dissection import dissection
 from ..fem.elements import (
     BENDING_CELLS,
     Elements,
+    MeanStress,
+    Recovery,
     RigidBody,
     body_load,
     lame,
@@ -25,10 +27,8 @@ from ..fem.elements import (
     stiffness,
     wave_speeds,
 )
-from ..fem.faces import Face, face_of, nodal_values
+from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
-from ..fem.stress import MeanStress, Recovery
-from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
@@ -346,7 +346,7 @@ class _MeshFiles:
 
 def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """What the decks say that the scene does not use."""
-    from ..mesh_files.deck_tables import left_out
+    from ..mesh_files.content import left_out
 
     for path, content in files.contents.items():
         tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}

@@ -26,7 +26,7 @@ from ..scene.substructures import Material
 from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
 from .body import Body
 from .checks import size_remarks
-from .face_pairs import between
+from .interfaces import between
 from .problem import DiscretisedProblem
 
 MODULUS, DENSITY, SPEED = (1e6, 1.3e12), (10.0, 25e3), (50.0, 2e4)

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, option, output_file, read_scene
-from .progress import Waiting
+from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -18,6 +18,7 @@ from . import (
     LIMITED,
     SOLVER_FAILED,
     AddParser,
+    Waiting,
     add_max_cpu,
     add_scene,
     declare,
@@ -27,7 +28,6 @@ from . import (
     say,
     switch,
 )
-from .progress import Waiting
 
 if TYPE_CHECKING:
     from ..scene.schema import Scene
@@ -196,8 +196,7 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
 def _foreseen(scene: Scene) -> str:
     """What the matrices of a scene will take in a compiled FMU, in words; empty where that is little."""
     from ..assembly.build import discretise
-    from ..effects.cost import Prediction
-    from ..effects.memory import amount
+    from ..effects.cost import Prediction, amount
 
     prediction = Prediction(discretise(scene))
     if prediction.memory < _LARGE:

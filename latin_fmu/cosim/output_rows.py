@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..assembly.ports import moved_face_forces
 from ..assembly.segments import Segment, SegmentedRun
+from ..assembly.supports import moved_face_forces
 from ..kernels import entries
 from ..kernels.outputs import N_SOLVER
 from ..latin.assembly import Assembly

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.ports import port_key
+from ..assembly.supports import port_key
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.outcome import Array, PointFields
 from ..latin.probes import Probes

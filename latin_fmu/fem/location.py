@@ -13,10 +13,9 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
-from .faces import Face
+from .faces import Face, Surface
 from .mesh import Array, CellBlock, Index, Mesh, boundary
 from .reference_cells import N_CORNER, cell_functions
-from .surface import Surface
 
 _MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
 _STEPS, _SMALL = 30, 1e-13  # of Newton's method; change of the reference coordinates
@@ -150,9 +149,9 @@ def _reference(arms: Array, cell_type: str) -> Array:
             residual = np.einsum("ca,cai->ci", functions.values(at), arms)
             jacobian = np.einsum("cak,cai->cik", functions.gradients(at), arms)
             singular = ~(np.abs(np.linalg.det(jacobian)) > 0.0)
-            jacobian[singular], at[singular] = np.eye(3), np.nan
+            jacobian[singular], at[singular] = np.eye(3), np.nan  # one singular matrix would stop the solution of all
             step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
-            at -= np.clip(step, -1.0, 1.0)
+            at -= np.clip(step, -1.0, 1.0)  # whole steps run away where a cell is strongly curved
             if np.nanmax(np.abs(step), initial=0.0) < _SMALL:
                 break
     return at

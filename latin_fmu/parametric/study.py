@@ -36,8 +36,7 @@ import xarray as xr
 
 from ..accuracy.runs import Log
 from ..assembly.build import discretise
-from ..effects.cost import Prediction
-from ..effects.memory import amount, memory_need
+from ..effects.cost import Prediction, amount, memory_need
 from ..errors import InputError, LatinError, SceneError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
 from ..machine import memory_room, provenance
@@ -49,8 +48,22 @@ from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene
-from .grid import Grid, Index, Parameter, parameters_of, value_text
-from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record, failed, solve_point
+from .point import (
+    CONVERGED,
+    FAILED,
+    QUANTITIES,
+    STATES,
+    Grid,
+    Index,
+    Parameter,
+    Plan,
+    Quantity,
+    Record,
+    failed,
+    parameters_of,
+    solve_point,
+    value_text,
+)
 
 _KIND: Final = "points of a study"
 _HEAD: Final = "study"  # name of the file that identifies the study of the points in a folder

@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..fem.stress import Recovery, principal
+from ..fem.elements import Recovery, principal
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.status import WindowList
 from ..scene.sensors import Sensor

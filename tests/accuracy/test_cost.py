@@ -12,10 +12,7 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.reference import Reference
-from latin_fmu.accuracy.resolution import Resolution
-from latin_fmu.accuracy.runs import Run, RunTimeFit, run_at
+from latin_fmu.accuracy.runs import Quantities, Resolution, Run, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,
@@ -23,6 +20,7 @@ from latin_fmu.accuracy.study import (
     TIME,
     TOGETHER,
     TOLERANCE,
+    Reference,
     Row,
     Study,
     StudyRuns,
