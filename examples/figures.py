@@ -66,7 +66,6 @@ DRAWINGS = {
     "waves_in_bars": _script("waves_in_bars.py"),
     "landing": _script("landing.py"),
     "front_through_joint": _script("front_through_joint.py"),
-    "crushing_friction": _script("crushing_friction.py"),
     "the_paper_beam": _script("the_paper.py"),
     "the_paper_crushing": _script("the_paper.py"),
     "convergence_friction": _script("convergence_friction.py"),

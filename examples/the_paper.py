@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import convergence_friction as convergence
-import crushing_friction as crushing
 import numpy as np
 import waves_in_bars as bars
 from example_tools import BLUE, EXACT, GREEN, MODELS, VERMILION, Array, options, save, table, tidy
@@ -22,9 +21,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 import latin_fmu
+from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.pictures.style import LINES
 
 BEAM = MODELS / "beam_in_traction" / "scene.toml"
+SPECIMENS = MODELS / "two_specimen_crushing" / "scene.toml"
+FRICTION = (0.0, 0.05, 0.1, 10.0)
+COARSER = ("substructure.lower.box.elements=[3, 3, 3]", "substructure.upper.box.elements=[3, 3, 3]")
 SCHEMES = {"HHT": "time.scheme='hht'", "Newmark": "time.scheme='newmark'"}
 OTHERS = {
     "Newmark_damped": "time.scheme={type='newmark',gamma=0.6,beta=0.3025}",
@@ -93,13 +96,47 @@ def beam(settings: Sequence[str], watched: bool = False) -> Beam:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """Histories of the contact between the specimens (quarter model): ``normal`` compression > 0 and ``friction`` along
+    x on the lower specimen, N; ``slip`` distance slipped while pressed, mean over the face, m."""
+
+    time: Array
+    normal: Array
+    friction: Array
+    slip: Array
+
+    @property
+    def separation(self) -> float:
+        """Last instant at which the normal force exceeds 1 % of its peak, s."""
+        return float(self.time[np.flatnonzero(self.normal > 0.01 * self.normal.max())[-1]])
+
+
+def contact(time: Array, history: InterfaceHistory) -> Contact:
+    """Resultants and slip from the local-stage fields; a window without its start gets it as zero."""
+    force, sliding = history.force(), (history.velocity[:, 1] - history.velocity[:, 0])[:, :, :2]  # N is z
+    assert history.contact_status is not None
+    speed = np.where(history.contact_status > 0, np.linalg.norm(sliding, axis=2), 0.0) @ history.areas
+    columns = np.column_stack([-force[:, 2], force[:, 0], speed / history.areas.sum()])
+    columns = np.vstack([np.zeros((len(time) - len(columns), 3)), columns])
+    slip = np.concatenate([[0.0], np.cumsum(np.diff(time) * columns[1:, 2])])
+    return Contact(time, columns[:, 0], columns[:, 1], slip)
+
+
+def solve(friction: float, settings: Sequence[str]) -> tuple[Contact, latin_fmu.Solution]:
+    """The crushing with another friction coefficient and other settings."""
+    scene = latin_fmu.load_scene(SPECIMENS, (f"interface.crush.friction_coefficient={friction}", *settings))
+    solution = latin_fmu.solve(scene)
+    return contact(solution.time, solution.interfaces["crush"]), solution
+
+
+@dataclass(frozen=True)
 class Crushing:
     """Runs of the crushing with one scheme: converged at mu = 0.1, after each iteration; by mu the displacement along z
     of the centres x = y = 0 of both faces (n_time, 2), m, and by how much that of the middle of the free edge y = 0 of
     the lower one along x exceeds that of the upper one (n_time,), m; checked numbers."""
 
-    reference: crushing.Crush
-    steps: list[crushing.Crush]
+    reference: Contact
+    steps: list[Contact]
     centres: dict[float, Array]
     edges: dict[float, Array]
     numbers: dict[str, float]
@@ -108,13 +145,13 @@ class Crushing:
 def crush(settings: Sequence[str]) -> Crushing:
     """Solve the crushing of two specimens."""
     centres, edges, numbers = {}, {}, dict[str, float]()
-    for mu in crushing.FRICTION:
-        found, solution = crushing.solve(mu, (*settings, "output.fields=true"))
+    for mu in FRICTION:
+        found, solution = solve(mu, (*settings, "output.fields=true"))
         centres[mu] = np.stack([moved(solution, name, 0.0)[:, 2] for name in ("lower", "upper")], axis=1)
         edges[mu] = moved(solution, "lower", EDGE)[:, 0] - moved(solution, "upper", EDGE)[:, 0]
         numbers |= {f"passes_mu_{mu:g}": solution.passes, f"separation_us_mu_{mu:g}": 1e6 * found.separation}
         numbers[f"slip_um_mu_{mu:g}"] = 1e6 * float(found.slip[-1])
-    reference, _ = crushing.solve(0.1, (*settings, "solver.tolerance=1e-6"))
+    reference, _ = solve(0.1, (*settings, "solver.tolerance=1e-6"))
     steps, errors = iterates(0.1, settings, reference.time)
     numbers |= {"sqrt_eta_10": errors[9], "sqrt_eta_30": errors[29]}
     numbers["force_error_30"] = error(steps[29].normal, reference.normal)
@@ -122,15 +159,13 @@ def crush(settings: Sequence[str]) -> Crushing:
     return Crushing(reference, steps, centres, edges, numbers)
 
 
-def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[list[crushing.Crush], list[float]]:
+def iterates(friction: float, settings: Sequence[str], time: Array) -> tuple[list[Contact], list[float]]:
     """The same histories, and sqrt(eta), after each iteration of one window over the whole interval."""
-    scene = latin_fmu.load_scene(
-        crushing.SCENE, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER)
-    )
-    kept: list[crushing.Crush] = []
+    scene = latin_fmu.load_scene(SPECIMENS, (f"interface.crush.friction_coefficient={friction}", *settings, *PAPER))
+    kept: list[Contact] = []
 
     def keep(event: latin_fmu.Iteration) -> None:
-        kept.append(crushing.crush(time, event.interface("crush")))
+        kept.append(contact(time, event.interface("crush")))
 
     solution = latin_fmu.solve(scene, observer=keep)
     return kept, solution.windows[0].error_indicator
@@ -162,7 +197,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         for name, scheme in schemes.items()
         for way, settings in (("accelerated", ACCELERATED), ("single_instants", SINGLE))
     }
-    coarser = crushing.COARSER if arguments.quick else ()
+    coarser = COARSER if arguments.quick else ()
     crushed = {name: crush((scheme, *coarser)) for name, scheme in SCHEMES.items()}
 
     # check
@@ -174,7 +209,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
     coefficients = convergence.FRICTION[:1] if arguments.quick else convergence.FRICTION
     for name, scheme in SCHEMES.items():
         for mu in coefficients:
-            _, long = crushing.solve(mu, (scheme, "solver.window='whole'", *coarser))
+            _, long = solve(mu, (scheme, "solver.window='whole'", *coarser))
             numbers[f"crushing_{name}_long_window_iterations_mu_{mu:g}"] = float(long.windows[0].iterations)
             numbers[f"crushing_{name}_long_window_passes_mu_{mu:g}"] = long.passes
     for acceleration in convergence.PANELS:

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring
 
 from latin_fmu.errors import InputError, Problem
 
-from .contents import write_archive
+from .build import write_archive
 from .description import xml_bytes
 
 Connection = tuple[str, str, str, str]

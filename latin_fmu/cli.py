@@ -24,12 +24,12 @@ from .errors import InputError, LatinError, ResultsError
 
 COMMANDS: Final = MappingProxyType(
     {
-        "demo": "demo",
         "run": "run",
         "check": "describe",
         "explain": "describe",
         "plot": "describe",
         "reference": "describe",
+        "demo": "describe",
         "cost": "studies",
         "stress": "studies",
         "sweep": "studies",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.stability.scenes import Description
+from latin_fmu.stability.scenes import Box, Description, column, half_sine
 
 MODELS = Path(__file__).parents[1] / "models"
 
@@ -40,3 +41,34 @@ def pressure(solution: latin_fmu.Solution, interface: str) -> np.ndarray:
 def ramp(*points: tuple[float, float]) -> dict[str, Any]:
     """Table law through (time, value) points."""
     return {"type": "table", "times": [t for t, _ in points], "values": [v for _, v in points]}
+
+
+def pressed_stack(
+    boxes: Sequence[Box],
+    time: Description,
+    contact: Description | None = None,
+    duration: float = 5e-6,
+    shear: tuple[float, float, float] = (3e7, 1e7, 0.0),
+    **keys: Any,
+) -> Description:
+    """Boxes b0, b1, ... on the ground; interfaces floor, i0, i1, ... with friction or as ``contact`` says; the last box
+    is pressed by a half sine of this duration, s, and sheared by a step, Pa."""
+    names, joint = [f"b{i}" for i in range(len(boxes))], contact or {"friction_coefficient": 0.3}
+    tables = column(
+        dict(zip(names, boxes, strict=True)),
+        {f"i{i}": joint for i in range(len(boxes) - 1)},
+        time,
+        load={
+            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": half_sine(duration)},
+            "shear": {"face": f"{names[-1]}.zmax", "traction": list(shear), "law": {"type": "step"}},
+        },
+        **keys,
+    )
+    tables["interface"] = {"floor": {"sides": ["b0.zmin", "ground"], **joint}, **tables["interface"]}
+    return tables
+
+
+def rayleigh(tables: Description) -> None:
+    """Rayleigh damping of all materials."""
+    for material in tables["material"].values():
+        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}

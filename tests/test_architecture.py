@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1] / "latin_fmu"
 MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")))
 SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
 TESTS = tuple(sorted(Path(__file__).parent.rglob("*.py")))
-LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 130  # lines
+LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 200  # lines
 LONGEST_CLASS, MOST_METHODS, MOST_PARAMETERS = 250, 20, 7
 
 # What is beyond these limits today. A name leaves a list when it no longer needs it; none is added.

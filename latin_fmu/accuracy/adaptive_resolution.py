@@ -22,18 +22,24 @@ from ..results.summary import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
 from .estimate import FACETED, crossing, front_of, quantity_estimate
-from .resolution import (
+from .runs import (
     FEWEST_STEPS,
+    Log,
     Resolution,
+    Run,
+    RunTimeFit,
     aligned,
     at_resolution,
+    cost_exponent,
     counts_that_vary,
     in_short_windows,
+    memory_at,
     mesh_factor,
     mesh_files,
+    message_of,
+    solved,
     with_tolerance,
 )
-from .runs import Log, Run, RunTimeFit, cost_exponent, memory_at, message_of, solved
 
 COURANT: Final = 0.75
 """Target of the Courant number c_p dt / h: with the same mesh, a step twice as short gains nothing (impulse of the

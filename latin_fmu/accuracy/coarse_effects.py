@@ -21,7 +21,7 @@ from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import Array, InterfaceHistory, SubstructureHistory
 from ..results.solution import Solution
 from ..scene.schema import Scene
-from .resolution import Resolution, at_resolution, coarsens_mesh, mesh_factor
+from .runs import Resolution, at_resolution, coarsens_mesh, mesh_factor
 
 COARSE = 0.5
 """Elements along an edge and steps of the run, over those of the scene."""

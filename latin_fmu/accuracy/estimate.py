@@ -39,18 +39,23 @@ from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
 from ..scene.settings import GeneralizedAlphaTable
-from .resolution import (
+from .runs import (
     FEWEST_STEPS,
+    Quantities,
     Resolution,
+    Run,
     aligned,
     coarsens_mesh,
+    cost_exponent,
     element_transit,
     in_short_windows,
+    measure_solution,
     mesh_factor,
     mesh_files,
+    message_of,
+    run_at,
     sampling_error,
 )
-from .runs import Quantities, Run, cost_exponent, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
@@ -144,12 +149,13 @@ def observed_order(half: float, quarter: float, ratios: tuple[float, float]) -> 
     a, b = math.log(ratios[0]), math.log(ratios[1])
 
     def quotient(p: float) -> float:
+        # the limit at p = 0
         return (b - a) / a if abs(p) < 1e-9 else (math.exp(p * b) - math.exp(p * a)) / math.expm1(p * a)
 
     low, high = _ORDERS
     if not quotient(low) < quarter / half < quotient(high):
         return low if quarter / half <= quotient(low) else high
-    for _ in range(60):
+    for _ in range(60):  # bisection to round-off: the quotient grows with p
         middle = 0.5 * (low + high)
         low, high = (middle, high) if quotient(middle) < quarter / half else (low, middle)
     return 0.5 * (low + high)

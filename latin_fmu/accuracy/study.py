@@ -29,8 +29,22 @@ from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
 from .estimate import coarser_runs_of, observed_order, relative, same_way
-from .resolution import Resolution, aligned, at_resolution, coarsens_mesh, in_short_windows, mesh_factor
-from .runs import Log, Quantities, Run, RunTimeFit, message_of, of_force, run_at, solved
+from .runs import (
+    Log,
+    Quantities,
+    Resolution,
+    Run,
+    RunTimeFit,
+    aligned,
+    at_resolution,
+    coarsens_mesh,
+    in_short_windows,
+    mesh_factor,
+    message_of,
+    of_force,
+    run_at,
+    solved,
+)
 
 FILE: Final = "reference.json"
 """Name of the file with reference quantities, beside the scene file."""

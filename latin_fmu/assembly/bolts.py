@@ -193,6 +193,7 @@ class OpenedMesh:
             for cells in blocks:
                 rows = np.flatnonzero(cut.beyond[first : first + len(cells)])
                 kept = cells[rows]
+                # nodes that an earlier cut has doubled stay
                 cells[rows] = np.where(kept < mesh.n_node, own[np.minimum(kept, mesh.n_node - 1)], kept)
                 first += len(cells)
             n += len(cut.nodes)
@@ -291,7 +292,7 @@ def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> np.ndarray:
 def _held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
     """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
     free = (np.diff(held.expansion.indptr) > 0) & ~held.pattern.any(axis=1)
-    tied = np.asarray(held.expansion.sum(axis=0) > 1).ravel()
+    tied = np.asarray(held.expansion.sum(axis=0) > 1).ravel()  # one reduced dof of several nodes
     free &= ~np.asarray(held.expansion @ tied.astype(float), dtype=bool)
     return np.asarray((~free.reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1))
 
@@ -330,6 +331,7 @@ class _Section:
         facets, owner = np.concatenate(tables), np.concatenate(owners)
         width = (facets >= 0).sum(axis=1)
         corners = np.array([FACET_CORNERS[FACET_KIND[n]] if n in FACET_KIND else 0 for n in range(_WIDEST + 1)])[width]
+        # the corners, sorted: both elements have them, in different order
         keys = np.sort(np.where(np.arange(4) < corners[:, None], facets[:, :4], -1), axis=1)
         order = np.lexsort(keys.T)
         same = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(axis=1))
@@ -377,6 +379,7 @@ class _Section:
         stops = np.unique(self._levels)
         first, last = np.searchsorted(stops, self._low), np.searchsorted(stops, self._high)
         area, closed = np.zeros(len(stops) + 1), np.zeros(len(stops) + 1)
+        # sums over the facets that a plane meets, from the levels at which they begin and end
         for values, total in ((areas, area), (shut.astype(float), closed)):
             np.add.at(total, first, values)
             np.add.at(total, last, -values)
@@ -387,6 +390,7 @@ class _Section:
         low_end = spans[1][spans[0] <= _SAME].max(initial=0.0)
         high_end = spans[0][spans[1] >= 1.0 - _SAME].min(initial=1.0)
         inside = (stops[1:] > low_end) & (stops[:-1] < high_end)
+        # closed is a count, summed up in floating point
         usable = (closed < 0.5) & (area > 0.0) & inside
         if not usable.any():
             return None
@@ -489,6 +493,7 @@ class _Section:
         part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}))
         own = stiffness(part, m.young_modulus, m.poisson_ratio, body.shape.bending_modes)
         pattern = np.asarray(own @ jump.ravel())
+        # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
         places = body.mesh.nodes[nodes]
         centre = places.mean(axis=0)
@@ -524,6 +529,7 @@ class _Section:
         for block in self._body.mesh.blocks:
             moving[block.cells[cells[first : first + len(block.cells)]].ravel()] = True
             first += len(block.cells)
+        # all elements: a ring, which one cut does not divide
         return moving if not cells.all() else np.zeros_like(moving)
 
 

@@ -256,6 +256,7 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
     n_full = len(dofs.held)
     root = dofs.roots()
     held = np.zeros(n_full, dtype=bool)
+    # what holds or drives one dof does so for all that are tied to it
     np.logical_or.at(held, root, dofs.held)
     driver = np.full(n_full, -1)
     np.maximum.at(driver, root, dofs.driver)
@@ -336,7 +337,7 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
         places = body.mesh.nodes[nodes]
         centre = places.mean(axis=0)
         modes = rigid_modes(places, centre, float(np.abs(places - centre).max()))
-        columns = modes @ _null_space(modes[np.diff(rows.indptr) == 0])
+        columns = modes @ _null_space(modes[np.diff(rows.indptr) == 0])  # rows without entry: held
         columns[np.abs(columns) < _ROUND_OFF] = 0.0
         wide = sp.coo_array(columns)
         shape = (body.full_size(), columns.shape[1])
@@ -391,7 +392,7 @@ def _null_space(rows: Array) -> Array:
     """Null space (6, n) of the rows by reduced row echelon form: each motion has one unit entry."""
     if not len(rows):
         return np.eye(6)
-    reduced = la.qr(rows, mode="r")[0][:6].copy()
+    reduced = la.qr(rows, mode="r")[0][:6].copy()  # six rows at most, of the same null space
     pivots: list[int] = []
     row = 0
     for column in range(6):

@@ -74,7 +74,7 @@ def allowed_motions(body: Body, held: Conditions, more: Array | None = None) -> 
     full = full if more is None else np.hstack([full, more])
     against = full - p @ closest_reduced(p, full)  # what held and tied nodes do not allow
     values, vectors = la.eigh(against.T @ against / len(nodes))
-    return np.asarray(full @ vectors[:, values < HELD])
+    return np.asarray(full @ vectors[:, values < HELD])  # mean squares over the nodes, of motions of unit size
 
 
 @dataclass(frozen=True)
@@ -131,18 +131,19 @@ class LimitLoad:
             if trace is None:
                 continue
             moved = (trace @ self.motions[name]).reshape(geometry.n_point, 3, -1)
-            relative[:, :, self.where[name]] += (2 * side - 1) * moved
+            relative[:, :, self.where[name]] += (2 * side - 1) * moved  # motion of E' less that of E
             if side == geometry.owner and not self._problem.bodies[name].rigid:
                 nodal = geometry.traces[side]
                 assert nodal is not None
                 places = (nodal @ self._problem.bodies[name].mesh.nodes.ravel()).reshape(-1, 3)
         if unit.preload:
+            # the loads that the preload alone holds in balance
             self.path[0] -= unit.preload * np.einsum("p,pm->m", geometry.areas, relative[:, 0])
         mu = coulomb_coefficient(unit.behaviour)
         tied = not (unit.behaviour.opens and getattr(unit.behaviour, "compiled", False))  # a law of one's own may pull
         mu = 0.0 if unit.behaviour.n_component == 1 else np.inf if tied or mu is None else mu
         for p in _corners(places, geometry.frames[:, 0]):
-            yield _Point(relative[p, 0], -relative[p, 1:], mu, tied)
+            yield _Point(relative[p, 0], -relative[p, 1:], mu, tied)  # signs of the virtual power above
 
     # -- the linear program -----------------------------------------------------------------------------------------
     def largest(self, start: Array, end: Array) -> tuple[float, Array]:
@@ -157,10 +158,11 @@ class LimitLoad:
             matrix = np.column_stack([(end - start) / self._scale, *columns])
             bounds = [(None, 1.0), *((None, None) if f else (0.0, None) for f in free)]
             cost = np.zeros(matrix.shape[1])
-            cost[0] = -1.0
+            cost[0] = -1.0  # linprog minimises
             solved: Any = linprog(cost, A_eq=matrix, b_eq=-start / self._scale, bounds=bounds, method="highs")
             if solved.status != 0:
                 return -1.0, motion
+            # marginals are those of -s: turned round, the loads do positive work on the mechanism
             s, motion = float(solved.x[0]), -np.asarray(solved.eqlin["marginals"])
             if s > 1.0 - _EXACT or not self._refined(directions, motion):
                 break
@@ -173,6 +175,7 @@ class LimitLoad:
             own = [(point.pressure, point.tied)] if not chosen else []
             own += [(point.pressure + point.mu * (d @ point.friction), False) for d in chosen]
             if np.isinf(point.mu):
+                # nothing slides: friction of either sign, without bound
                 own = [(point.pressure, point.tied), *((row, True) for row in point.friction)]
             columns += [column for column, _ in own]
             free += [either for _, either in own]
@@ -193,6 +196,7 @@ class LimitLoad:
                 continue
             work = point.friction @ motion
             length = float(np.linalg.norm(work))
+            # work of the generator whose friction is against the sliding
             if point.pressure @ motion - point.mu * length < -_EXACT * size and length > 0.0:
                 chosen.append(-work / length)
                 added = True
@@ -379,6 +383,7 @@ def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -
             trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
             if trace is not None:
                 relative[:, where[name]] += (1 - 2 * side) * (trace @ motions[name])
+        # a mean: fine faces count no more than coarse ones
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
     free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
@@ -399,7 +404,7 @@ def _groups(factors: Mapping[str, Array], motions: Mapping[str, Array]) -> list[
         members = [names[i] for i in moving if label[i] == number]
         rows = np.concatenate([np.arange(where[n].start, where[n].stop) for n in members])
         values, vectors = la.eigh(projection[np.ix_(rows, rows)])
-        own, at = vectors[:, values > 0.5], 0
+        own, at = vectors[:, values > 0.5], 0  # eigenvalues of a projection are 0 or 1
         parts = {}
         for name in members:
             size = where[name].stop - where[name].start
@@ -471,6 +476,7 @@ def with_place(
     for group in groups:
         elastic = {n: m for n, m in group.motions.items() if not isinstance(conditions[n], RigidConditions)}
         moved = {n: closest_reduced(conditions[n].expansion, motions) for n, motions in elastic.items()}
+        # at nodes of interfaces the held displacement would be part of a law
         inner = {n: _off_interfaces(bodies[n], conditions[n].expansion, units) for n in moved}
         chosen = _pivots({n: (inner[n], m[inner[n]]) for n, m in moved.items()}, group.n, _WELL_HELD)
         if chosen is None:
@@ -502,6 +508,7 @@ def _pivots(moved: Mapping[str, tuple[Index, Array]], n: int, least: float) -> d
     rows = np.concatenate([np.zeros((0, n)), *(values for _, values in moved.values())])
     if len(rows) < n:
         return None
+    # pivoting takes the row that depends least on those before
     triangle, order = la.qr(rows.T, mode="r", pivoting=True)
     if abs(triangle[n - 1, n - 1]) <= least * abs(triangle[0, 0]):
         return None

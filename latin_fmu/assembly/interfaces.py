@@ -136,7 +136,7 @@ class _MortarPair:
         mine, theirs = self.surfaces[side].nodes, self.surfaces[1 - side].nodes
         points = part.owner @ mine
         normals = part.normals if side == 0 else -part.normals
-        jump = (part.other @ theirs - points) * (1 if side == 0 else -1)
+        jump = (part.other @ theirs - points) * (1 if side == 0 else -1)  # from E to E', as N
         removed, _ = self._directions(side)
         traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
         shares = tuple(float(part.areas.sum()) / s.area for s in self.surfaces)
@@ -165,6 +165,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     blocks = []
     for block, pieces in zip(facets.blocks, Surface(body.mesh.nodes, facets).pieces, strict=True):
         facing = np.ones(len(block.facets), dtype=bool)
+        # a facet faces the ground where all its pieces do
         np.logical_and.at(facing, pieces.facet, pieces.normals @ normal < -0.5)
         blocks.append(FacetBlock(block.kind, block.facets[facing]))
     blocks = [b for b in blocks if len(b.facets)]
@@ -199,6 +200,7 @@ def _held_directions(
     -------
     Those at places where the other side is held likewise, and the rest: there the point holds the other side alone.
     """
+    # no node of the point can move
     still = np.asarray(abs(own) @ (~held).astype(float)).reshape(-1, 3) == 0.0
     both = np.zeros_like(still)
     for axis in range(3):
@@ -416,10 +418,11 @@ def build_interface(
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
-        gap = gap - pressure / interface.normal_stiffness
+        gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
     frames = local_frames(pair.normals)
     trace = pair.traces[pair.owner]
     assert trace is not None
+    # a direction that is held has no row: the nodes of its point are in the others
     weights = sp.csr_array(trace[::3, ::3] + trace[1::3, 1::3] + trace[2::3, 2::3])
     cells = cells_between(sides[pair.owner][1], weights)
     geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells)

@@ -126,6 +126,7 @@ def _same_dofs(interfaces: Sequence[InterfaceUnit], where: dict[str, slice], n: 
         first, second = unit.geometry.traces
         if second is None:
             continue
+        # one entry in a row: ``is_selection``
         firsts.append(where[split_face(unit.sides[0])[0]].start + first.indices)
         seconds.append(where[split_face(unit.sides[1])[0]].start + second.indices)
     a, b = np.concatenate(firsts), np.concatenate(seconds)
@@ -172,6 +173,7 @@ def _rank(names: list[str], info: Mapping[str, SubstructureInfo], same: np.ndarr
     """Elimination rank of the merged mesh."""
     nodes = np.concatenate([info[n].nodes for n in names])
     starts = np.cumsum([0, *(len(info[n].nodes) for n in names[:-1])])
+    # the three components of a node are merged alike
     _, kept, number = np.unique(same[::3], return_index=True, return_inverse=True)
     blocks = tuple(
         CellBlock(b.cell_type, number[b.cells + start])
@@ -256,6 +258,7 @@ def _pivots(rows: sp.csr_array) -> Index:
     """A column of its own for each row: its largest positive entry that no row before it has taken."""
     chosen = np.full(rows.shape[0], -1, dtype=np.int64)
     taken: set[int] = set()
+    # rows with large entries choose first: small pivots are left to rows that have no other
     for i in np.argsort(-rows.max(axis=1).toarray().ravel(), kind="stable"):
         part = slice(rows.indptr[i], rows.indptr[i + 1])
         for j in np.argsort(-rows.data[part], kind="stable"):

@@ -278,7 +278,7 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     shares = (given.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
     closest = np.argmax(shares, axis=1)
     omega = np.sqrt(np.maximum(1 / inverse[closest] - vibration.shift, 0.0))
-    omega[:n_rigid] = 0.0
+    omega[:n_rigid] = 0.0  # what the shift leaves is round-off
     return omega, basis @ (inside[:, closest] / np.sqrt(inverse[closest]))
 
 
@@ -307,6 +307,7 @@ def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme
 
 def _lower_scheme(scene: Scene, scheme: TimeScheme, dt: float, omega: float) -> str:
     """What lowers the damping of the scheme: a shorter step, another parameter or scheme; with numbers for a mode."""
+    # the order shows at steps that are short for the mode, which dt need not be
     slope = np.log2(scheme_damping(scheme, omega, dt / 8) / scheme_damping(scheme, omega, dt / 16))
     power = {1: "the step", 2: "the square of the step", 3: "the third power of the step"}.get(round(slope), "the step")
     words = f"that of the scheme falls with {power}"
@@ -510,7 +511,7 @@ def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[
     """Eigenvalues and vectors, rigid motions first, at least ``count`` elastic ones where there are as many; number of
     rigid motions."""
     separate = connected_components(stiffness, directed=False)[0]
-    wanted = count + 6 * min(separate, 50)
+    wanted = count + 6 * min(separate, 50)  # each separate part may have six rigid motions
     while True:
         wanted = min(wanted, vibration.n - 1)
         rigid, values, vectors = vibration.modes(wanted)

@@ -61,33 +61,35 @@ class PropagatorSettings:
 
 
 Members = Sequence[SubstructureModel]
-Maker = Callable[[Members, TimeScheme, float, bool, PropagatorSettings, Propagator | None], Propagator]
+Maker = Callable[[Members, TimeScheme, float, PropagatorSettings, Propagator | None], Propagator]
+"""From members with equal operators, time scheme, step (s), settings, and a propagator with the same operators to share
+them with, where the kind can. Energies are accounted for whether they are kept or not: the iteration stops by them."""
 
 
 def _direct(
-    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
+    members: Members, scheme: TimeScheme, dt: float, settings: PropagatorSettings, twin: Propagator | None
 ) -> Propagator:
     if settings.precision != "float64":
         members = [m.with_factor(settings.precision) for m in members]
     members = in_form(members, settings.interfaces)
-    return DirectPropagator(members, scheme, dt, energy, twin if isinstance(twin, DirectPropagator) else None)
+    return DirectPropagator(members, scheme, dt, True, twin if isinstance(twin, DirectPropagator) else None)
 
 
 def _reduced(
-    members: Members, scheme: TimeScheme, dt: float, energy: bool, settings: PropagatorSettings, twin: Propagator | None
+    members: Members, scheme: TimeScheme, dt: float, settings: PropagatorSettings, twin: Propagator | None
 ) -> Propagator:
     if members[0].nodal is not None:  # a rigid body has nothing to reduce
-        return DirectPropagator(members, scheme, dt, energy)
+        return DirectPropagator(members, scheme, dt, True)
     twin = twin if isinstance(twin, ReducedPropagator) else None
-    return ReducedPropagator(members, scheme, dt, energy, settings.modes, twin)
+    return ReducedPropagator(members, scheme, dt, True, settings.modes, twin)
 
 
 PROPAGATORS: Mapping[str, Maker] = MappingProxyType(
     {
         "direct": _direct,
-        "explicit": lambda members, scheme, dt, energy, *_: ExplicitPropagator(members, scheme, dt, energy),
+        "explicit": lambda members, scheme, dt, *_: ExplicitPropagator(members, scheme, dt, True),
         "reduced": _reduced,
-        "cg": lambda members, scheme, dt, energy, *_: CgPropagator(members, scheme, dt, energy),
+        "cg": lambda members, scheme, dt, *_: CgPropagator(members, scheme, dt, True),
     }
 )
 
@@ -99,29 +101,6 @@ def _loads_suffice(propagator: Propagator, scheme: TimeScheme, dt: float) -> boo
     moved = propagator.members[0].imposed_pattern.shape[1] > 0
     operators = propagator.operators
     return not moved and not long_steps(scheme.operator(dt), operators.mass, operators.stiffness)
-
-
-def make_propagator(
-    members: Members,
-    scheme: TimeScheme,
-    dt: float,
-    energy: bool,
-    settings: PropagatorSettings,
-    twin: Propagator | None = None,
-) -> Propagator:
-    """Propagator of a class of identical substructures.
-
-    Parameters
-    ----------
-    members : models with equal matrices and traces. scheme, dt : time scheme and step, s. energy : whether to account
-        for energies. settings : which propagator, and how. twin : one with the same operators, to share them with
-        (where the kind can).
-
-    Raises
-    ------
-    KeyError : unknown name (the scene reader checks names first).
-    """
-    return PROPAGATORS[settings.kind](members, scheme, dt, energy, settings, twin)
 
 
 @dataclass(frozen=True)
@@ -288,8 +267,7 @@ def made_propagators(
         if twin is None and kept is not None:
             twin = kept.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
-            # energies are accounted for whether they are kept or not: the iteration stops by them, too
-            made.append(make_propagator(c.members, scheme, dt, True, settings, twin))
+            made.append(PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin))
             made[-1].loads_only = not scene.output.energy and _loads_suffice(made[-1], scheme, dt)
             continue
         own = springs[c.channels[:, 0]]

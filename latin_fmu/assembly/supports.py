@@ -87,7 +87,7 @@ class Motion:
         if self.kind != "displacement":
             return self.value * self.law.sample(time)
         step = time[1] - time[0]
-        before, after = np.maximum(time - step, 0.0), time + step
+        before, after = np.maximum(time - step, 0.0), time + step  # one-sided at the start
         difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
         return self.value * difference
 
@@ -209,6 +209,7 @@ def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, A
         size = float(np.linalg.norm(rest))
         if size > _DEPENDENT:
             basis, values = np.vstack([basis, rest / size]), np.vstack([values, left / size])
+        # another motion along a direction that those before determine
         elif np.abs(left).max(initial=0.0) > _AGREES:
             return None
     free: list[Array] = []
@@ -219,6 +220,7 @@ def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, A
         if len(free) < 3 - len(basis) and np.linalg.norm(rest) > 0.1:
             free.append(rest / np.linalg.norm(rest))
     directions = np.array(free).reshape(-1, 3).T
+    # the rows of the basis are orthonormal: its transpose is R^+
     return np.where(np.abs(directions) < 1e-15, 0.0, directions), basis.T @ values
 
 
@@ -231,6 +233,7 @@ def with_directions(
     kept[dofs] = False
     rest = sp.csr_array(sp.diags_array(kept.astype(float)) @ expansion)
     rest.eliminate_zeros()
+    # without the columns that turned nodes alone had
     rest = sp.csr_array(rest[:, np.flatnonzero(np.bincount(rest.indices, minlength=rest.shape[1]))])
     block = sp.coo_array(sp.block_diag([z for z, _ in solved.values()]))
     shape = (expansion.shape[0], block.shape[1])

@@ -382,7 +382,7 @@ def estimated_error(
 
 def _plain_scene(scene: Scene, settings: Settings, curves: dict[str, Curve], segments: Sequence[Segment]) -> Scene:
     """The scene with the loads that were set, over the instants of segments from the start on."""
-    from ..accuracy.resolution import with_tolerance
+    from ..accuracy.runs import with_tolerance
 
     scene = with_laws(scene, {name: TableLaw(times=times, values=values) for name, (times, values) in curves.items()})
     n = sum(len(segment.time) - 1 for segment in segments)

@@ -80,6 +80,7 @@ def without_contact_mass(
     bare[left] = False
     if several_layers and bare.any():
         spread = _spread_mass(mass, mesh, bare, follow)
+        # a node without mass has no acceleration: then one layer takes it all
         if spread.diagonal()[np.repeat(~bare, 3)].min() > 0.0:
             return spread, left
     whole = sp.csr_array(sp.kron(follow, sp.eye_array(3)))
@@ -128,6 +129,7 @@ def _spread_mass(mass: sp.csr_array, mesh: Mesh, bare: Mask, follow: sp.csr_arra
     dofs = np.repeat(bare, 3)
     entries = mass.tocoo()
     rows, columns = entries.coords
+    # either row of a coupling keeps its own entry: the inner one here, that of the contact node in ``own``
     crossing = dofs[rows] != dofs[columns]
     inner = ~dofs[rows] & ~dofs[columns]
     inner_mass = sp.csr_array((entries.data[inner], (rows[inner], columns[inner])), shape=mass.shape)
@@ -154,7 +156,7 @@ def _layers(mesh: Mesh, bare: Mask) -> Index:
     for k in range(LAYERS):
         reached = pairs[layer[pairs[:, 0]] == k, 1]
         layer[reached] = np.minimum(layer[reached], k + 1)
-    return np.where(layer > LAYERS, 0, layer)
+    return np.where(layer > LAYERS, 0, layer)  # farther nodes are no layer, as the bare ones
 
 
 def landing_viscosity(
@@ -185,7 +187,7 @@ def landing_viscosity(
         matrix = element_stiffness(points, *lame(young_modulus, poisson_ratio), bends)
         n = 3 * layer.cells.shape[1]
         here = heights[layer.cells]
-        height = here.sum(axis=1) / (here > 0.0).sum(axis=1)
+        height = here.sum(axis=1) / (here > 0.0).sum(axis=1)  # mean over the contact nodes of the element
         values = (q[layer.cells].max(axis=1) * height / c_p)[:, None, None] * matrix.reshape(-1, n, n)
         dofs = (3 * layer.cells[:, :, None] + np.arange(3)).reshape(-1, n)
         rows, columns = np.repeat(dofs, n, axis=1), np.tile(dofs, (1, n))
@@ -194,6 +196,7 @@ def landing_viscosity(
         return None
     total = sp.csr_array(0.5 * (total + total.T))
     total.sort_indices()
+    # SciPy makes them of 32 bits where they fit, kernels read 64
     total.indices, total.indptr = total.indices.astype(np.int64), total.indptr.astype(np.int64)
     return total
 

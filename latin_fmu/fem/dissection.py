@@ -90,8 +90,9 @@ def _middle(x: Array, graph: tuple[Index, Index]) -> Index:
     """Side of each node, 0 or 2, 1 between, of the cut in the middle of the longest side."""
     along = x[:, int(np.argmax(np.ptp(x, axis=0)))]
     upper = along > np.median(along)
-    if not upper.any():
+    if not upper.any():  # half of the nodes, or more, at the largest coordinate
         upper = np.arange(len(x)) >= len(x) // 2
+    # no row is empty, for which reduceat would take the next: a node is its own neighbour
     touches = np.logical_or.reduceat(upper[graph[1]], graph[0][:-1])
     return np.where(upper, 2, np.where(touches, 1, 0))
 
@@ -123,8 +124,9 @@ def _candidates(x: Array) -> Iterator[Array]:
     _, axes = np.linalg.eigh(centred.T @ centred)
     yield centred @ axes[:, 2]
     yield centred @ axes[:, 1]
+    # shells around the longest axis
     yield np.linalg.norm(np.delete(centred, int(np.argmax(extent)), axis=1), axis=1)
-    yield np.linalg.norm(centred, axis=1)
+    yield np.linalg.norm(centred, axis=1)  # shells around the middle
 
 
 def _best_cut(graph: tuple[Index, Index], values: Array) -> tuple[float, Mask]:
@@ -138,10 +140,10 @@ def _best_cut(graph: tuple[Index, Index], values: Array) -> tuple[float, Mask]:
     place[np.argsort(values, kind="stable")] = np.arange(n)
     far = np.maximum.reduceat(place[neighbours], starts[:-1])
     near = np.minimum.reduceat(place[neighbours], starts[:-1])
-    below = np.cumsum(1 - np.bincount(far, minlength=n))
-    above = np.cumsum(np.bincount(near, minlength=n) - 1)
+    below = np.cumsum(1 - np.bincount(far, minlength=n))  # nodes up to each cut that have a neighbour beyond
+    above = np.cumsum(np.bincount(near, minlength=n) - 1)  # nodes beyond that have one up to it
     cut = np.arange(int(_HALF * n), int((1.0 - _HALF) * n))
-    between = np.minimum(below[cut], above[cut])
+    between = np.minimum(below[cut], above[cut])  # each of the two sets separates
     score = between * (1.0 + _UNEQUAL * ((2 * cut + 2 - n) / n) ** 2)
     best = int(np.argmin(score))
     return float(score[best]), place <= cut[best]

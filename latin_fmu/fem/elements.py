@@ -165,7 +165,8 @@ class Elements:
 def _different(nodes: Array, cells: Index) -> tuple[Index, Index]:
     """Different ones of some cells (n, n_node), and which of them each cell is; see ``Elements.distinct``."""
     corners = nodes[cells]
-    arms = (corners[:, 1:] - corners[:, :1] + 0.0).reshape(len(cells), -1)
+    arms = (corners[:, 1:] - corners[:, :1] + 0.0).reshape(len(cells), -1)  # + 0.0: -0.0 has other bits than 0.0
+    # equal sums modulo 2^64 of unlike cells are chance: found below
     weights = np.random.default_rng(0).integers(1, 2**63, arms.shape[1], dtype=np.uint64) | np.uint64(1)
     _, chosen, of_cell = np.unique(arms.view(np.uint64) @ weights, return_index=True, return_inverse=True)
     if np.array_equal(arms, arms[chosen[of_cell]]):
@@ -197,6 +198,7 @@ class RigidBody:
         """The motions about the common mass centre with masses at the nodes (3 n_node, 3 n_node), kg, added; ``nodes``
         (n_node, 3) of the mesh, m."""
         mass = self.mass + self.modes.T @ (added @ self.modes)
+        # couplings of translations and rotations: first moments of the mass
         shift = np.array([mass[1, 5], -mass[0, 5], mass[0, 4]]) / mass[0, 0]  # over the length
         turn = np.eye(6)
         turn[:3, 3:] = -np.cross(np.eye(3), shift).T
@@ -280,7 +282,7 @@ def condensed(points: Points, first: float, shear: float) -> Array:
     plain = elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
     amplitudes, coupled = mode_amplitudes(points, first, shear)
     softened = np.swapaxes(coupled, 1, 2) @ amplitudes
-    softened = 0.5 * (softened + np.swapaxes(softened, 1, 2))
+    softened = 0.5 * (softened + np.swapaxes(softened, 1, 2))  # round-off of the solution is not symmetric
     return np.asarray(plain + softened.reshape(plain.shape))
 
 

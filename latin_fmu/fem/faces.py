@@ -137,6 +137,7 @@ def is_straight(kind: str, places: Array) -> bool:
 
 
 def _warp(places: Array) -> float:
+    # distance between the diagonals, 0 in a plane quadrilateral
     normal = np.cross(places[:, 2] - places[:, 0], places[:, 3] - places[:, 1])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     return float(np.abs(np.einsum("fi,fi->f", places[:, 1] - places[:, 0], normal)).max(initial=0.0))
@@ -158,11 +159,6 @@ def facet_change(kind: str, changed: bool) -> Array:
     return change
 
 
-def basis_change(face: FacetSet, nodes: Index) -> sp.csr_array:
-    """L (n_point, n_point) on a face with these nodes: u = L u~, and int phi~ = L^T int phi."""
-    return _edge_matrix(face, nodes, 1 - 2 * ALPHA, ALPHA)
-
-
 def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
     """L^-1 (n_point, n_point): the values u~ that belong to phi~ from the values u at the nodes."""
     return _edge_matrix(face, nodes, 1 / (1 - 2 * ALPHA), -ALPHA / (1 - 2 * ALPHA))
@@ -174,7 +170,7 @@ def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) ->
     rows, columns, values = [np.arange(n)], [np.arange(n)], [np.ones(n)]
     if changes_basis(face):
         ends, middle = edge_middles(face)
-        _, first = np.unique(middle, return_index=True)
+        _, first = np.unique(middle, return_index=True)  # an edge inside the face belongs to two facets
         at, (one, two) = np.searchsorted(nodes, middle[first]), np.searchsorted(nodes, ends[first]).T
         values[0][at] = own
         rows += [at, at]
@@ -241,11 +237,14 @@ def face_of(places: Array, facets: FacetSet) -> Face:
         at = np.searchsorted(nodes, block.facets)
         np.add.at(areas, at, scalar)
         np.add.at(vector_areas, at, vector)
-    return Face(nodes, areas, vector_areas, basis_change(facets, nodes) if changes_basis(facets) else None)
+    # u = L u~, and int phi~ = L^T int phi
+    change = _edge_matrix(facets, nodes, 1 - 2 * ALPHA, ALPHA) if changes_basis(facets) else None
+    return Face(nodes, areas, vector_areas, change)
 
 
 def _at_gauss_points(kind: str, places: Array) -> tuple[Array, Array, Array]:
     """Shape functions (n_gauss, n_node), weights (n_gauss,), normals times area ratios (n_gauss, n_facet, 3)."""
+    # exact for int psi_a psi_b n; the length of n of a curved facet is no polynomial
     at, weights = triangle_quadrature(6) if FACET_CORNERS[kind] == 3 else square_quadrature(4)
     along = np.einsum("gak,fai->gkfi", slopes(kind, at), places)
     return shape(kind, at), weights, np.cross(along[:, 0], along[:, 1])
@@ -262,7 +261,7 @@ def _facet_integrals(_: str, corners: Array) -> tuple[Array, Array]:
     """int psi_a dA (n_facet, n_corner) and int psi_a n dA (n_facet, n_corner, 3) of facets with these corners."""
     if corners.shape[1] == 3:
         normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        vector = np.repeat(normal[:, None] / 3, 3, axis=1)
+        vector = np.repeat(normal[:, None] / 3, 3, axis=1)  # int psi_a dA = area / 3
         scalar = np.repeat(np.linalg.norm(normal, axis=1)[:, None] / 3, 3, axis=1)
     else:
         vector = np.zeros(corners.shape)

@@ -149,9 +149,9 @@ def _reference(arms: Array, cell_type: str) -> Array:
             residual = np.einsum("ca,cai->ci", functions.values(at), arms)
             jacobian = np.einsum("cak,cai->cik", functions.gradients(at), arms)
             singular = ~(np.abs(np.linalg.det(jacobian)) > 0.0)
-            jacobian[singular], at[singular] = np.eye(3), np.nan
+            jacobian[singular], at[singular] = np.eye(3), np.nan  # one singular matrix would stop the solution of all
             step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
-            at -= np.clip(step, -1.0, 1.0)
+            at -= np.clip(step, -1.0, 1.0)  # whole steps run away where a cell is strongly curved
             if np.nanmax(np.abs(step), initial=0.0) < _SMALL:
                 break
     return at

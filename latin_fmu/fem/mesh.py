@@ -143,7 +143,7 @@ def unjoined(surface: FacetSet) -> int:
     for block in surface.blocks:
         corners[block.corners.shape[1]].append(np.sort(block.corners, axis=1))
     triangles, quads = (np.concatenate([np.zeros((0, n), dtype=np.int64), *corners[n]]) for n in (3, 4))
-    halves = np.concatenate([np.delete(quads, i, axis=1) for i in range(4)])
+    halves = np.concatenate([np.delete(quads, i, axis=1) for i in range(4)])  # by either diagonal
     again = sum(len(table) - len(np.unique(table, axis=0)) for table in (triangles, quads))
     both = np.concatenate([np.unique(table, axis=0) for table in (triangles, halves)])
     return again + len(both) - len(np.unique(both, axis=0))

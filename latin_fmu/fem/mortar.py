@@ -89,7 +89,7 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Ce
     along = np.einsum("pi,pi->p", arm, normal)
     aside = np.linalg.norm(arm - along[:, None] * normal, axis=1)
     near = np.einsum("pi,pi->p", normal, theirs.normals[two]) < -_OPPOSED
-    near &= aside < mine.radii[one] + theirs.radii[two]
+    near &= aside < mine.radii[one] + theirs.radii[two]  # circles around the pieces; the clipping decides
     if reach is not None:  # its corners may be nearer than its centre
         near &= np.abs(along) < reach + theirs.radii[two]
     one, two, normal = one[near], two[near], normal[near]
@@ -98,6 +98,7 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Ce
     origin = mine.centres[one][:, None]
     mine_there = (mine.corners[one] - origin) @ axes
     theirs_there = (theirs.corners[two] - origin) @ axes
+    # counter-clockwise on the other face is clockwise seen from the owner
     polygon, count = clip(theirs_there[:, ::-1], mine_there)
     common = np.where(count > 2, areas(polygon), 0.0)
     kept = np.flatnonzero(common > _SPECK * mine.areas[one])
@@ -108,7 +109,7 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Ce
     middle = np.einsum("cij,cj->ci", axes[cell], corners.mean(axis=1))
     offset = theirs.centres[two[cell]] - mine.centres[one[cell]] - middle
     facing = np.einsum("ci,ci->c", slope[cell], normal[cell])
-    distance = np.einsum("ci,ci->c", offset, slope[cell]) / facing
+    distance = np.einsum("ci,ci->c", offset, slope[cell]) / facing  # no division by zero: ``_OPPOSED``
     cells = Cells(one[cell], two[cell], corners, mine_there[cell], theirs_there[cell], distance)
     return cells if reach is None else cells.picked(np.abs(distance) <= reach)
 
@@ -140,6 +141,7 @@ def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) 
     ones, twos = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for level in np.unique(size):
         members = np.flatnonzero(size == level)
+        # radii of a level are below 2^(level + 1): a few large pieces do not widen the search for the small ones
         radius = (mine.radii + 2.0 ** (level + 1) + ahead) * (1 + 1e-9)
         lists = cKDTree(there[members]).query_ball_point(here, radius, return_sorted=True)
         counts = np.array([len(numbers) for numbers in lists])
@@ -158,7 +160,7 @@ def _nearest_layer(mine: Pieces, row: list[Cells]) -> list[Cells]:
     twice = covered > _DOUBLE * mine.areas
     if not twice.any():
         return row
-    limit = np.where(twice, least + 2 * mine.radii, np.inf)
+    limit = np.where(twice, least + 2 * mine.radii, np.inf)  # the distances of one layer differ by its inclination
     return [cells.picked(np.abs(cells.distance) <= limit[cells.owner]) for cells in row]
 
 
@@ -188,16 +190,18 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     n, width, _ = corners.shape
     slot = np.arange(width)
     used = slot < count[:, None]
+    # behind the last corner comes the first
     following = np.take_along_axis(corners, np.where(slot + 1 < count[:, None], slot + 1, 0)[..., None], axis=1)
     left = _height(corners, start, along)
     left_next = _height(following, start, along)
-    keeps = used & (left >= 0)
+    keeps = used & (left >= 0)  # a corner on the line stays; what has no area is left out later
     crosses = used & ((left >= 0) != (left_next >= 0))
     fraction = np.divide(left, left - left_next, out=np.zeros_like(left), where=crosses)
     cut = corners + fraction[..., None] * (following - corners)
     both = np.stack([corners, cut], axis=2).reshape(n, 2 * width, 2)
     taken = np.stack([keeps, crosses], axis=2).reshape(n, 2 * width)
     total = taken.sum(axis=1)
+    # a line cuts a convex polygon twice: one corner more at most
     order = np.argsort(~taken, axis=1, kind="stable")[:, : width + 1]
     order = np.take_along_axis(order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1)
     return np.take_along_axis(both, order[..., None], axis=1), np.minimum(total, width + 1)
@@ -304,6 +308,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     covered = np.zeros(n_facet)
     products: list[tuple[Index, Index, Array]] = []
     for cells, theirs, their_sags in zip(row, points.other.pieces, points.other.sags, strict=True):
+        # in parts, for the memory
         for some in np.array_split(np.arange(len(cells)), max(1, len(cells) // 20000)):
             part = cells.picked(some)
             weights, mine, other = _values(part, pieces, theirs)
@@ -317,7 +322,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
             sag = points.owner.sags[number][part.owner] + their_sags[part.other]
             np.maximum.at(points.sags, at[facet], np.repeat(sag[:, None], n, axis=1))
     dual = _dual(gram, covered)
-    np.add.at(points.areas, at, np.einsum("fab->fa", gram))
+    np.add.at(points.areas, at, np.einsum("fab->fa", gram))  # the phi add up to one
     np.add.at(points.vector_areas, at, dual @ normal)
     area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
     reached = covered > _NOTHING * area
@@ -343,7 +348,9 @@ def _dual(gram: Array, covered: Array) -> Array:
     dual = np.zeros_like(gram)
     touched = np.flatnonzero(covered > 0)
     root = np.sqrt(np.einsum("faa->fa", gram[touched]))
+    # with a unit diagonal: of the place of the covered part, not of its size
     condition = np.linalg.cond(gram[touched] / (root[:, :, None] * root[:, None]))
+    # NaN is no regular one
     regular, constant = touched[condition <= _CONDITION], touched[~(condition <= _CONDITION)]
     dual[regular] = mean[regular][:, :, None] * np.linalg.inv(gram[regular])
     dual[constant] = np.repeat((mean[constant] / covered[constant][:, None])[:, :, None], n, axis=2)
@@ -357,6 +364,7 @@ def _whole(pieces: Pieces, change: Array, n_facet: int) -> Array:
     corners = pieces.corners.shape[1]
     for fan in ((0, 1, 2), (0, 2, 3))[: corners - 2]:
         p = pieces.corners[:, fan]
+        # twice the area, as the weights add up to 1/2
         area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
         barycentric = np.stack([1 - points.sum(axis=1), *points.T])
         at = np.einsum("kg,pki->pgi", barycentric, pieces.reference[:, fan])
@@ -366,13 +374,14 @@ def _whole(pieces: Pieces, change: Array, n_facet: int) -> Array:
 
 def _values(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Array, Array]:
     """Weights (n_cell, n_gauss), functions of the owner's and of the other's facets (n_cell, n_gauss, n_node)."""
+    # of int phi phi^T and of int psi phi_other^T
     degree = DEGREE[mine.kind] + max(DEGREE[mine.kind], DEGREE[theirs.kind])
     if not (_affine(cells.owner_corners) and _affine(cells.other_corners)):
         degree = max(degree, _CURVED_DEGREE)
     points, weights = triangle_quadrature(degree)
     barycentric = np.stack([1 - points.sum(axis=1), *points.T])
     at = np.einsum("kg,cki->cgi", barycentric, cells.corners)
-    scaled = 2 * cells.areas[:, None] * weights
+    scaled = 2 * cells.areas[:, None] * weights  # the weights of the rule add up to 1/2
     own = _reference(at, cells.owner_corners, mine.reference[cells.owner])
     far = _reference(at, cells.other_corners, theirs.reference[cells.other])
     return scaled, shape(mine.kind, own), shape(theirs.kind, far)
@@ -446,7 +455,7 @@ def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> I
         large = placed[taker[placed] == placed]
         choice = large if len(large) else placed
         nearest = choice[np.argmin(np.linalg.norm(places[choice] - places[p], axis=1))] if len(choice) else p
-        taker[p] = taker[nearest] if len(choice) else p
+        taker[p] = taker[nearest] if len(choice) else p  # without neighbours: a group of its own
     return np.unique(taker, return_inverse=True)[1].astype(np.int64)
 
 

@@ -90,25 +90,6 @@ def turned(axis: Array, degrees: float) -> Array:
     return rotation
 
 
-def tube(
-    cell_type: str, radii: tuple[float, float], length: float, elements: tuple[int, int, int], start: float = 0.0
-) -> Mesh:
-    """Closed tube about z with elements along radius, circumference and axis; faces "inner", "outer", "foot", "top"."""
-    n_radius, n_round, n_along = elements
-    box = typed_box(cell_type, np.zeros(3), np.ones(3), (n_radius, n_round, n_along))
-    seam = np.where(box.nodes[:, 1] > 1 - 1e-9, 0.0, box.nodes[:, 1])
-    keys = np.round(np.column_stack([box.nodes[:, 0], seam, box.nodes[:, 2]]), 9)
-    _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    number = number.ravel()
-    names = {"xmin": "inner", "xmax": "outer", "zmin": "foot", "zmax": "top"}
-    faces = {name: FacetSet.of(*(number[b.facets] for b in box.faces[old].blocks)) for old, name in names.items()}
-    across, around, along = box.nodes[first].T
-    radius, angle = radii[0] + (radii[1] - radii[0]) * across, 2 * np.pi * around + start
-    places = np.stack([radius * np.cos(angle), radius * np.sin(angle), length * along], axis=1)
-    blocks = Mesh.uniform(places, cell_type, number[box.blocks[0].cells]).blocks
-    return Mesh(places, blocks, faces)
-
-
 QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27")
 Place = Callable[[Array], Array]
 

@@ -12,8 +12,7 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.resolution import Resolution
-from latin_fmu.accuracy.runs import Quantities, Run, RunTimeFit, run_at
+from latin_fmu.accuracy.runs import Quantities, Resolution, Run, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,

@@ -13,16 +13,17 @@ import pytest
 import latin_fmu
 from latin_fmu.accuracy import estimate as estimate_module
 from latin_fmu.accuracy.estimate import Changes, coarser_runs_of, estimate_error, estimated_error, observed_order
-from latin_fmu.accuracy.resolution import (
+from latin_fmu.accuracy.runs import (
     Resolution,
+    Run,
     aligned,
     at_resolution,
     in_short_windows,
     mesh_factor,
     reachable,
+    run_at,
     sampling_error,
 )
-from latin_fmu.accuracy.runs import Run, run_at
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem
 from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE, PEAK_FORCE_RAW

@@ -25,7 +25,6 @@ def test_every_example_is_tested_here():
     assert names == {
         "fmu_first",
         "fmu_sweep",
-        "fmu_netcdf",
         "fmu_cut_bar",
         "fmu_package",
         "fmu_model_exchange",
@@ -73,11 +72,6 @@ def test_stop(example, tmp_path):
             assert theirs == pytest.approx(ours, rel=1e-6)
     assert numbers["peak of its second half over that of its first"] <= 1.0
     assert (tmp_path / "stop.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("example", ["fmu_netcdf"], indirect=True)
-def test_netcdf(example):
-    assert example.main() == {"steps": 8, "fields": 17}
 
 
 @pytest.mark.parametrize("example", ["fmu_cut_bar"], indirect=True)

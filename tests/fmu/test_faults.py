@@ -17,7 +17,7 @@ import fmpy
 import numpy as np
 import pytest
 
-import fmu_build.contents
+import fmu_build.build
 from fmu_build.adapter import CoSimulationAdapter, ModelExchangeAdapter, check_packages
 from fmu_build.build import build_fmu
 from fmu_build.drive import described
@@ -196,7 +196,7 @@ def test_two_scenes_in_one_process(opened, fmi, tmp_path):
 
 
 def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path, monkeypatch):
-    real = fmu_build.contents.package_files
+    real = fmu_build.build.package_files
 
     def changed():
         files = real()

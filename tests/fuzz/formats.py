@@ -22,6 +22,7 @@ import pytest
 import latin_fmu
 from fmu_build.build import build_fmu
 from fmu_build.drive import described
+from latin_fmu.cli import main
 from latin_fmu.commands.fmu import read_columns
 from latin_fmu.cosim import Session
 from latin_fmu.errors import LatinError
@@ -81,13 +82,35 @@ def kept(samples: Callable[[], Mapping[str, bytes]]) -> Mapping[str, bytes]:
 def solved(tables: dict[str, Any], folder: Path, cells: int = 100, instants: int = 4) -> None:
     """Check a scene, and solve it where it is small; what converges is finite."""
     scene = latin_fmu.scene_from_dict(tables, folder)
-    boxes = [body.box.elements for body in scene.substructure.values() if body.box is not None]
-    if sum(map(math.prod, boxes)) > cells or scene.time.n_step > 1000:
+    if cells_of(scene) > cells or scene.time.n_step > 1000:
         return
     latin_fmu.check(scene)
     if scene.time.n_step <= instants and scene.solver.max_iterations <= 100:
         outcome = latin_fmu.solve(scene).outcome
         assert not outcome.converged or all(np.isfinite(h.traction).all() for h in outcome.interfaces.values())
+
+
+def cells_of(scene: latin_fmu.Scene) -> int:
+    """Cells of the boxes of a scene."""
+    return sum(math.prod(body.box.elements) for body in scene.substructure.values() if body.box is not None)
+
+
+def read_by_command(path: Path) -> None:
+    """A scene through the command line: solved where it is small, else checked; refused with exit code 2, in words, and
+    without a file."""
+    command, before = ["check", str(path)], set(path.parent.iterdir())
+    with suppress(LatinError):
+        scene = latin_fmu.load_scene(path)
+        if cells_of(scene) <= 100 and scene.time.n_step <= 4 and scene.solver.max_iterations <= 100:
+            command = ["run", str(path), "-o", str(path.parent / "out.nc"), "--quiet"]
+    said = io.StringIO()
+    with redirect_stdout(io.StringIO()), redirect_stderr(said):
+        code = main(command)
+    left = {file.name for file in set(path.parent.iterdir()) - before}
+    assert code in (0, 1, 2), (code, said.getvalue())
+    assert "Traceback" not in said.getvalue(), said.getvalue()
+    assert left <= ({"out.nc"} if code < 2 else set()), (code, left)
+    assert code < 2 or "latin-fmu: " in said.getvalue(), said.getvalue()
 
 
 def read_mesh(path: Path) -> None:
@@ -222,6 +245,7 @@ FORMATS: dict[str, Attempt] = {
     "exodus": Files(exodus_file, changes.binary, read_mesh),
     "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
     "toml": Files(scene_texts, changes.text, read_scene),
+    "command": Files(scene_texts, changes.text, read_by_command),
     "fmu": Files(fmus, changes.archive(changes.member), read_fmu),
     "tables": scene_tables,
     "state": session_state,

@@ -13,7 +13,8 @@ import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import recorder, windows
-from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
+from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box
+from tests.scenes import pressed_stack, rayleigh
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
@@ -22,23 +23,12 @@ Tables = dict[str, Any]
 
 def stack(n: int = 3, behaviour: str = "contact", **solver: Any) -> Tables:
     """Blocks of two materials pressed and sheared, the lowest on moving ground."""
-    names = [f"b{i}" for i in range(n)]
     contact: Tables = {"behaviour": behaviour}
     if behaviour == "contact":
         contact["friction_coefficient"] = 0.3
     boxes = [Box(replace(m, name=kind), (0.01,) * 3, (2,) * 3) for m, kind in ((ALUMINIUM, "soft"), (STEEL, "hard"))]
-    tables = column(
-        {name: boxes[i % 2] for i, name in enumerate(names)},
-        {f"i{i}": contact for i in range(n - 1)},
-        {"end": 6e-6, "instants": 30},
-        load={
-            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": half_sine(5e-6)},
-            "shear": {"face": f"{names[-1]}.zmax", "traction": [5e7, 1e7, 0.0], "law": {"type": "step"}},
-        },
-        solver=solver,
-    )
-    tables["interface"] = {"floor": {"sides": ["b0.zmin", "ground"], **contact}, **tables["interface"]}
-    return tables
+    time = {"end": 6e-6, "instants": 30}
+    return pressed_stack([boxes[i % 2] for i in range(n)], time, contact, shear=(5e7, 1e7, 0.0), solver=solver)
 
 
 def moving_ground(tables: Tables) -> None:
@@ -62,8 +52,7 @@ def driven_face(tables: Tables) -> None:
 
 
 def damped(tables: Tables) -> None:
-    for material in tables["material"].values():
-        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    rayleigh(tables)
     tables["boundary"] = {"quiet": {"type": "absorbing", "face": "b2.xmax"}}
 
 

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import pytest
 import xarray as xr
 
-from fmu_build.contents import write_archive
+from fmu_build.build import write_archive
 from fmu_build.ssp import write_ssp
 from latin_fmu import ResultsError
 from latin_fmu.commands.fmu import write_csv

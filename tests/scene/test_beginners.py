@@ -155,7 +155,7 @@ def test_mistakes_in_a_scene(mistake: str, tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "scene.toml").write_text(text)
     (tmp_path / "folder.msh").mkdir()
     (tmp_path / "part.step").write_text("ISO-10303-21;")
-    (tmp_path / "two.msh").write_bytes((Path(__file__).parents[1] / "hard_cases" / "two.msh").read_bytes())
+    (tmp_path / "two.msh").write_bytes((Path(__file__).parent / "two.msh").read_bytes())
     assert main(["check", str(tmp_path / "scene.toml"), "--strict"]) == code
     shown = "".join(capsys.readouterr())
     assert "Traceback" not in shown

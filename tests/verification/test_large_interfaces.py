@@ -17,6 +17,7 @@ from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.explanation import choices
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
+from tests.scenes import pressed_stack, rayleigh
 
 pytestmark = pytest.mark.skipif(not COMPILES or PLAIN, reason="the factor and the kernels are not compiled")
 
@@ -26,23 +27,10 @@ TIGHT = {"tolerance": 1e-11, "force_tolerance": 1e-11, "max_iterations": 900, "n
 
 def stack(n: int = 3, instants: int = 24, time: Tables | None = None, **solver: Any) -> Tables:
     """Blocks pressed and sheared on moving ground; those of one material are members of a class."""
-    names = [f"b{i}" for i in range(n)]
-    box = Box(STEEL, (0.01,) * 3, (3, 2, 2))
-    soft = Box(ALUMINIUM, (0.01,) * 3, (3, 2, 2))
-    tables = column(
-        {name: soft if i == 0 else box for i, name in enumerate(names)},
-        {f"i{i}": {"friction_coefficient": 0.3} for i in range(n - 1)},
-        time or {"end": 5e-6, "instants": instants, "scheme": "hht"},
-        load={
-            "press": {"face": f"{names[-1]}.zmax", "pressure": 2e8, "law": half_sine(5e-6)},
-            "shear": {"face": f"{names[-1]}.zmax", "traction": [3e7, 1e7, 0.0], "law": {"type": "step"}},
-        },
-        solver={**TIGHT, **solver},
-        output={"fields": True, "energy": True},
-    )
-    floor = {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}
-    tables["interface"] = {"floor": floor, **tables["interface"]}
-    return tables
+    steel, soft = (Box(material, (0.01,) * 3, (3, 2, 2)) for material in (STEEL, ALUMINIUM))
+    time = time or {"end": 5e-6, "instants": instants, "scheme": "hht"}
+    output = {"fields": True, "energy": True}
+    return pressed_stack([soft, *[steel] * (n - 1)], time, solver={**TIGHT, **solver}, output=output)
 
 
 def plain(_: Tables) -> None:
@@ -60,8 +48,7 @@ def non_matching(tables: Tables) -> None:
 
 
 def damped(tables: Tables) -> None:
-    for material in tables["material"].values():
-        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    rayleigh(tables)
     tables["boundary"] = {"quiet": {"type": "absorbing", "face": "b2.xmax"}}
 
 

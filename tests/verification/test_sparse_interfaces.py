@@ -22,6 +22,7 @@ from latin_fmu.latin import search_direction
 from latin_fmu.propagator import interface_probing
 from latin_fmu.propagator.interface_probing import Table
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
+from tests.scenes import pressed_stack, rayleigh
 
 pytestmark = pytest.mark.skipif(not COMPILES or PLAIN, reason="the factor and the kernels are not compiled")
 
@@ -172,32 +173,20 @@ def test_an_inaccurate_table_is_left_out(wrong: str, left: set[str], monkeypatch
 
 def bodies(interface: Tables, **solver: Any) -> Tables:
     """Blocks of two classes, one with several members, on moving ground."""
-    names = [f"b{i}" for i in range(4)]
     steel, soft = (Box(material, (6e-3, 5e-3, 3e-3), (6, 5, 3)) for material in (STEEL, ALUMINIUM))
-    tables = column(
-        {name: soft if i == 0 else steel for i, name in enumerate(names)},
-        {f"i{i}": {"friction_coefficient": 0.3} for i in range(3)},
+    tables = pressed_stack(
+        [soft, steel, steel, steel],
         {"end": 30 * COURANT_ONE, "instants": 30, "scheme": "hht"},
-        load={
-            "press": {"face": "b3.zmax", "pressure": 2e8, "law": half_sine(30 * COURANT_ONE)},
-            "shear": {"face": "b3.zmax", "traction": [3e7, 1e7, 0.0], "law": {"type": "step"}},
-        },
+        duration=30 * COURANT_ONE,
         solver={"tolerance": 1e-4, "force_tolerance": 1e-3, **solver},
         output={"fields": False, "energy": True},
     )
-    floor = {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}
-    tables["interface"] = {"floor": floor, **tables["interface"]}
     tables["interface"]["i1"] |= interface
     return tables
 
 
 def plain(_: Tables) -> None:
     """Classes of one member and of three."""
-
-
-def damped(tables: Tables) -> None:
-    for material in tables["material"].values():
-        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
 
 
 def non_matching(tables: Tables) -> None:
@@ -226,7 +215,7 @@ def several_threads(tables: Tables) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [plain, damped, non_matching, landing, bonded, frictionless, several_threads],
+    [plain, rayleigh, non_matching, landing, bonded, frictionless, several_threads],
     ids=lambda change: change.__name__,
 )
 def test_equal_answers(change: Callable[[Tables], None]) -> None:
