@@ -112,7 +112,7 @@ class WindowSolver:
             record.error_indicator.append(float(measures[0]))
             record.force_mismatch.append(float(measures[1]))
             if verdict & (BEST | CONVERGED) or not kept:
-                kept[:], record.accepted = [stages.iterate()], record.iterations - 1
+                kept[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
             record.newton_steps = stages.newton_steps()
             self._report(number, record, stages)
 
@@ -131,7 +131,7 @@ class WindowSolver:
                 record.fallbacks.append(fallback)
                 phase = start
                 if fallback == RELAXED:
-                    stages.put(best)
+                    best.put(stages)
                     stages.field("q")[...] += _RELAXATION * stages.field("r")
                 else:
                     limit = start + _AFTER_POINTS
@@ -139,7 +139,7 @@ class WindowSolver:
         finally:
             stages.accelerate(settings)
         if not record.converged:
-            stages.put(best)
+            best.put(stages)
         return best
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
@@ -354,7 +354,7 @@ class WindowRun(RunState, ABC):
         stages.begin()
         if stages.n == 1:
             stages.predict()
-            stages.first_guess()
+            image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None:
                 guess = stages.bonded(self._bonds)
         elif guess is None:
@@ -393,7 +393,7 @@ class WindowRun(RunState, ABC):
             if n == 1:
                 for c in range(len(image.propagators)):
                     image.call(entries.END_CLASS, c, first)
-                stages.end_instant(first)
+                image.call(entries.END_INSTANT, first)
             else:
                 image.call(entries.END_WINDOW, first + i, i)
             stages.ended()
