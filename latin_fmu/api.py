@@ -28,8 +28,8 @@ from .latin.outcome import InterfaceHistory, Outcome, Timings
 from .latin.part import Part
 from .latin.processes import Processes
 from .latin.recorder import Recorder
-from .latin.solver import IterationEvent
-from .latin.windows import Run, WindowFields
+from .latin.solver import IterationEvent, WindowFields
+from .latin.windows import Run
 from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks
 from .remarks import Remark, remarks_of

@@ -78,12 +78,12 @@ class Segment:
         return self.windows.largest_error()
 
 
-class SegmentedRun:
-    """A scene advanced segment by segment.
+class SegmentState:
+    """A scene at the end of a segment, and at the beginning of the next one.
 
     Parameters
     ----------
-    scene : forces whose law is ``input`` take the histories given to ``advance``; the others keep their law.
+    scene : forces whose law is ``input`` take the histories given from outside; the others keep their law.
     tolerance : replaces the tolerance of the scene (the force tolerance in proportion).
 
     Attributes
@@ -157,54 +157,9 @@ class SegmentedRun:
         start = np.zeros(1)
         return {n: float(amplitudes[n] if n in amplitudes else law.sample(start)[0]) for n, law in self._laws.items()}
 
-    def advance(
-        self,
-        end: float,
-        n: int,
-        loads: Mapping[str, Array] | None = None,
-        accept: bool = False,
-        solve: Callable[[Run], None] = Run.all,
-        recorder: Callable[..., Recorder] = Recorder,
-    ) -> Segment:
-        """Solve n steps from the present time to ``end``.
-
-        Parameters
-        ----------
-        end : the instant n time steps later, s. n : number of them. loads : amplitude (n + 1,) of loads by name.
-        accept : move on even where a window did not converge (its best iterate); else the state is untouched.
-        solve : solves the windows of the segment. recorder : makes that of the segment.
-
-        Raises
-        ------
-        InputError : an end that is not n time steps later.
-        """
-        last = (self.made + n) * self.dt
-        if n < 1 or not abs(end - last) <= _ON_GRID * self.dt:
-            what = f"is not {n} time steps of {self.dt:g} s after {self.time:g} s"
-            raise InputError([Problem("end of a segment", what, f"{end!r} s", f"{last!r} s")])
-        before = self.get_state()
-        try:
-            with one_thread():
-                segment = self._solve(n, loads or {}, solve, recorder)
-        except Exception:  # of any kind: the state must not be half of the next one
-            self.set_state(before)
-            raise
-        if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
-            self.set_state(before)
-            return replace(segment, accepted=False)
-        self.made += n
-        if segment.energy is not None:
-            for term in _RUNNING:
-                if term in segment.energy:
-                    self.running[term] = float(segment.energy[term][-1])
-        if self.communication is None and self.run is not None:  # else the kernels keep it
-            state = packed_motions(self.problem.assembly, n)
-            self.run.image.field("motion_state", len(state))[:] = state
-        return segment
-
     def begin(self, n: int, loads: Mapping[str, Array], make: Callable[..., Recorder] | None = Recorder) -> Run:
         """Begin a segment of n time steps at the present time, without solving it; ``loads``, ``make`` : as ``loads``
-        and ``recorder`` for ``advance``, None where nothing is recorded and the state is left as it is."""
+        and ``recorder`` for ``SegmentedRun.advance``, None where nothing is recorded and the state is left as it is."""
         problem, assembly, self.room = self.problem, self.problem.assembly, 0
         if self.run is None:
             fields = {"n_motion_state": motion_size(assembly)} if self.communication is None else self.communication()
@@ -232,36 +187,6 @@ class SegmentedRun:
             run.open_bonds()
         self.room = COMMUNICATION_ROWS - 1
         return run
-
-    def _solve(
-        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
-    ) -> Segment:
-        if self.run is None:
-            self.settle({name: float(values[0]) for name, values in loads.items()})
-        run = self.begin(n, loads, make)
-        assembly, recorder = self.problem.assembly, run.recorder
-        solve(run)
-        energy = recorder.assembly_energy(assembly)
-        if energy is not None:
-            for term in _RUNNING:
-                if term in energy:
-                    energy[term] = energy[term] + self.running.get(term, 0.0)
-            first = float(energy["kinetic"][0] + energy["elastic"][0])
-            self.stored = first if self.stored is None else self.stored
-            energy["balance"] = energy["balance"] + (first - self.stored)
-        converged, sentence = run.status(energy, self.stored)
-        return Segment(
-            assembly.time[: recorder.n_kept],
-            run.windows,
-            converged,
-            True,
-            sentence,
-            energy,
-            recorder.sensors(assembly),
-            recorder.reactions(assembly),
-            recorder.bolt_histories(),
-            recorder,
-        )
 
     def _resumed(self) -> dict[int, GroundState]:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
@@ -318,6 +243,100 @@ class SegmentedRun:
         self.made, self.stored, self.running = state["made"], state["stored"], dict(state["running"])
         self._resumed()
 
+    def close(self) -> None:
+        """Free the operators; the run cannot be used after this.
+
+        The image of a run and its propagators hold one another: without this they wait for the collector of cycles.
+        """
+        for propagator in self.problem.assembly.propagators:
+            vars(propagator).clear()
+        self.run = None
+
+    def reset(self) -> None:
+        """Back to t = 0."""
+        for propagator in self.problem.assembly.propagators:
+            propagator.restart()
+        self.made, self.room, self.running, self.stored, self.run = 0, 0, {}, None, None
+
+
+class SegmentedRun(SegmentState):
+    """A scene advanced segment by segment."""
+
+    def advance(
+        self,
+        end: float,
+        n: int,
+        loads: Mapping[str, Array] | None = None,
+        accept: bool = False,
+        solve: Callable[[Run], None] = Run.all,
+        recorder: Callable[..., Recorder] = Recorder,
+    ) -> Segment:
+        """Solve n steps from the present time to ``end``.
+
+        Parameters
+        ----------
+        end : the instant n time steps later, s. n : number of them. loads : amplitude (n + 1,) of loads by name.
+        accept : move on even where a window did not converge (its best iterate); else the state is untouched.
+        solve : solves the windows of the segment. recorder : makes that of the segment.
+
+        Raises
+        ------
+        InputError : an end that is not n time steps later.
+        """
+        last = (self.made + n) * self.dt
+        if n < 1 or not abs(end - last) <= _ON_GRID * self.dt:
+            what = f"is not {n} time steps of {self.dt:g} s after {self.time:g} s"
+            raise InputError([Problem("end of a segment", what, f"{end!r} s", f"{last!r} s")])
+        before = self.get_state()
+        try:
+            with one_thread():
+                segment = self._solve(n, loads or {}, solve, recorder)
+        except Exception:  # of any kind: the state must not be half of the next one
+            self.set_state(before)
+            raise
+        if not segment.converged and (not accept or (self.run is not None and self.run.stopped)):
+            self.set_state(before)
+            return replace(segment, accepted=False)
+        self.made += n
+        if segment.energy is not None:
+            for term in _RUNNING:
+                if term in segment.energy:
+                    self.running[term] = float(segment.energy[term][-1])
+        if self.communication is None and self.run is not None:  # else the kernels keep it
+            state = packed_motions(self.problem.assembly, n)
+            self.run.image.field("motion_state", len(state))[:] = state
+        return segment
+
+    def _solve(
+        self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
+    ) -> Segment:
+        if self.run is None:
+            self.settle({name: float(values[0]) for name, values in loads.items()})
+        run = self.begin(n, loads, make)
+        assembly, recorder = self.problem.assembly, run.recorder
+        solve(run)
+        energy = recorder.assembly_energy(assembly)
+        if energy is not None:
+            for term in _RUNNING:
+                if term in energy:
+                    energy[term] = energy[term] + self.running.get(term, 0.0)
+            first = float(energy["kinetic"][0] + energy["elastic"][0])
+            self.stored = first if self.stored is None else self.stored
+            energy["balance"] = energy["balance"] + (first - self.stored)
+        converged, sentence = run.status(energy, self.stored)
+        return Segment(
+            assembly.time[: recorder.n_kept],
+            run.windows,
+            converged,
+            True,
+            sentence,
+            energy,
+            recorder.sensors(assembly),
+            recorder.reactions(assembly),
+            recorder.bolt_histories(),
+            recorder,
+        )
+
     def snapshot(self) -> bytes:
         """The state as bytes, with a version number."""
         return encode(self.get_state(), self._kind)
@@ -364,21 +383,6 @@ class SegmentedRun:
                 given = () if i in assembly.ground_start else (stated[assembly.interfaces[i].name], own[g][members])
                 if any((np.abs(known - gaps[g][members]) > _SAME_GAP * size).any() for known in given):
                     raise unlike("state", "gaps that do not follow from its displacements")
-
-    def close(self) -> None:
-        """Free the operators; the run cannot be used after this.
-
-        The image of a run and its propagators hold one another: without this they wait for the collector of cycles.
-        """
-        for propagator in self.problem.assembly.propagators:
-            vars(propagator).clear()
-        self.run = None
-
-    def reset(self) -> None:
-        """Back to t = 0."""
-        for propagator in self.problem.assembly.propagators:
-            propagator.restart()
-        self.made, self.room, self.running, self.stored, self.run = 0, 0, {}, None, None
 
 
 # -- motions from outside: part of the state in the image --------------------------------------------------------------

@@ -49,6 +49,7 @@ from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..latin.outcome import Array, Timings
 from ..latin.recorder import Recorder
+from ..latin.run_image import all_in_kernels
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator.image import COMMUNICATION_ROWS, Image, pools_of
@@ -138,7 +139,7 @@ class CommunicationRun:
         recorder = Recorder(problem.assembly, problem.output, problem.info)
         self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
         self.run.open_bonds()
-        if not self.run.compiles():
+        if not (self.run.marches and all_in_kernels(self.run.image)):
             raise _solved_by_python(self.run)
         self.image: Image = self.run.image
         self.image.set({"first_row": 0})

@@ -116,7 +116,7 @@ class HostedSession:
     def _give_histories(self, session: Session) -> None:
         """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
         file = self._variables.text("historyFile")
-        if not session.prescribed:
+        if not session.settings.prescribed:
             if file:
                 self._log(WARNING, "historyFile has no effect in windowed mode: set mode = 1")
             return
@@ -251,7 +251,7 @@ class FmiInstance(ReferencedVariables):
         self._failure, self._variables.fixed = "", True
         return True
 
-    @exception_barrier(lambda *_: False)
+    @exception_barrier(lambda *_: False, computes=False)
     def step(self, t: float, h: float, early: bool = False) -> bool:
         """Advance from t by h, s; False, and the reason is logged, where the step is not made.
 

@@ -49,16 +49,20 @@ class KernelSteps:
     Attributes
     ----------
     must_record : whether a step has to be recorded, because its energies, or forces of moved faces, do not follow from
-    the outputs. origin : of the last step, or of the one that is made.
+    the outputs. origin : of the last step. begun : of the one that is made.
     """
 
     must_record = False
     origin: Origin | None = None
+    begun: Origin | None = None
 
     def __init__(self, scene: Scene, rule: int, run: SegmentedRun, outputs: OutputRows) -> None:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources, self._outputs = outputs.sources, outputs
+        most, end = COMMUNICATION_ROWS - 1, self.sources.end
+        self._most = most if end < 0 else min(most, end)  # time steps that one call can make
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
+        self._by_caller = False  # whether windows are solved from Python
         self._has_rows = False  # whether the output of the image is that of the last step
 
     @property
@@ -88,7 +92,8 @@ class KernelSteps:
         rows[:2, len(given) :] = self.sources.own(self._scene, run.instants(made, 1))
         with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
             march = run.lay_out(self.sources.named(rows))
-        march.image.set({"first_row": 0, "by_caller": int(not march.marches)})
+        self._by_caller = march.settings.window != 1 or not march.marches
+        march.image.set({"first_row": 0, "by_caller": int(self._by_caller)})
         accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
         self._followed = accounted and self._follows_energy
         self.must_record = (accounted and not self._followed) or self._outputs.incomplete
@@ -109,25 +114,24 @@ class KernelSteps:
 
         early : up to the end of the first time step with a contact event.
         """
-        run = self._run
+        run, self.begun = self._run, None
         if run.run is None:
             self._open(loads, part)
         elif run.room < min(part.n, COMMUNICATION_ROWS - 1):
             self._lay_out(loads, part)
         before = run.get_state(self._states[0])
         assert before is not None
-        assert run.run is not None
-        self.origin, self._has_rows = Origin(before, loads, part, part.n), False
-        if not run.run.marches:
+        self.begun, self._has_rows = Origin(before, loads, part, part.n), False
+        if self._by_caller:
             return None
-        row = self._marched(self.origin, early=early)
+        row = self._marched(self.begun, early=early)
         if row is not None and self._ends < part.n:
-            self._image.state[:], self.origin = before["state"], self.origin._replace(n=self._ends)
-            row = self._marched(self.origin)
+            self._image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
+            row = self._marched(self.begun)
         if row is None or (self._followed and self._gains_energy(row)):
             return None
-        self._has_rows = self.origin.n < COMMUNICATION_ROWS
-        run.made += self.origin.n
+        self._has_rows = self.begun.n < COMMUNICATION_ROWS
+        run.made += self.begun.n
         if run.problem.output.energy:
             friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
             if self._followed:  # the interfaces dissipate the work that the bodies do on them
@@ -137,10 +141,10 @@ class KernelSteps:
 
     def take_back(self) -> None:
         """Return to the state before the step that is made."""
-        if self._run.made == 0 or self.origin is None:
+        if self._run.made == 0:
             self._run.reset()
-        else:
-            self._run.set_state(self.origin.state)
+        elif self.begun is not None:
+            self._run.set_state(self.begun.state)
 
     def accept(self, loads: Loads) -> None:
         """End the step that was made to its end: let the loads go on from what it has left of them."""
@@ -150,6 +154,7 @@ class KernelSteps:
 
     def keep_state(self) -> dict[str, Any] | None:
         """The state before the step that was made, None for t = 0; it is kept until the step after the next one."""
+        self.origin = self.begun
         assert self.origin is not None
         self._states = self._states[1], self.origin.state["state"]
         return self.origin.state if self.origin.state["made"] else None
@@ -157,8 +162,8 @@ class KernelSteps:
     def recorded(self, early: bool = False) -> Segment:
         """The step as a segment: what ``march`` has just made, else it is made now; taken back where it is not
         accepted. ``early`` : as there."""
-        assert self.origin is not None
-        step, run = self.origin, self._run
+        assert self.begun is not None
+        step, run = self.begun, self._run
         after = self._image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
         run.set_state(step.state)
 
@@ -178,7 +183,7 @@ class KernelSteps:
         run.room, self._has_rows = step.n, False
         if early and segment.accepted and self._ends < step.n:
             run.set_state(step.state)
-            self.origin = step._replace(n=self._ends)
+            self.begun = step._replace(n=self._ends)
             return self.recorded()
         return segment
 
@@ -201,7 +206,7 @@ class KernelSteps:
         self._give(step.loads, step.part, step.state["made"])
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         outputs = image.field("output", image.rows, self._outputs.n)
-        most, done, row = self._longest_call(), 0, 0
+        most, done, row = self._most, 0, 0
         if run is not None and run.recorder.until_fields() < step.n:
             most = 1  # fields of the instants in between are kept
         while done < self._ends:
@@ -213,7 +218,7 @@ class KernelSteps:
             if run is not None and row:
                 run.keep_marched(done + 1, row, 1)
             if run is not None and row < n:
-                solved = self._solved(run, row, n - row, done)
+                solved = self._solved(run, row, n - row, done, step.part.n)
                 if not solved:
                     return None
                 row += solved
@@ -222,12 +227,11 @@ class KernelSteps:
         last: Array = outputs[row].copy()
         return last
 
-    def _solved(self, run: Run, row: int, left: int, done: int) -> int:
+    def _solved(self, run: Run, row: int, left: int, done: int, whole: int) -> int:
         """Solve the window behind a row, which the kernels have left, and end its time steps; how many, 0 where it did
-        not converge. ``left`` : rows of the call. ``done`` : time steps of the step before the call."""
-        assert self.origin is not None
-        image, whole = run.image, self.origin.part.n
-        n = min(run.settings.window or left, left, image.window) if not run.marches else 1
+        not converge. ``left`` : rows of the call. ``done`` : time steps before the call, of ``whole``."""
+        image = run.image
+        n = min(run.settings.window or left, left, image.window) if self._by_caller else 1
         record = run.solve_rows(row + 1, n, done)
         if not record.converged:
             return 0
@@ -240,15 +244,10 @@ class KernelSteps:
         return n
 
     # -- own laws of the scene ------------------------------------------------------------------------------------
-    def _longest_call(self) -> int:
-        """Time steps that one call can make."""
-        most, end = COMMUNICATION_ROWS - 1, self.sources.end
-        return most if end < 0 else min(most, end)
-
     def _tabulate(self, made: int, n: int) -> None:
         """Let the table of own laws hold the next n time steps, beyond the end of the scene too."""
         sources, image = self.sources, self._image
-        first, end = int(image.run[0]["law_first"]), sources.end
+        first, end = int(image.run_fields.get("law_first", 0)), sources.end
         if end < 0 or first <= made <= first + end - n:
             return
         first = 0 if made + n <= end else made
@@ -280,7 +279,7 @@ class KernelSteps:
         if self._has_rows and run.room and not rows.slide:
             rows.keep(self._image, None, 0, n, 0)
             return rows.histories(n, duration)
-        before = run.get_state()
+        before, self.begun = run.get_state(), self.origin
         segment = self.recorded()
         run.set_state(before)
         return segment.interfaces

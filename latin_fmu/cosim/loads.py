@@ -55,14 +55,12 @@ def rule_of(name: str, rule: int, rate: float) -> int:
     return LINE if is_wave(name) and rule != HOLD and rate == 0.0 else rule
 
 
-class Loads:
-    """Loads set from outside, for the next step and over a simulation.
+class GivenLoads:
+    """Loads as they are set from outside: values and rates, and histories of prescribed mode.
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : of prescribed mode.
-    memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
-    the last instant. kinds : of the loads, as there.
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -72,22 +70,13 @@ class Loads:
             for name in self._start
             if name.startswith("boundary.") and scene.boundary[name[9:]].type == "displacement"
         }
-        self.kinds = np.array([self._kind(name) for name in self._start], dtype=np.int64)
         self._static = scene.time.quasi_static
         self.reset()
-
-    def _kind(self, name: str) -> int:
-        if name in self._displacements:
-            return inputs.DISPLACEMENT
-        return inputs.MOTION if is_motion(name) else inputs.WAVE if is_wave(name) else inputs.LOAD
 
     def reset(self) -> None:
         """Set every load to its start value; remove the histories."""
         self.value = dict(self._start)
         self.rate = dict.fromkeys(self._start, 0.0)
-        self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
-        self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
-        self.span = self.behind = 0.0
         self._initial: dict[str, tuple[float, float]] = {}  # value and rate when the simulation began
         self.histories: Histories = {}
 
@@ -126,14 +115,6 @@ class Loads:
                 return f"{input_variable(name, 'rate')} = {self.rate[name]!r}"
         return ""
 
-    # -- over a simulation ----------------------------------------------------------------------------------------
-    def begin(self) -> None:
-        """Start a simulation with the present values."""
-        self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
-        self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
-        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
-        self._initial = {name: self.get(name) for name in self._start}
-
     def changed(self) -> str:
         """Name of the first load that was changed since ``begin``; empty where none was."""
         return next((name for name, initial in self._initial.items() if self.get(name) != initial), "")
@@ -160,18 +141,6 @@ class Loads:
         held = {name: np.full(n, value) for name, value in self.value.items()}
         return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
 
-    def _given(self) -> tuple[Array, Array]:
-        """Values and rates that are set, in the order of the loads."""
-        return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
-
-    def driving(self, part: GridPart, dt: float, rule: int) -> dict[str, Array]:
-        """What drives the run over the time steps of dt, s, that a step ends: amplitudes (n + 1,); of displacements
-        their rates, 1/s, over the time steps. rule : HOLD, RATE, LINE or CAUSAL."""
-        lines = np.zeros((len(self._start), part.n + 1))
-        memory = self.memory.reshape(-1)
-        inputs.interpolate(*self._given(), memory, self.kinds, self.span, dt, rule, self.behind, part.rest, lines)
-        return dict(zip(self._start, lines, strict=True))
-
     def over(self, instants: Array) -> dict[str, Array]:
         """What drives a run at given instants: histories, else the present values; of displacements their rates, by
         central differences (without inertia: over the steps)."""
@@ -189,6 +158,52 @@ class Loads:
             span = np.where(after > before, after - before, dt)
             driving[name] = (at(name, after) - at(name, before)) / span
         return driving
+
+
+class Loads(GivenLoads):
+    """Loads set from outside, and what the steps so far have left of them.
+
+    Attributes
+    ----------
+    memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
+    the last instant. kinds : of the loads, as there.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.kinds = np.array([self._kind(name) for name in self._start], dtype=np.int64)
+
+    def _kind(self, name: str) -> int:
+        if name in self._displacements:
+            return inputs.DISPLACEMENT
+        return inputs.MOTION if is_motion(name) else inputs.WAVE if is_wave(name) else inputs.LOAD
+
+    def reset(self) -> None:
+        """Set every load to its start value; remove the histories, and what steps have left."""
+        super().reset()
+        self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
+        self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
+        self.span = self.behind = 0.0
+
+    # -- over a simulation ----------------------------------------------------------------------------------------
+    def begin(self) -> None:
+        """Start a simulation with the present values."""
+        self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
+        self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
+        self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
+        self._initial = {name: self.get(name) for name in self._start}
+
+    def _given(self) -> tuple[Array, Array]:
+        """Values and rates that are set, in the order of the loads."""
+        return np.array(list(self.value.values()), dtype=float), np.array(list(self.rate.values()), dtype=float)
+
+    def driving(self, part: GridPart, dt: float, rule: int) -> dict[str, Array]:
+        """What drives the run over the time steps of dt, s, that a step ends: amplitudes (n + 1,); of displacements
+        their rates, 1/s, over the time steps. rule : HOLD, RATE, LINE or CAUSAL."""
+        lines = np.zeros((len(self._start), part.n + 1))
+        memory = self.memory.reshape(-1)
+        inputs.interpolate(*self._given(), memory, self.kinds, self.span, dt, rule, self.behind, part.rest, lines)
+        return dict(zip(self._start, lines, strict=True))
 
     def rates(self, rule: int) -> dict[str, float]:
         """Rates over the next step, 1/s: those set; under the rule CAUSAL of a load that never had one, and is no wave,

@@ -37,7 +37,7 @@ from .prescribed import Prescribed
 from .settings import Settings, StepReport, refused, why_not
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of
-from .variables import PRESCRIBED, scalar_table, with_laws
+from .variables import scalar_table, with_laws
 from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
@@ -81,11 +81,6 @@ class Session:
         self.step_history.clear()
         if self._mode is not None:
             self._mode.reset()
-
-    @property
-    def prescribed(self) -> bool:
-        """Whether the mode is prescribed, not windowed."""
-        return self.settings.mode == PRESCRIBED
 
     # -- inputs ---------------------------------------------------------------------------------------------------
     @property
@@ -136,7 +131,10 @@ class Session:
         if self._mode is None or starts != self._starts:
             laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
             scene = with_laws(self.scene, laws) if laws else self.scene
-            self._mode, self._starts = (Prescribed if self.prescribed else Windowed)(scene, self.settings), starts
+            self._mode, self._starts = (
+                (Prescribed if self.settings.prescribed else Windowed)(scene, self.settings),
+                starts,
+            )
         return self._mode
 
     def step(self, t: float, h: float, early: bool = False) -> StepReport:
@@ -159,12 +157,9 @@ class Session:
         if report.accepted:
             self.time, self.row = t + h if report.early is None else report.early, mode.row
             if self.settings.keep:
-                self._keep(t, mode, rates)
+                segment = mode.segment if isinstance(mode, Windowed) else None
+                self.step_history.append(AcceptedStep(t, self.time, self.row, dict(self._loads.value), rates, segment))
         return report
-
-    def _keep(self, t: float, mode: Windowed | Prescribed, rates: dict[str, float]) -> None:
-        segment = mode.segment if isinstance(mode, Windowed) else None
-        self.step_history.append(AcceptedStep(t, self.time, self.row, dict(self._loads.value), rates, segment))
 
     def derivative(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
         """Directional derivative (n_unknown,) of outputs at the end of the last step by inputs over it: the sum over
@@ -202,14 +197,10 @@ class Session:
             return np.zeros(0), {}
         return self._t0 + self._mode.time, self._mode.interfaces
 
-    @property
-    def n_instant(self) -> int:
-        """Number of instants in ``window``."""
-        return 0 if self._mode is None else self._mode.n_instant
-
-    def instant(self) -> int:
-        """Index of the present instant in ``window``."""
-        return -1 if self._mode is None else self._mode.instant(self.time - self._t0)
+    def instant(self) -> tuple[int, int]:
+        """Index of the present instant in ``window``, and number of instants there."""
+        mode = self._mode
+        return (-1, 0) if mode is None else (mode.instant(self.time - self._t0), mode.n_instant)
 
     @property
     def warnings(self) -> tuple[str, ...]:

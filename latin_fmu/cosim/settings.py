@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..errors import InputError, Problem
 from ..scene.schema import Scene
@@ -34,6 +35,11 @@ class Settings:
     tolerance: float | None = None
     max_iterations: int | None = None
     keep: bool = True
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the mode is prescribed, not windowed."""
+        return self.mode == PRESCRIBED
 
     def choices(self) -> tuple[object, ...]:
         """The settings that change the numbers."""
@@ -99,8 +105,7 @@ def _is_span(value: float | None) -> bool:
     return value is None or (math.isfinite(value) and value > 0.0)
 
 
-@dataclass(frozen=True)
-class StepReport:
+class StepReport(NamedTuple):
     """Result of a communication step; where it is not accepted, ``message`` says why and the state is as before.
 
     ``again``: a shorter step, or the same with another input, may be accepted. ``early``: time, s, at which the step

@@ -35,8 +35,8 @@ def _apart(values: Any) -> Any:
     return apart.reshape(n * n_point, *values.shape[1:])
 
 
-class Signals:
-    """Places of the signals of an assembly, and the outputs that follow from them."""
+class SignalPlaces:
+    """Places of the signals of an assembly."""
 
     def __init__(self, drives: Drives, recorder: Recorder) -> None:
         self._drives, assembly = drives, drives.assembly
@@ -70,6 +70,23 @@ class Signals:
         members = self._assembly.propagators[c].members
         row = kind * members[0].imposed_pattern.shape[1] + k
         return int(self._drive + self._motions[c] + row * len(members) + member)
+
+    def _source(self, name: str) -> int | None:
+        """Place of the amplitude of a source at the instant; None for a load that is constant."""
+        names = (*self._drives.sources.inputs, *self._drives.sources.laws)
+        first = self._drive + self._drives.n_state + len(names)
+        return first + names.index(name) if name in names else None
+
+    def _add_motions(self, rows: Any, row: int, of: tuple[int, int, int], shapes: Array) -> None:
+        """Add what prescribed motions of a class and member add, by ``shapes`` (n_motion,); ``of``: class, 0 for their
+        displacements, 1 for velocities, 2 for accelerations, member."""
+        c, kind, member = of
+        for k in np.flatnonzero(shapes):
+            rows[row, self._motion(c, kind, int(k), member)] += shapes[k]
+
+
+class Signals(SignalPlaces):
+    """The outputs of an assembly that follow from its signals."""
 
     def _kept(self) -> sp.csr_array:
         """Numbers of a row of ``InterfaceRows`` from the signals."""
@@ -196,19 +213,6 @@ class Signals:
                 rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
                 self._add_motions(rows, 3 * kind + axis, (c, kind, member), place.shapes[axis])
         return sp.csr_array(rows)
-
-    def _add_motions(self, rows: Any, row: int, of: tuple[int, int, int], shapes: Array) -> None:
-        """Add what prescribed motions of a class and member add, by ``shapes`` (n_motion,); ``of``: class, 0 for their
-        displacements, 1 for velocities, 2 for accelerations, member."""
-        c, kind, member = of
-        for k in np.flatnonzero(shapes):
-            rows[row, self._motion(c, kind, int(k), member)] += shapes[k]
-
-    def _source(self, name: str) -> int | None:
-        """Place of the amplitude of a source at the instant; None for a load that is constant."""
-        names = (*self._drives.sources.inputs, *self._drives.sources.laws)
-        first = self._drive + self._drives.n_state + len(names)
-        return first + names.index(name) if name in names else None
 
     def _port_rows(self, scene: Scene) -> Iterator[sp.csr_array]:
         """Outputs of the ports, in the order of ``variables.scalar_table``."""

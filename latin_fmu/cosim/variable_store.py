@@ -182,7 +182,7 @@ class VariableStore:
             if session is not None:
                 from .outputs import array_output
 
-                values = array_output(variable.name, *session.window(), session.instant())
+                values = array_output(variable.name, *session.window(), session.instant()[0])
             self._array_outputs[reference] = _fitted(values, shape, np.nan)
         return self._array_outputs[reference]
 
@@ -207,7 +207,7 @@ class VariableStore:
         self.forget_arrays()
         if "window.count" in self.place:
             capacity = self.number("window.size")
-            self.numbers[self.place["window.count"]] = min(session.n_instant, capacity)
+            self.numbers[self.place["window.count"]] = min(session.instant()[1], capacity)
 
     def forget_arrays(self) -> None:
         """Drop the array outputs that were read: the session has changed."""

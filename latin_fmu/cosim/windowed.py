@@ -121,7 +121,7 @@ class Windowed:
         else:
             loads.accept(part, dt, self.rule, n)
         self._last_step = LastStep(self._before, given, part, n, h)
-        return report if n == part.n else replace(report, early=float(t0 + self.time[-1]))
+        return report if n == part.n else report._replace(early=float(t0 + self.time[-1]))
 
     def _held(self) -> StepReport:
         """A step that ends before the next instant: nothing but the loads goes on."""

@@ -232,7 +232,7 @@ def continuation(assembly: Assembly) -> Array:
     return share
 
 
-_ITERATE = ("q", "local_f", "local_w", "r", "measure")  # fields of the image that make an iterate
+_ITERATE = ("q", "local_f", "local_w", "r")  # fields of the image that make an iterate, with ``measure``
 
 
 @dataclass
@@ -244,6 +244,18 @@ class Iterate:
     w_hat: Array
     residual: Array
     measures: Array
+
+    @classmethod
+    def last(cls, stages: Stages) -> Iterate:
+        """A copy of the last iterate of a window."""
+        q, f_hat, w_hat, residual = (stages.field(name).copy() for name in _ITERATE)
+        return cls(q, f_hat, w_hat, residual, stages.measures())
+
+    def put(self, stages: Stages) -> None:
+        """Make this iterate the last one of a window."""
+        for name, values in zip(_ITERATE, (self.q, self.f_hat, self.w_hat, self.residual), strict=True):
+            stages.field(name)[...] = values
+        stages.image.field("measure", 9)[:] = self.measures
 
     @property
     def error(self) -> float:
@@ -324,14 +336,6 @@ class Stages:
             self.predict()
             self.image.set({"from_last": 1})
         self.image.call(entries.FREE_MOTION, self.first)
-
-    def first_guess(self) -> None:
-        """First q of an instant."""
-        self.image.call(entries.FIRST_GUESS, self.first)
-
-    def end_instant(self, instant: int, i: int = 0) -> None:
-        """Gaps and accepted fields at the end of an instant, the i-th of the window."""
-        self.image.call(entries.END_INSTANT, instant, i)
 
     def ended(self) -> None:
         """Called at the end of an instant."""
@@ -416,13 +420,3 @@ class Stages:
     def measures(self) -> Array:
         """Measures (9,) of the last iterate, a copy."""
         return self.image.field("measure", 9).copy()
-
-    def iterate(self) -> Iterate:
-        """A copy of the last iterate."""
-        q, f_hat, w_hat, residual = (self.field(name).copy() for name in _ITERATE[:-1])
-        return Iterate(q, f_hat, w_hat, residual, self.measures())
-
-    def put(self, iterate: Iterate) -> None:
-        """Make an iterate the last one."""
-        for name, values in zip(_ITERATE, vars(iterate).values(), strict=True):
-            (self.image.field("measure", 9) if name == "measure" else self.field(name))[...] = values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -37,7 +38,7 @@ from .part import Part
 from .probes import Probes
 from .processes import check_newton
 from .recorder import Recorder
-from .run_image import LawsInPython, Stages, all_in_kernels, histories, law_of, make_image, negligible_scales, still
+from .run_image import LawsInPython, Stages, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
 from .settings import Settings
 from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
@@ -124,22 +125,18 @@ class Team:
                 one.result()
 
 
-class RunState:
-    """All that a run holds between two windows.
+class RunImage:
+    """The image of a run, its search directions, and the energies that the state of the image accounts for.
 
     Parameters
     ----------
-    assembly, settings : the problem and the rules of its solution. recorder : keeps the accepted fields.
+    assembly, settings : the problem and the rules of its solution. recorder : reads what the image keeps.
     communication : fields of the record of the run for communication steps in kernels. part : of the assembly that this
         process holds where its substructures are distributed, else None.
 
     Attributes
     ----------
     held : the assembly, or the part of it, that the image is of.
-    windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
-    marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
-    refusals : windows of one instant that the compiled driver left to the Python driver.
-    stopped : whether a window ended so far from a solution that the run cannot continue.
     """
 
     def __init__(
@@ -147,34 +144,13 @@ class RunState:
         assembly: Assembly,
         settings: Settings,
         recorder: Recorder,
-        timings: Timings,
-        communication: Mapping[str, Any] | None = None,
-        part: Part | None = None,
+        communication: Mapping[str, Any],
+        part: Part | None,
     ) -> None:
-        self.image: Image
-        self._communication = {} if communication is None else communication
-        self.assembly, self.settings, self.recorder, self.timings = assembly, settings, recorder, timings
+        self.assembly, self.settings = assembly, settings
         self.part, self.held = part, assembly if part is None else part.assembly
+        start = initial_conditions(assembly)
         self._exchange: Exchange | None = None
-        self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
-        self.marched = self.condensed = 0
-        self._in_rows = False  # instants are in the rows of their numbers
-        self._clear()
-        self._set_up(initial_conditions(assembly))
-        self.image.call(entries.OPEN_ACCOUNTS)
-        self._begin_recording()
-
-    def _clear(self) -> None:
-        """Forget the windows of the last segment."""
-        self.windows = WindowList()
-        self.interface_indicator: Array | None = None
-        self.stopped = False
-        self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
-
-    # -- the image ----------------------------------------------------------------------------------------------
-    def _set_up(self, start: tuple[Array, Array]) -> None:
-        """Image and search directions. ``start`` : tractions and velocities at t = 0."""
-        assembly = self.assembly
         self._directions: dict[int, Direction] = {}
         self._direct_bonds = False
         # where the perfect interfaces are too many, or redundant, for one matrix in the kernels
@@ -182,22 +158,18 @@ class RunState:
         one = self.direction(1)
         one.bind()
         # communication steps have signals of all that is probed: there fields are read instant by instant
-        self._probes: Probes | None = self.recorder.probes(self.held, fields=not self._communication.get("n_output"))
-        part = self.part if assembly.interfaces else None
+        self._probes: Probes | None = recorder.probes(self.held, fields=not communication.get("n_output"))
+        part = part if assembly.interfaces else None
         if part is not None:
             with part.processes.agreed():
                 check_newton(one)
-        self.image = make_image(self.held, self.settings, one, self._probes, self._communication, part)
+        self.image = make_image(self.held, settings, one, self._probes, communication, part)
         if part is not None:
             self._exchange = Exchange(part, self.image, one)
         LawsInPython(self.image, self.held.layout.groups)
         self.f_hat[:], self.w_hat[:] = start if part is None else (field[part.channels] for field in start)
         self._use(1)
-        self.image.field("scales", 3)[:] = negligible_scales(self.image, one, self.settings.tolerance)
-        self._team = Team(self.image, self.settings.threads)
-        self.refusals = 0
-        self._per_instant, self._refused, self._in_kernels = 0.0, False, all_in_kernels(self.image)
-        self._still = still(assembly)
+        self.image.field("scales", 3)[:] = negligible_scales(self.image, one, settings.tolerance)
 
     def stages(self, n: int, first: int) -> Stages:
         """Stages of a window of n instants from the instant ``first`` on."""
@@ -211,15 +183,50 @@ class RunState:
         return self.image.field("f_hat", self.image.n_flat)
 
     @property
-    def tractions(self) -> Array:
-        """Tractions of the last accepted instant on all interfaces of the assembly; of a distributed run after
-        ``join``, Pa."""
-        return self.f_hat if self._joined is None else self._joined
-
-    @property
     def w_hat(self) -> Array:
         """Velocities of the last accepted instant (n_flat,), a view, m s-1."""
         return self.image.field("w_hat", self.image.n_flat)
+
+    def gaps(self) -> list[Array]:
+        """Gaps (n_point,) of each group at the present instant, m."""
+        groups = self.held.layout.groups
+        return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
+
+    def direction(self, n: int) -> Direction:
+        """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
+        key = min(n, LONG)
+        if key not in self._directions:
+            compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
+            usable = self.settings.window == 1 and compiled
+            settings = self.settings if usable else replace(self.settings, tables=0.0)
+            self._directions[key] = self.made_direction(settings, n)
+        return self._directions[key]
+
+    def made_direction(self, settings: Settings, n: int) -> Direction:
+        """Search direction by these settings for windows of n instants, of the part that this process holds."""
+        direction = Direction(self.assembly, settings, n)
+        return direction if self.part is None else self.part.direction(direction)
+
+    def _use(self, n: int, exact: bool = False) -> None:
+        """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of
+        Y."""
+        direction = self.direction(n)
+        exact &= direction.sparse
+        key = EXACT if exact else min(n, LONG)
+        if self.image.bound == key:
+            return
+        direction.bind(exact)
+        self.image.bind(key, direction.run_fields(), direction.group_fields())
+
+    def choices(self) -> dict[str, str]:
+        """Automatic choices, in words."""
+        if self._direct_bonds:
+            return {"bonds": "one linear solve per instant"}
+        windows = {ONE: "windows of one instant", LONG: "longer windows"}
+        choices = {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
+        if self.settings.newton and self.settings.window == 1 and self.direction(1).too_large:
+            choices["Newton steps"] = "none: the interfaces have more points than their matrix is made for"
+        return choices
 
     def _drift_work(self) -> float:
         """Work against the laws of the interfaces since the start (``drift_work`` of the energies), J."""
@@ -257,6 +264,56 @@ class RunState:
             self.part.processes.add(total)
         return float(total[0])
 
+
+class RunState(RunImage):
+    """All that a run holds between two windows.
+
+    Parameters
+    ----------
+    assembly, settings, communication, part : as for ``RunImage``. recorder : keeps the accepted fields.
+
+    Attributes
+    ----------
+    windows : records of the windows of the segment. interface_indicator : (n_interface,) largest indicator of each.
+    marched, condensed : substructure-instants marched, and solved through the condensed operator, since the start.
+    refusals : windows of one instant that the compiled driver left to the Python driver.
+    stopped : whether a window ended so far from a solution that the run cannot continue.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        settings: Settings,
+        recorder: Recorder,
+        timings: Timings,
+        communication: Mapping[str, Any] | None = None,
+        part: Part | None = None,
+    ) -> None:
+        super().__init__(assembly, settings, recorder, communication or {}, part)
+        self.recorder, self.timings = recorder, timings
+        self._joined: Array | None = None  # tractions of the whole assembly at the end of a distributed run
+        self.marched = self.condensed = 0
+        self._in_rows = False  # instants are in the rows of their numbers
+        self._team = Team(self.image, self.settings.threads)
+        self.refusals, self._per_instant, self._refused = 0, 0.0, False
+        self._still = still(assembly)
+        self._clear()
+        self.image.call(entries.OPEN_ACCOUNTS)
+        self._begin_recording()
+
+    def _clear(self) -> None:
+        """Forget the windows of the last segment."""
+        self.windows = WindowList()
+        self.interface_indicator: Array | None = None
+        self.stopped = False
+        self._sequence: list[tuple[Array, Array]] | None = None  # fields of a sequential first guess, not recorded
+
+    @property
+    def tractions(self) -> Array:
+        """Tractions of the last accepted instant on all interfaces of the assembly; of a distributed run after
+        ``join``, Pa."""
+        return self.f_hat if self._joined is None else self._joined
+
     def snapshot(self) -> dict[str, Any]:
         """All that the next window of this segment depends on, beside what has been recorded."""
         own = {"marched": self.marched, "condensed": self.condensed, "stopped": self.stopped, "refusals": self.refusals}
@@ -273,32 +330,6 @@ class RunState:
             propagator.sampled[:] = sampled
         if self.windows:
             self._read_indicator()
-
-    def direction(self, n: int) -> Direction:
-        """Search direction for windows of n instants (kept: one for n = 1, one for longer windows)."""
-        key = min(n, LONG)
-        if key not in self._directions:
-            compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
-            usable = self.settings.window == 1 and compiled
-            settings = self.settings if usable else replace(self.settings, tables=0.0)
-            self._directions[key] = self.made_direction(settings, n)
-        return self._directions[key]
-
-    def made_direction(self, settings: Settings, n: int) -> Direction:
-        """Search direction by these settings for windows of n instants, of the part that this process holds."""
-        direction = Direction(self.assembly, settings, n)
-        return direction if self.part is None else self.part.direction(direction)
-
-    def _use(self, n: int, exact: bool = False) -> None:
-        """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of
-        Y."""
-        direction = self.direction(n)
-        exact &= direction.sparse
-        key = EXACT if exact else min(n, LONG)
-        if self.image.bound == key:
-            return
-        direction.bind(exact)
-        self.image.bind(key, direction.run_fields(), direction.group_fields())
 
     def begin_segment(self, recorder: Recorder | None = None) -> None:
         """Continue after the assembly has begun a new segment of time; without a recorder the state is left as it is,
@@ -367,21 +398,6 @@ class RunState:
                 propagator.restore((propagator.instant, list(motion), None))
                 propagator.sampled[:] = sampled
 
-    def choices(self) -> dict[str, str]:
-        """Automatic choices, in words."""
-        if self._direct_bonds:
-            return {"bonds": "one linear solve per instant"}
-        windows = {ONE: "windows of one instant", LONG: "longer windows"}
-        choices = {f"search direction, {windows[key]}": d.choice for key, d in self._directions.items()}
-        if self.settings.newton and self.settings.window == 1 and self.direction(1).too_large:
-            choices["Newton steps"] = "none: the interfaces have more points than their matrix is made for"
-        return choices
-
-    def gaps(self) -> list[Array]:
-        """Gaps (n_point,) of each group at the present instant, m."""
-        groups = self.held.layout.groups
-        return [self.image.group_field(g, "gap", group.n_point).copy() for g, group in enumerate(groups)]
-
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
         """Whether every window of the segment converged, and a sentence on it; ``energy`` and ``stored`` as for
         ``status.with_energy``."""
@@ -420,6 +436,13 @@ class RunState:
         if instant % SAMPLED == 0 or instant == self.assembly.n_instant:
             for propagator in self.held.propagators:
                 propagator.sample()
+
+    def _count(self, before: float) -> None:
+        """Add the work, and the CPU time since ``before``, that of the process then."""
+        marched, condensed = self.image.marched()
+        self.marched += marched
+        self.condensed += condensed
+        self.timings.march += clock.process_time() - before
 
     def _set_instant(self, instant: int) -> None:
         for propagator in self.assembly.propagators:

@@ -15,8 +15,11 @@ the first guess of the loop with the regular k.
 
 from __future__ import annotations
 
+import time as clock
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -28,8 +31,10 @@ from .assembly import Array
 from .outcome import WindowRecord
 from .run_image import RELAXATION as _RELAXATION
 from .run_image import Iterate, Stages, rules
+from .run_state import RunState
 from .search_direction import Direction
 from .settings import Settings
+from .status import BALANCED
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "point by point"
 SOFTENED, FROM_REST = "softened start", "start from rest"
@@ -107,7 +112,7 @@ class WindowSolver:
             record.error_indicator.append(float(measures[0]))
             record.force_mismatch.append(float(measures[1]))
             if verdict & (BEST | CONVERGED) or not kept:
-                kept[:], record.accepted = [stages.iterate()], record.iterations - 1
+                kept[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
             record.newton_steps = stages.newton_steps()
             self._report(number, record, stages)
 
@@ -126,7 +131,7 @@ class WindowSolver:
                 record.fallbacks.append(fallback)
                 phase = start
                 if fallback == RELAXED:
-                    stages.put(best)
+                    best.put(stages)
                     stages.field("q")[...] += _RELAXATION * stages.field("r")
                 else:
                     limit = start + _AFTER_POINTS
@@ -134,7 +139,7 @@ class WindowSolver:
         finally:
             stages.accelerate(settings)
         if not record.converged:
-            stages.put(best)
+            best.put(stages)
         return best
 
     def _fallback(self, stages: Stages, used: list[str], exhausted: bool) -> str | None:
@@ -212,3 +217,259 @@ def softened_start(
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
     image.set(rules(settings))
     return direction.incoming(iterate.f_hat[0], iterate.w_hat[0])
+
+
+# -- a window of a run -------------------------------------------------------------------------------------------------
+MOST_REFUSALS = 3
+"""Instants that need a fall-back, after which all others take the exact operator."""
+# Stop the run if a window ends with sqrt(eta) above this value.
+HOPELESS = 0.5
+# After so many windows in a row that no fall-back has brought to converge, an instant takes so many iterations at most
+# and no fall-back, but for one in so many: an instant that does not converge costs at most fifty that do, in the mean.
+_FAILURES, _AGAIN, _ONCE_IN = 2, 24, 32
+
+Progress = Callable[[int, int, int, float], None]
+"""Windows done, windows, iteration, indicator."""
+
+
+class WindowFields(Protocol):
+    """Interface fields of windows of several instants, of this run and of runs with other parameters."""
+
+    def first_guess(self, first: int, n: int, n_flat: int) -> tuple[Array, Array] | None:
+        """Tractions and velocities (n, n_flat) to start the window of ``n`` instants from ``first`` with; None where
+        there are none."""
+
+    def keep(self, first: int, f_hat: Array, w_hat: Array) -> None:
+        """Keep the converged fields (n, n_flat) of the window that starts with instant ``first``."""
+
+
+class StopError(Exception):
+    """Raised inside a long window that is given up."""
+
+
+class WindowRun(RunState, ABC):
+    """A run as the Python driver takes one window of it, with its first guesses and fall-backs.
+
+    Attributes
+    ----------
+    interrupted : why the run was stopped before its end; empty where it was not.
+    """
+
+    interrupted: str
+    _observer: Observer | None
+    _progress: Progress | None
+    _fields: WindowFields | None
+
+    @abstractmethod
+    def stops(self) -> str:
+        """Why the run has to stop before its end; empty where it may go on."""
+
+    @abstractmethod
+    def _out_of_time(self) -> str:
+        """Why the run has to stop before its next instant; empty where it may go on."""
+
+    @abstractmethod
+    def _sequential_guess(self, n: int) -> Array | None:
+        """First guess q (n, n_flat) from windows of one instant; None where one of them fails."""
+
+    def _keeps_failing(self) -> bool:
+        """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
+        some instants."""
+        enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
+        return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
+
+    @property
+    def _single(self) -> bool:
+        """Whether windows of one instant are all that is solved, and no part of a longer one."""
+        return self.settings.window == 1 and self._sequence is None
+
+    def advance(self, n: int, number: int, count: int) -> WindowRecord:
+        """Solve the next window of n instants, ``number`` of ``count``, with the Python driver."""
+        with self._team.at_work():
+            return self._advance(n, number, count)
+
+    def _advance(self, n: int, number: int, count: int) -> WindowRecord:
+        before, first = clock.process_time(), self.assembly.instant + 1
+        record = WindowRecord(first, first + n - 1)
+        if not self.assembly.interfaces:
+            self._march_free(first, n, record)
+            self._count(before)
+            return record
+        guess = self._given_guess(first, n)
+        given = guess is not None
+        if not given:
+            guess = self._own_guess(n)
+        # not where the kernels have refused this instant
+        by_tables = n == 1 and self.part is None and not self._refused
+        by_tables &= self.refusals <= MOST_REFUSALS
+        self._use(n, exact=not by_tables)
+        stages = self.stages(n, first)
+
+        def report(iteration: int, error: float) -> None:
+            if (n > 1 and self.stops()) or (self._single and self._out_of_time()):
+                raise StopError
+            if self._progress is not None:
+                self._progress(number, count, iteration, error)
+
+        again = n == 1 and self._keeps_failing()
+        most = min(self.settings.max_iterations, _AGAIN if again else self.settings.max_iterations)
+        solver = WindowSolver(
+            replace(self.settings, max_iterations=most), self._observer, report, self._trial, fallbacks=not again
+        )
+        self._begin_window(stages, guess)
+        if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
+            self.refusals, record = self.refusals + 1, WindowRecord(first, first)
+            self._use(n, exact=True)
+            self._begin_window(stages, guess)
+        if not record.converged:
+            solver.solve(stages, record, number)
+        if given and not record.converged:
+            self.image.call(entries.REWIND)
+            record.fallbacks.append(COLD)
+            guess = self._own_guess(n)
+            self._use(n, exact=True)
+            self._begin_window(stages, guess)
+            solver.solve(stages, record, number)
+        if self.assembly.quasi_static and not record.converged:
+            self._restart(stages, record)
+            solver.solve(stages, record, number)
+        if not record.converged and n > 1:
+            self.image.call(entries.REWIND)
+            self._count(before)
+            return self._one_by_one(record, n, number, count)
+        # NaN included; without inertia nothing can follow a state that is no equilibrium
+        self.stopped = not record.converged and (self.assembly.quasi_static or not record.final_error <= HOPELESS)
+        if self.stopped:
+            self.image.call(entries.REWIND)
+        else:
+            self._end_window(stages, record)
+        self.windows.append(record)
+        self._count(before)
+        return record
+
+    def _begin_window(self, stages: Stages, guess: Array | None = None) -> None:
+        """State at the start, free responses of one instant, first guess of q where none is given."""
+        image = self.image
+        image.call(entries.BEGIN)
+        stages.begin()
+        if stages.n == 1:
+            stages.predict()
+            image.call(entries.FIRST_GUESS, stages.first)
+            if self._bonds is not None:
+                guess = stages.bonded(self._bonds)
+        elif guess is None:
+            guess = stages.direction.incoming(self.f_hat, self.w_hat)
+        if guess is not None:
+            stages.field("q")[...] = guess
+
+    def _end_window(self, stages: Stages, record: WindowRecord) -> None:
+        """Move the substructures to the end of the window and record its fields."""
+        image, n, first = self.image, stages.n, stages.first
+        scales = image.field("scales", 3).copy()
+        image.call(entries.ACCEPT, n)
+        if not record.converged:
+            image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
+        # the velocities of bodies that closed a large gap are no guess for the next increment
+        image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
+        if n > 1:
+            image.call(entries.REWIND)
+            record.disagreement = stages.disagreement()
+            if self._fields is not None and record.converged:
+                self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
+        self._set_first_row(first)
+        before = self._drift_work()
+        self._march_accepted(stages, self._record_instant)
+        if n > 1 and not self.assembly.quasi_static:
+            put_in = self._put_in()
+            record.imbalance = abs(self._drift_work() - before) / put_in if put_in > 0.0 else 0.0
+            record.converged &= record.imbalance <= BALANCED
+        self._sample()
+        self._read_indicator()
+
+    def _march_accepted(self, stages: Stages, after: Callable[[int], None]) -> None:
+        """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
+        image, n, first = self.image, stages.n, stages.first
+        for i in range(n):
+            if n == 1:
+                for c in range(len(image.propagators)):
+                    image.call(entries.END_CLASS, c, first)
+                image.call(entries.END_INSTANT, first)
+            else:
+                image.call(entries.END_WINDOW, first + i, i)
+            stages.ended()
+            self._set_instant(first + i)
+            after(i)
+
+    def use_single_instants(self) -> None:
+        """Bind the search direction of windows of one instant, without tables."""
+        self._use(1, exact=True)
+
+    def end_instant(self, stages: Stages) -> None:
+        """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
+        self._set_first_row(stages.first)
+        self._march_accepted(stages, self._record_instant)
+
+    def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
+        """March the linear stage of the last iterate, and restore the state before it."""
+        image = self.image
+        kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
+        if stages.n > 1:
+            image.call(entries.REWIND)
+        self._set_first_row(stages.first)
+        self._march_accepted(stages, after)
+        image.moving[:] = kept
+        image.set({"first_row": row})
+        self._set_instant(begun)
+
+    def _march_free(self, first: int, n: int, record: WindowRecord) -> None:
+        """March an assembly without any interface."""
+        image = self.image
+        for instant in range(first, first + n):
+            self._set_first_row(instant)
+            for c in range(len(image.propagators)):
+                image.call(entries.PREDICT, c, instant)
+                image.call(entries.END_CLASS, c, instant)
+            image.call(entries.END_INSTANT, instant)
+            self._set_instant(instant)
+            self._sample()
+            self._record_instant(0)
+        record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
+        self.windows.append(record)
+
+    def _restart(self, stages: Stages, record: WindowRecord) -> None:
+        """Begin the window once more: with a softened start, or from rest where the loads close the gaps without it."""
+        gap = stages.largest(max((float(g.max(initial=0.0)) for g in self.gaps()), default=0.0))
+        q = softened_start(self.settings, self.image, stages, gap, lambda settings: self.made_direction(settings, 1))
+        record.fallbacks.append(FROM_REST if q is None else SOFTENED)
+        self._use(1)
+        self._begin_window(stages)
+        stages.field("q")[...] = self.f_hat if q is None else q
+
+    def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
+        """Solve the window as windows of one instant."""
+        record.fallbacks.append("windows of one instant")
+        done = len(self.windows)
+        for i in range(n):
+            self.advance(1, number, count)
+            if not self.stopped and i + 1 < n:
+                self.interrupted = self._out_of_time()
+                self.stopped = bool(self.interrupted)  # inside a window, from which no run can be continued
+            if self.stopped:
+                break
+        parts = self.windows.cut(done)
+        record.converged = len(parts) == n and all(p.converged for p in parts)
+        worst = max(parts, key=lambda p: (not p.converged, p.final_error))
+        record.error_indicator.append(worst.final_error)
+        record.force_mismatch.append(worst.final_mismatch)
+        record.accepted = record.iterations - 1
+        self.windows.append(record)
+        return record
+
+    def _given_guess(self, first: int, n: int) -> Array | None:
+        """First guess q (n, n_flat) from the fields of other runs; None where there are none."""
+        fields = self._fields.first_guess(first, n, self.image.n_flat) if self._fields is not None and n > 1 else None
+        return None if fields is None else self.direction(n).incoming(*fields)
+
+    def _own_guess(self, n: int) -> Array | None:
+        """First guess q (n, n_flat) by the settings of the run; None for the one of ``_begin_window``."""
+        return self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None

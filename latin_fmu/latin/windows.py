@@ -11,7 +11,7 @@ longer ones, those that are observed, and those in which the iteration stalls (`
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -24,25 +24,16 @@ from .instant_solve import PerfectInterfaceSolve, pays
 from .outcome import Timings, WindowRecord
 from .part import Part
 from .recorder import Recorder
-from .run_image import Stages, rules
-from .run_state import ONE, SAMPLED, RunState
+from .run_image import rules
+from .run_state import ONE, SAMPLED
 from .settings import Settings
-from .solver import COLD, FROM_REST, SOFTENED, Observer, WindowSolver, softened_start
-from .status import BALANCED
+from .solver import MOST_REFUSALS, Observer, Progress, StopError, WindowFields, WindowRun
 
-_MOST_REFUSALS = 3  # instants that need a fall-back, after which all others take the exact operator
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
-# Stop the run if a window ends with sqrt(eta) above this value.
-HOPELESS = 0.5
-# After so many windows in a row that no fall-back has brought to converge, an instant takes so many iterations at most
-# and no fall-back, but for one in so many: an instant that does not converge costs at most fifty that do, in the mean.
-_FAILURES, _AGAIN, _ONCE_IN = 2, 24, 32
 INTERRUPTED = "interrupted"
 _FIRST = 16  # instants of the first call, whose time sets the number of those of the next calls
 _SECONDS = 0.2  # aimed at per call: progress is shown and interruptions are handled between calls
 _RESTORED = ("windows", "interface_indicator", "stopped", "_sequence", "_observer", "_progress")  # after a first guess
-
-Progress = Callable[[int, int, int, float], None]  # windows done, windows, iteration, indicator
 
 
 class WindowMonitor(Protocol):
@@ -58,22 +49,7 @@ class WindowMonitor(Protocol):
         """Whether the run has to stop, inside a long window too."""
 
 
-class WindowFields(Protocol):
-    """Interface fields of windows of several instants, of this run and of runs with other parameters."""
-
-    def first_guess(self, first: int, n: int, n_flat: int) -> tuple[Array, Array] | None:
-        """Tractions and velocities (n, n_flat) to start the window of ``n`` instants from ``first`` with; None where
-        there are none."""
-
-    def keep(self, first: int, f_hat: Array, w_hat: Array) -> None:
-        """Keep the converged fields (n, n_flat) of the window that starts with instant ``first``."""
-
-
-class _StopError(Exception):
-    """Raised inside a long window that is given up."""
-
-
-class Run(RunState):
+class Run(WindowRun):
     """A run of an assembly; ``all`` solves the windows of the present segment, ``advance`` one of them.
 
     Parameters
@@ -109,16 +85,6 @@ class Run(RunState):
         self._cpu_end = np.inf if max_cpu is None else clock.process_time() - timings.setup + max_cpu
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
-    def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
-        """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
-        ``stored`` as for ``status.with_energy``."""
-        converged, sentence = super().status(energy, stored)
-        if not self.interrupted:
-            return converged, sentence
-        instant, end = self.assembly.instant, self.assembly.n_instant
-        time = self.assembly.time[instant]
-        return False, f"{self.interrupted} at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
-
     def stops(self) -> str:
         """Why the run has to stop before its end; empty where it may go on."""
         if self._monitor is not None and self._monitor.stops():
@@ -136,6 +102,16 @@ class Run(RunState):
         processes = self.part.processes
         return float(processes.gather(np.array([float(value)]), range(processes.size + 1)).min())
 
+    def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:
+        """Whether the run is complete and every window converged, and a sentence on it; ``energy`` and
+        ``stored`` as for ``status.with_energy``."""
+        converged, sentence = super().status(energy, stored)
+        if not self.interrupted:
+            return converged, sentence
+        instant, end = self.assembly.instant, self.assembly.n_instant
+        time = self.assembly.time[instant]
+        return False, f"{self.interrupted} at t = {time:.6g} s (instant {instant} of {end}), until then {sentence}"
+
     @property
     def ended(self) -> bool:
         """Whether there is nothing left to solve in this segment."""
@@ -149,16 +125,13 @@ class Run(RunState):
         """
         own, self._monitor = self._monitor, self._monitor if monitor is None else monitor
         try:
-            self._all()
+            self.open_bonds()
+            total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
+            length = min(self.settings.window or total, self.image.window)
+            self._use(length)
+            self._solve(total, length)
         finally:
             self._monitor = own
-
-    def _all(self) -> None:
-        self.open_bonds()
-        total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
-        length = min(self.settings.window or total, self.image.window)
-        self._use(length)
-        self._solve(total, length)
 
     def open_bonds(self) -> None:
         """Solve perfect interfaces directly from here on, where there are no others."""
@@ -169,7 +142,7 @@ class Run(RunState):
     def _solve(self, total: int, length: int) -> None:
         """Solve the instants up to ``total`` in windows of ``length``."""
         count, number = -(-total // length), len(self.windows)
-        compiled = length == 1 and self._observer is None and self._bonds is None
+        compiled = length == 1 and self._observer is None and self.marches
         while number < count and not self.stopped and not self._looked():
             refusals, self._refused = self.refusals, self._keeps_failing()
             done = self._march(count - number) if compiled and not self._refused else 0
@@ -188,22 +161,16 @@ class Run(RunState):
         begun, kept = self.assembly.instant, self.image.state.copy()
         try:
             self.advance(n, number, count)
-        except _StopError:
+        except StopError:
             self.image.state[:] = kept
             self._set_instant(begun)
             self.refusals = refusals  # a run that is continued begins with the compiled driver
-
-    def _keeps_failing(self) -> bool:
-        """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
-        some instants."""
-        enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
-        return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
 
     def _looked(self) -> bool:
         """Whether the run has to stop here."""
         if self._sequence is not None:
             if self.stops():
-                raise _StopError
+                raise StopError
             return False
         stop = bool(self.stops()) and not self.ended if self._monitor is None else self._monitor.check(self)
         if stop or not self.stopped:
@@ -211,18 +178,9 @@ class Run(RunState):
         return stop
 
     @property
-    def _single(self) -> bool:
-        """Whether windows of one instant are all that is solved, and no part of a longer one."""
-        return self.settings.window == 1 and self._sequence is None
-
-    @property
     def marches(self) -> bool:
-        """Whether windows are solved by calls of the kernels, but for those that need a fall-back."""
-        return self.settings.window == 1 and self._bonds is None
-
-    def compiles(self) -> bool:
-        """Whether the kernels hold every factor and every law, and the bonds where those are solved directly."""
-        return self._bonds is None and self._in_kernels
+        """Whether windows of one instant are solved by calls of the kernels, but for those that need a fall-back."""
+        return self._bonds is None
 
     def _solve_bonds_directly(self) -> None:
         """Start every instant with the solution of its perfect interfaces, one linear solve; there are no others."""
@@ -241,7 +199,7 @@ class Run(RunState):
         """Solve up to n windows of one instant in one call; how many converged, fewer where one needs a fall-back."""
         image, first = self.image, self.assembly.instant + 1
         wall, cpu = clock.perf_counter(), clock.process_time()
-        self._use(1, exact=self.refusals > _MOST_REFUSALS)
+        self._use(1, exact=self.refusals > MOST_REFUSALS)
         longest = _FIRST if self._max_cpu is None else 1
         if self._per_instant > 0:
             longest = max(1, int(_SECONDS / self._per_instant))
@@ -251,7 +209,8 @@ class Run(RunState):
         if self._max_cpu is not None:
             n = int(self._least(n))  # calls of one length, as the limit is looked at between them
         self._set_first_row(first)
-        done = self._march_instants(first, n)
+        with self._team.at_work():
+            done = image.call(entries.MARCH, first, n)
         if done:
             self.keep_marched(first, done, row)
         self._refused, self.refusals = done < n, self.refusals + (done < n)
@@ -275,16 +234,15 @@ class Run(RunState):
         until = min(self.recorder.until_fields(), SAMPLED - (first - 1) % SAMPLED)
         return until if self._monitor is None else min(until, self._monitor.instants(self))
 
-    def _march_instants(self, first: int, n: int) -> int:
-        """The same in one call of the kernels."""
-        with self._team.at_work():
-            return self.image.call(entries.MARCH, first, n)
-
     def communicate(self, n: int, rule: int, before: int, whole: int) -> int:
         """Make n time steps of a communication step (``kernels.communication.communicate``); how many converged."""
-        self._use(min(self.settings.window or n, self.image.window), exact=self.refusals > _MOST_REFUSALS)
+        image, exact = self.image, self.refusals > MOST_REFUSALS
+        if exact or image.bound != ONE:
+            self._use(min(self.settings.window or n, image.window), exact)
+        if not self._team.several:
+            return image.call(entries.COMMUNICATE, n, rule, before, whole)
         with self._team.at_work():
-            return self.image.call(entries.COMMUNICATE, n, rule, before, whole)
+            return image.call(entries.COMMUNICATE, n, rule, before, whole)
 
     def solve_rows(self, first: int, n: int, done: int) -> WindowRecord:
         """Solve and record the window of the n rows from ``first`` on, whose histories ``communicate`` has set;
@@ -299,206 +257,8 @@ class Run(RunState):
         self._set_instant(done + self.assembly.instant)
         return record
 
-    def _count(self, before: float) -> None:
-        """Add the work, and the CPU time since ``before``, that of the process then."""
-        marched, condensed = self.image.marched()
-        self.marched += marched
-        self.condensed += condensed
-        self.timings.march += clock.process_time() - before
-
     # -- the Python driver ----------------------------------------------------------------------------------------
-    def advance(self, n: int, number: int, count: int) -> WindowRecord:
-        """Solve the next window of n instants, ``number`` of ``count``, with the Python driver."""
-        with self._team.at_work():
-            return self._advance(n, number, count)
-
-    def _advance(self, n: int, number: int, count: int) -> WindowRecord:
-        before, first = clock.process_time(), self.assembly.instant + 1
-        record = WindowRecord(first, first + n - 1)
-        if not self.assembly.interfaces:
-            self._march_free(first, n, record)
-            self._count(before)
-            return record
-        guess = self._given_guess(first, n)
-        given = guess is not None
-        if not given:
-            guess = self._own_guess(n)
-        # not where the kernels have refused this instant
-        by_tables = n == 1 and self.part is None and not self._refused
-        by_tables &= self.refusals <= _MOST_REFUSALS
-        self._use(n, exact=not by_tables)
-        stages = self.stages(n, first)
-
-        def report(iteration: int, error: float) -> None:
-            if (n > 1 and self.stops()) or (self._single and self._out_of_time()):
-                raise _StopError
-            if self._progress is not None:
-                self._progress(number, count, iteration, error)
-
-        again = n == 1 and self._keeps_failing()
-        most = min(self.settings.max_iterations, _AGAIN if again else self.settings.max_iterations)
-        solver = WindowSolver(
-            replace(self.settings, max_iterations=most), self._observer, report, self._trial, fallbacks=not again
-        )
-        self._begin_window(stages, guess)
-        if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
-            self.refusals, record = self.refusals + 1, WindowRecord(first, first)
-            self._use(n, exact=True)
-            self._begin_window(stages, guess)
-        if not record.converged:
-            solver.solve(stages, record, number)
-        if given and not record.converged:
-            self.image.call(entries.REWIND)
-            record.fallbacks.append(COLD)
-            guess = self._own_guess(n)
-            self._use(n, exact=True)
-            self._begin_window(stages, guess)
-            solver.solve(stages, record, number)
-        if self.assembly.quasi_static and not record.converged:
-            self._restart(stages, record)
-            solver.solve(stages, record, number)
-        if not record.converged and n > 1:
-            self.image.call(entries.REWIND)
-            self._count(before)
-            return self._one_by_one(record, n, number, count)
-        # NaN included; without inertia nothing can follow a state that is no equilibrium
-        self.stopped = not record.converged and (self.assembly.quasi_static or not record.final_error <= HOPELESS)
-        if self.stopped:
-            self.image.call(entries.REWIND)
-        else:
-            self._end_window(stages, record)
-        self.windows.append(record)
-        self._count(before)
-        return record
-
-    def _begin_window(self, stages: Stages, guess: Array | None = None) -> None:
-        """State at the start, free responses of one instant, first guess of q where none is given."""
-        image = self.image
-        image.call(entries.BEGIN)
-        stages.begin()
-        if stages.n == 1:
-            stages.predict()
-            stages.first_guess()
-            if self._bonds is not None:
-                guess = stages.bonded(self._bonds)
-        elif guess is None:
-            guess = stages.direction.incoming(self.f_hat, self.w_hat)
-        if guess is not None:
-            stages.field("q")[...] = guess
-
-    def _end_window(self, stages: Stages, record: WindowRecord) -> None:
-        """Move the substructures to the end of the window and record its fields."""
-        image, n, first = self.image, stages.n, stages.first
-        scales = image.field("scales", 3).copy()
-        image.call(entries.ACCEPT, n)
-        if not record.converged:
-            image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
-        # the velocities of bodies that closed a large gap are no guess for the next increment
-        image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
-        if n > 1:
-            image.call(entries.REWIND)
-            record.disagreement = stages.disagreement()
-            if self._fields is not None and record.converged:
-                self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
-        self._set_first_row(first)
-        before = self._drift_work()
-        self._march_accepted(stages, self._record_instant)
-        if n > 1 and not self.assembly.quasi_static:
-            put_in = self._put_in()
-            record.imbalance = abs(self._drift_work() - before) / put_in if put_in > 0.0 else 0.0
-            record.converged &= record.imbalance <= BALANCED
-        self._sample()
-        self._read_indicator()
-
-    def _march_accepted(self, stages: Stages, after: Callable[[int], None]) -> None:
-        """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
-        image, n, first = self.image, stages.n, stages.first
-        for i in range(n):
-            if n == 1:
-                for c in range(len(image.propagators)):
-                    image.call(entries.END_CLASS, c, first)
-                stages.end_instant(first)
-            else:
-                image.call(entries.END_WINDOW, first + i, i)
-            stages.ended()
-            self._set_instant(first + i)
-            after(i)
-
-    def use_single_instants(self) -> None:
-        """Bind the search direction of windows of one instant, without tables."""
-        self._use(1, exact=True)
-
-    def end_instant(self, stages: Stages) -> None:
-        """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
-        self._set_first_row(stages.first)
-        self._march_accepted(stages, self._record_instant)
-
-    def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
-        """March the linear stage of the last iterate, and restore the state before it."""
-        image = self.image
-        kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
-        if stages.n > 1:
-            image.call(entries.REWIND)
-        self._set_first_row(stages.first)
-        self._march_accepted(stages, after)
-        image.moving[:] = kept
-        image.set({"first_row": row})
-        self._set_instant(begun)
-
-    def _march_free(self, first: int, n: int, record: WindowRecord) -> None:
-        """March an assembly without any interface."""
-        image = self.image
-        for instant in range(first, first + n):
-            self._set_first_row(instant)
-            for c in range(len(image.propagators)):
-                image.call(entries.PREDICT, c, instant)
-                image.call(entries.END_CLASS, c, instant)
-            image.call(entries.END_INSTANT, instant)
-            self._set_instant(instant)
-            self._sample()
-            self._record_instant(0)
-        record.error_indicator, record.force_mismatch, record.converged = [0.0], [0.0], True
-        self.windows.append(record)
-
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
-    def _restart(self, stages: Stages, record: WindowRecord) -> None:
-        """Begin the window once more: with a softened start, or from rest where the loads close the gaps without it."""
-        gap = stages.largest(max((float(g.max(initial=0.0)) for g in self.gaps()), default=0.0))
-        q = softened_start(self.settings, self.image, stages, gap, lambda settings: self.made_direction(settings, 1))
-        record.fallbacks.append(FROM_REST if q is None else SOFTENED)
-        self._use(1)
-        self._begin_window(stages)
-        stages.field("q")[...] = self.f_hat if q is None else q
-
-    def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
-        """Solve the window as windows of one instant."""
-        record.fallbacks.append("windows of one instant")
-        done = len(self.windows)
-        for i in range(n):
-            self.advance(1, number, count)
-            if not self.stopped and i + 1 < n:
-                self.interrupted = self._out_of_time()
-                self.stopped = bool(self.interrupted)  # inside a window, from which no run can be continued
-            if self.stopped:
-                break
-        parts = self.windows.cut(done)
-        record.converged = len(parts) == n and all(p.converged for p in parts)
-        worst = max(parts, key=lambda p: (not p.converged, p.final_error))
-        record.error_indicator.append(worst.final_error)
-        record.force_mismatch.append(worst.final_mismatch)
-        record.accepted = record.iterations - 1
-        self.windows.append(record)
-        return record
-
-    def _given_guess(self, first: int, n: int) -> Array | None:
-        """First guess q (n, n_flat) from the fields of other runs; None where there are none."""
-        fields = self._fields.first_guess(first, n, self.image.n_flat) if self._fields is not None and n > 1 else None
-        return None if fields is None else self.direction(n).incoming(*fields)
-
-    def _own_guess(self, n: int) -> Array | None:
-        """First guess q (n, n_flat) by the settings of the run; None for the one of ``_begin_window``."""
-        return self._sequential_guess(n) if n > 1 and self.settings.sequential_start else None
-
     def _sequential_guess(self, n: int) -> Array | None:
         """First guess q (n, n_flat) from windows of one instant, to a tenth of the tolerances; restores the state. None
         where one of them fails.

@@ -61,14 +61,14 @@ def by_python(session: Session) -> Session:
     def given_up(loads: Loads, part: GridPart, _early: bool) -> None:
         run = mode.run
         state = run.get_state() if run.made else {"made": 0, "state": np.zeros(0)}
-        kernels.origin, kernels._ends = Origin(state, loads, part, part.n), part.n
+        kernels.begun, kernels._ends = Origin(state, loads, part, part.n), part.n
 
     def recorded(_early: bool = False) -> Segment:
-        step, run = kernels.origin, mode.run
+        step, run = kernels.begun, mode.run
         assert step is not None
         run.set_state(step.state if step.state["made"] else None)
         return mode.advance(step.n, step.loads.driving(step.part, run.dt, mode.rule))
 
     kernels.march, kernels.recorded = given_up, recorded  # type: ignore[method-assign,assignment]
-    kernels.accept = lambda loads: loads.accept(kernels.origin.part, mode.run.dt, mode.rule)  # type: ignore
+    kernels.accept = lambda loads: loads.accept(kernels.begun.part, mode.run.dt, mode.rule)  # type: ignore
     return session

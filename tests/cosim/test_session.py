@@ -329,3 +329,16 @@ def test_quasi_static_session_equals_a_run_with_the_same_load():
     index = [session.outputs.index(name) for name in FORCE]
     assert np.abs(rows[:, index] - force).max() <= 1e-6 * np.abs(force).max()
     assert rows[-1, session.outputs.index("energy.kinetic")] == 0.0
+
+
+def test_the_histories_after_a_refused_step_are_those_of_the_step_before():
+    known, refused = (Session(blocks(), Settings(keep=False)) for _ in range(2))
+    for session in (known, refused):
+        session.initialize()
+        ramped(session, 3)
+    refused.set_load("press", 1e300)
+    assert not refused.step(3 * H, 3 * H)
+    (time, own), (known_time, histories) = refused.window(), known.window()
+    assert time.tolist() == known_time.tolist()
+    assert own.keys() == histories.keys()
+    assert all(np.array_equal(own[name].traction, h.traction) for name, h in histories.items())

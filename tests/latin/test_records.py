@@ -375,7 +375,7 @@ def test_segments_keep_what_they_use_and_no_more() -> None:
 
 def test_a_run_that_stops_keeps_the_state_before_the_instant(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of windows of one instant: nothing is kept for the start of a window there, and nothing is put back."""
-    monkeypatch.setattr("latin_fmu.latin.windows.HOPELESS", 0.0)
+    monkeypatch.setattr("latin_fmu.latin.solver.HOPELESS", 0.0)
     tables = blocks(2, max_iterations=2, newton=False, acceleration="none", tolerance=1e-12)
     run = made(tables, plain)
     image = run.image

@@ -12,7 +12,7 @@ import latin_fmu
 from latin_fmu.assembly import body as body_module
 from latin_fmu.assembly.build import build
 from latin_fmu.fem.elements import MeanStress
-from latin_fmu.latin import windows
+from latin_fmu.latin import solver, windows
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 from tests.scenes import solve
 
@@ -55,7 +55,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     watch(MeanStress, "__call__", "stress")
     watch(body_module, "stiffness", "stiffness")
-    watch(windows.WindowSolver, "solve", "iteration")
+    watch(solver.WindowSolver, "solve", "iteration")
     return counted
 
 
