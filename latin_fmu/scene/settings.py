@@ -41,6 +41,7 @@ class HHTTable(SceneTable):
     """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh does not resolve."""
 
     type: Literal["hht"] = "hht"
+    # stable at any step within these bounds only
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
 
 
@@ -49,6 +50,7 @@ class NewmarkTable(SceneTable):
 
     type: Literal["newmark"] = "newmark"
     beta: Annotated[Real, about("weight of the new acceleration in the displacement", "1", gt=0, le=0.5)] = 0.25
+    # below 1/2 vibrations would grow
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
