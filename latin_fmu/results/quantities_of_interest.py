@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.settings import ITERATION_ERROR
+from .quantities import cells_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,8 +54,7 @@ class QuantityOfInterest:
 def _defined(text: str) -> tuple[QuantityOfInterest, ...]:
     """Definitions from lines of their attributes; an error of the iteration ``-`` is the common one."""
     made = []
-    for line in text.strip().splitlines():
-        key, unit, long_name, scale, *numbers = (" ".join(cell.split()) for cell in line.split("|"))
+    for key, unit, long_name, scale, *numbers in cells_of(text):
         safety, order, iteration = (ITERATION_ERROR if number == "-" else float(number) for number in numbers)
         made.append(QuantityOfInterest(key, unit, long_name, scale, safety, order, iteration))
     return tuple(made)
