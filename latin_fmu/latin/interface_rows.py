@@ -209,7 +209,7 @@ def point_fields(
         velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
     if behaviour.opens:
         status = behaviour.status(f_hat, group.parameters[points])
-        carried = -f_hat[..., 0]
+        carried = -f_hat[..., 0]  # F acts on side E and N points out of it: pressure is negative
         if coulomb_coefficient(behaviour) is None:  # such a law may hold shear without pressure
             carried = np.maximum(carried, np.abs(f_hat).max(axis=-1))
         status[carried <= NO_CONTACT * assembly.characteristic_traction] = SEPARATION

@@ -130,7 +130,7 @@ class Support:
 
     def read(self, values: Array, of: Reading, /) -> Array:
         """The two parts of the reaction (n, 2, 3), N: K u + C v - f, and M a less the tractions."""
-        static = values[:, 0, :3] + values[:, 1, 3:6]
+        static = values[:, 0, :3] + values[:, 1, 3:6]  # rows: e K, e C, e M, three each
         amplitudes = of.assembly.propagators[of.number].forcing.amplitudes[of.member]
         for amplitude, load in zip(amplitudes, self.loads, strict=True):
             static = static - amplitude[of.instants, None] * load
@@ -201,6 +201,13 @@ def nodes_of(model: SubstructureModel) -> sp.csr_array:
     return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
 
 
+def _stacked(parts: Sequence[sp.csr_array]) -> sp.csr_array | None:
+    """Rows of all parts; None where there are none."""
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    return sp.csr_array(sp.vstack(parts))
+
+
 @dataclass(frozen=True)
 class ProbePlace:
     """A place among the classes: number of the class and of the member, rows among those of the class, and shapes
@@ -252,7 +259,7 @@ class Probes:
                     at = part.stop
             blocks += [nodes_of(model)] if whole else []
             self._nodes.append(blocks[-1].shape[0] if whole else 0)
-            self.rows.append(sp.csr_array(sp.vstack(blocks)) if blocks else None)
+            self.rows.append(_stacked(blocks))
 
     def _sensed(self, image: Image, c: int, rows: slice) -> Array | None:
         """Displacements, velocities and accelerations of the rows of a class, (n, 3, n_row, n_member)."""
@@ -361,7 +368,7 @@ class SlideProbes:
                             faces[c].append(trace)
                         self.places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]
-            full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
+            full = _stacked(faces[c])
             nodal = propagator.members[0].nodal
             self.traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
         self.rows = [

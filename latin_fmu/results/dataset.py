@@ -198,8 +198,8 @@ def _in_plane(history: InterfaceHistory) -> Array:
     weights = history.areas / history.areas.sum()
     arms = history.points - weights @ history.points
     across = np.linalg.eigh((weights[:, None] * arms).T @ arms)[1][:, 0]
-    across = across * np.sign(across[np.abs(across).argmax()])
-    first = np.eye(3)[int(np.argmin(np.abs(np.round(across, 9))))]
+    across = across * np.sign(across[np.abs(across).argmax()])  # an eigenvector has no sign of its own
+    first = np.eye(3)[int(np.argmin(np.abs(np.round(across, 9))))]  # round-off would choose between axes in the plane
     first = first - (first @ across) * across
     first /= np.linalg.norm(first)
     return np.asarray(arms @ np.stack([first, np.cross(across, first)], axis=1))

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import LatinError, Problem, ResultsError
 from ..file_digest import add_digest, is_damaged
 from .groups import SCHEMA_VERSION, StoredGroup, StoredVariable, with_labels
+from .quantities import RECOVERED, SUBSTRUCTURE
 from .writing import write_whole
 
 if TYPE_CHECKING:
@@ -27,15 +28,7 @@ Blocks = Callable[[], Iterable[Mapping[str, StoredGroup]]]
 _GROWING: Final = ("time", "window")
 _CACHE: Final = 250_000  # bytes of chunks per variable that is written in blocks, in order
 _CHUNK: Final = {"time": 50, "window": 4096, "point": 4096, "node": 4096, "cell": 4096}
-_SINGLE_PRECISION = (
-    "displacement",
-    "velocity",
-    "stress",
-    "strain",
-    "nodal_stress",
-    "principal_stress",
-    "nodal_principal_stress",
-)
+_SINGLE_PRECISION: Final = frozenset({*SUBSTRUCTURE, *RECOVERED})
 
 
 def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:

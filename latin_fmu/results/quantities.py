@@ -8,7 +8,7 @@ time since the start of a run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any, Final
@@ -51,6 +51,11 @@ Rows = Mapping[str, StoredQuantity]
 """Rows by name."""
 
 
+def cells_of(text: str) -> Iterator[list[str]]:
+    """Cells of the lines of a table, between bars."""
+    return ([" ".join(cell.split()) for cell in line.split("|")] for line in text.strip().splitlines())
+
+
 def rows(text: str, of: Mapping[str, Callable[[Any], Any]] | None = None) -> Rows:
     """A table from lines ``name | unit | dimensions | meaning | comment | words``; the last two may be left out, and a
     unit ``-`` is none.
@@ -58,10 +63,8 @@ def rows(text: str, of: Mapping[str, Callable[[Any], Any]] | None = None) -> Row
     of : functions from the object of a group to values that are not its attribute of this name.
     """
     made = {}
-    for line in text.strip().splitlines():
-        name, unit, dims, meaning, comment, words = ([" ".join(cell.split()) for cell in line.split("|")] + ["", ""])[
-            :6
-        ]
+    for line in cells_of(text):
+        name, unit, dims, meaning, comment, words, *_ = [*line, "", ""]
         source = (of or {}).get(name, attrgetter(name))
         known = None if unit == "-" else unit
         made[name] = StoredQuantity(name, known, tuple(dims.split()), meaning, comment or None, source, words)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.settings import ITERATION_ERROR
+from .quantities import cells_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,69 +47,38 @@ class QuantityOfInterest:
     long_name: str
     scale: str
     safety: float
-    order: float = 1.0
-    iteration: float = ITERATION_ERROR
+    order: float
+    iteration: float
 
 
-_INSTANT: Final = "the instant itself, at least a hundredth of the interval"
+def _defined(text: str) -> tuple[QuantityOfInterest, ...]:
+    """Definitions from lines of their attributes; an error of the iteration ``-`` is the common one."""
+    made = []
+    for key, unit, long_name, scale, *numbers in cells_of(text):
+        safety, order, iteration = (ITERATION_ERROR if number == "-" else float(number) for number in numbers)
+        made.append(QuantityOfInterest(key, unit, long_name, scale, safety, order, iteration))
+    return tuple(made)
 
-IMPULSE: Final = QuantityOfInterest(
-    "impulse", "N s", "normal force integrated over time", "integral of the magnitude of the force", safety=1.15
-)
-FIRST_CONTACT: Final = QuantityOfInterest(
-    "first_contact",
-    "s",
-    "instant at which the normal force first exceeds 1 % of its peak (after a gap: at which the gap closes)",
-    _INSTANT,
-    safety=0.75,
-    iteration=0.15,
-)
-SEPARATION: Final = QuantityOfInterest(
-    "separation",
-    "s",
-    "instant from which on the normal force stays below 1 % of its peak",
-    _INSTANT,
-    safety=1.1,
-    iteration=0.3,
-)
-PEAK_FORCE: Final = QuantityOfInterest(
-    "peak_force", "N", "largest mean of the normal force over the peak duration", "itself", safety=1.35
-)
-PEAK_FORCE_RAW: Final = QuantityOfInterest(
-    "peak_force_raw", "N", "largest normal force of all instants; has no limit where bodies land", "itself", safety=2.0
-)
-FRICTION_WORK: Final = QuantityOfInterest(
-    "friction_work",
-    "J",
-    "work dissipated by friction",
-    "itself, a thousandth of impulse x largest velocity at least",
-    safety=0.45,
-    iteration=2.0,
-)
-FORCE_HISTORY: Final = QuantityOfInterest(
-    "force_history",
-    "N s0.5",
-    "normal force over time, distance in L2",
-    "L2 norm of the force",
-    safety=0.48,
-    order=0.5,
-    iteration=1.0,
-)
-DISPLACEMENT: Final = QuantityOfInterest(
-    "displacement", "m", "displacement of a sensor at the end", "largest displacement of the sensor", safety=1.05
-)
 
-QUANTITIES_OF_INTEREST: Final = (
-    IMPULSE,
-    FIRST_CONTACT,
-    SEPARATION,
-    PEAK_FORCE,
-    PEAK_FORCE_RAW,
-    FRICTION_WORK,
-    FORCE_HISTORY,
-    DISPLACEMENT,
+QUANTITIES_OF_INTEREST: Final = _defined(
+    """
+    impulse | N s | normal force integrated over time | integral of the magnitude of the force | 1.15 | 1 | -
+    first_contact | s | instant at which the normal force first exceeds 1 % of its peak (after a gap: at which the \
+        gap closes) | the instant itself, at least a hundredth of the interval | 0.75 | 1 | 0.15
+    separation | s | instant from which on the normal force stays below 1 % of its peak \
+        | the instant itself, at least a hundredth of the interval | 1.1 | 1 | 0.3
+    peak_force | N | largest mean of the normal force over the peak duration | itself | 1.35 | 1 | -
+    peak_force_raw | N | largest normal force of all instants; has no limit where bodies land | itself | 2.0 | 1 | -
+    friction_work | J | work dissipated by friction | itself, a thousandth of impulse x largest velocity at least \
+        | 0.45 | 1 | 2.0
+    force_history | N s0.5 | normal force over time, distance in L2 | L2 norm of the force | 0.48 | 0.5 | 1.0
+    displacement | m | displacement of a sensor at the end | largest displacement of the sensor | 1.05 | 1 | -
+    """
 )
-"""All definitions, in the order of tables."""
+"""All definitions, in the order of tables: key, unit, long name, scale, safety, order, error of the iteration."""
+IMPULSE, FIRST_CONTACT, SEPARATION, PEAK_FORCE, PEAK_FORCE_RAW, FRICTION_WORK, FORCE_HISTORY, DISPLACEMENT = (
+    QUANTITIES_OF_INTEREST
+)
 
 
 def definition_of(quantity: str) -> QuantityOfInterest:

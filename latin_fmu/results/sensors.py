@@ -24,7 +24,7 @@ def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Arra
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
-    warped, order = np.tan(np.pi * chosen.cutoff * step), 2
+    warped, order = np.tan(np.pi * chosen.cutoff * step), 2  # of the bilinear transform; two poles by SAE J211-1
     if isinstance(chosen, LowPass):
         order = chosen.order
         if not chosen.phaseless:

@@ -135,6 +135,7 @@ def _periodic_problems(raw: Any, where: str, table: RawTable) -> Iterator[Proble
     if first == second or first[0] != second[0]:
         yield Problem(f"{where}.faces", "periodic faces must be two different faces of one substructure", shown(faces))
     elif is_box(raw, first[0]) and first[1] in BOX_FACES and second[1] in BOX_FACES and first[1][0] != second[1][0]:
+        # the first letter of a face of a box is its axis
         yield Problem(
             f"{where}.faces",
             "periodic faces must be opposite",

@@ -247,7 +247,7 @@ else:
 
 # -- checks with other tables ---
 def interface_problems(raw: Any) -> Iterator[Problem]:
-    """Problems of the interfaces of a scene as written."""
+    """Problems of interfaces, and of searches for them, of a scene as written."""
     for name, table in named_tables(raw, "interface").items():
         where = f"interface.{name}"
         sides = text_list(table.get("sides"))
@@ -257,6 +257,7 @@ def interface_problems(raw: Any) -> Iterator[Problem]:
             yield from _pair_problems(where, table, sides)
         behaviour = table.get("behaviour")
         yield from key_problems(where, table, behaviour if isinstance(behaviour, str) else "contact")
+    yield from _contact_problems(raw)
 
 
 def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
@@ -292,7 +293,7 @@ def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Pr
         )
 
 
-def contact_problems(raw: Any) -> Iterator[Problem]:
+def _contact_problems(raw: Any) -> Iterator[Problem]:
     """Keys of a search that its behaviour does not take; names that no substructure has."""
     for name, table in named_tables(raw, "contact").items():
         where, behaviour = f"contact.{name}", table.get("behaviour", "contact")

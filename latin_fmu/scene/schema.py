@@ -13,24 +13,13 @@ from .boundaries import Boundary, Periodic, boundary_problems
 from .describe import path_text, validation_problems
 from .fields import BodyName, Name, SceneTable, Text, about, split_face
 from .initial_fields import InitialStateTable, field_problems
-from .interfaces import MEANINGLESS, ContactSearch, Interface, contact_problems, interface_problems
+from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
 from .number_files import QUANTITIES, UNITS, si_unit
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
-from .settings import (
-    Accuracy,
-    Output,
-    Solver,
-    Time,
-    accuracy_problems,
-    output_problems,
-    propagator_problems,
-    static_problems,
-    time_problems,
-    with_defaults,
-)
+from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
 from .substructures import (
     Bolt,
     Gravity,
@@ -160,7 +149,6 @@ def _unit_problems(raw: Any) -> Iterator[Problem]:
 
 _CHECKS: Final = (
     interface_problems,
-    contact_problems,
     boundary_problems,
     load_problems,
     bolt_problems,
@@ -168,12 +156,8 @@ _CHECKS: Final = (
     sensor_problems,
     port_problems,
     attachment_problems,
-    time_problems,
-    propagator_problems,
-    accuracy_problems,
-    static_problems,
+    settings_problems,
     field_problems,
-    output_problems,
 )
 
 

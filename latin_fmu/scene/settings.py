@@ -41,6 +41,7 @@ class HHTTable(SceneTable):
     """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh does not resolve."""
 
     type: Literal["hht"] = "hht"
+    # stable at any step within these bounds only
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
 
 
@@ -49,6 +50,7 @@ class NewmarkTable(SceneTable):
 
     type: Literal["newmark"] = "newmark"
     beta: Annotated[Real, about("weight of the new acceleration in the displacement", "1", gt=0, le=0.5)] = 0.25
+    # below 1/2 vibrations would grow
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
@@ -462,9 +464,16 @@ class Solver(SceneTable):
 
 
 # -- checks of these tables with each other and with others ---
-def output_problems(raw: Any) -> Iterator[Problem]:
-    """Problems of [output] as written."""
-    output = single_table(raw, "output")
+def settings_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of [time], [solver], [accuracy] and [output] of a scene as written, with other tables."""
+    yield from _time_problems(single_table(raw, "time"))
+    yield from _propagator_problems(raw)
+    yield from _accuracy_problems(raw)
+    yield from _static_problems(raw)
+    yield from _output_problems(single_table(raw, "output"))
+
+
+def _output_problems(output: RawTable) -> Iterator[Problem]:
     every = number(output, "interfaces_every")
     if output.get("energy") is True and every is not None and every > 1:
         yield Problem(
@@ -476,7 +485,7 @@ def output_problems(raw: Any) -> Iterator[Problem]:
         )
 
 
-def accuracy_problems(raw: Any) -> Iterator[Problem]:
+def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     """The owner of the quantity aimed at must exist."""
     quantity = single_table(raw, "accuracy").get("quantity")
     owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
@@ -488,9 +497,7 @@ def accuracy_problems(raw: Any) -> Iterator[Problem]:
         yield unknown_name("accuracy.quantity", kind, owner, owners)
 
 
-def time_problems(raw: Any) -> Iterator[Problem]:
-    """Problems of the interval and its steps as written."""
-    time = single_table(raw, "time")
+def _time_problems(time: RawTable) -> Iterator[Problem]:
     if not time:
         return
     yield from exactly_one(time, "time", "step", "instants")
@@ -527,7 +534,7 @@ def with_defaults(raw: Any) -> Any:
     if named_tables(raw, "bolt") and (time := single_table(raw, "time")) and not given(time, "start"):
         raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
-    if is_static(raw) and not given(solver, "tolerance"):
+    if _is_static(raw) and not given(solver, "tolerance"):
         return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
     own = given(time, "scheme") and chosen_type(time, "scheme") != "automatic"
     if chosen_type(single_table(raw, "solver"), "propagator") != "explicit" or not time or own:
@@ -535,13 +542,13 @@ def with_defaults(raw: Any) -> Any:
     return {**raw, "time": {**time, "scheme": CENTRAL}}
 
 
-def is_static(raw: Any) -> bool:
+def _is_static(raw: Any) -> bool:
     """Whether a readable scene is without inertia."""
     readable = isinstance(raw, Mapping) and isinstance(raw.get("solver", {}), Mapping)
     return readable and single_table(raw, "time").get("quasi_static") is True
 
 
-def propagator_problems(raw: Any) -> Iterator[Problem]:
+def _propagator_problems(raw: Any) -> Iterator[Problem]:
     """Propagators and time schemes that exclude each other."""
     kind = chosen_type(single_table(raw, "solver"), "propagator")
     scheme = chosen_type(single_table(raw, "time"), "scheme")
@@ -571,7 +578,7 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
             "leave out solver.precision",
         )
     form, window = (single_table(raw, "solver").get(name) for name in ("interface_operator", "window"))
-    if form == "sparse" and (window not in (None, 1) or is_static(raw)):
+    if form == "sparse" and (window not in (None, 1) or _is_static(raw)):
         what = "a force reaches the points around it only within an instant, and not without inertia"
         remedy = 'use solver.interface_operator = "exact" or "automatic"'
         yield Problem("solver.interface_operator", what, shown(form), "solver.window = 1, with inertia", remedy)
@@ -593,7 +600,7 @@ def propagator_problems(raw: Any) -> Iterator[Problem]:
         )
 
 
-def static_problems(raw: Any) -> Iterator[Problem]:
+def _static_problems(raw: Any) -> Iterator[Problem]:
     """All contradictions of a scene as written with ``time.quasi_static``."""
     time = single_table(raw, "time")
     if time.get("quasi_static") is not True:

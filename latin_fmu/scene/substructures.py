@@ -56,7 +56,7 @@ class DampingRatios(SceneTable):
         (first, last), (low, high) = self.frequencies, self.ratios
         if first >= last:
             raise refusal("the second frequency must be above the first", value=list(self.frequencies))
-        least, most = low * first / last, low * last / first
+        least, most = low * first / last, low * last / first  # b >= 0 and a >= 0 in ``rayleigh``
         if not least <= high <= most:
             raise refusal(
                 "no Rayleigh damping C = a M + b K with a, b >= 0 has these ratios",

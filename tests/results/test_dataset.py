@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.outcome import WindowRecord
+from latin_fmu.results import dataset
 from latin_fmu.results.dataset import convergence_group
+from latin_fmu.results.quantities import INTERFACE, rows
 from latin_fmu.results.solution import Solution
 
 DIMENSIONS = {
@@ -85,6 +87,18 @@ def test_what_was_not_asked_or_cannot_be_is_absent(crushing: Solution, bars: Sol
     assert {"gap", "contact_status", "friction_power"}.isdisjoint(lean["interfaces/joint"].data_vars)
     assert "friction_power" not in lean["interfaces/contact"]
     assert "friction_coefficient" not in lean["interfaces/joint"].attrs
+
+
+def test_a_row_is_all_that_a_variable_needs(crushing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = rows(
+        "shear | Pa | time point | traction along x on side Ep | local-stage field",
+        {"shear": lambda history: -history.traction[..., 0]},
+    )
+    monkeypatch.setattr(dataset, "INTERFACE", {**INTERFACE, **row})
+    made = crushing.to_datatree()["interfaces/crush/shear"]
+    np.testing.assert_array_equal(made.values, -crushing.interfaces["crush"].traction[..., 0])
+    assert made.dims == ("time", "point")
+    assert made.attrs == {"units": "Pa", "long_name": "traction along x on side Ep", "comment": "local-stage field"}
 
 
 def test_energy_alone_brings_no_mesh(crushing: Solution) -> None:
