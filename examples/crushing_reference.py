@@ -22,9 +22,8 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, options, save, table, tid
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.reference import FILE, physics_of
-from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.runs import Quantities, measure_solution
+from latin_fmu.accuracy.study import FILE, physics_of
 from latin_fmu.results.quantities_of_interest import Force
 
 SCENE = MODELS / "two_specimen_crushing" / "scene.toml"

@@ -24,10 +24,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.reference import declared
 from latin_fmu.accuracy.resolution import Resolution, aligned, at_resolution
-from latin_fmu.accuracy.runs import measure_solution, run_at
+from latin_fmu.accuracy.runs import Quantities, measure_solution, run_at
+from latin_fmu.accuracy.study import declared
 from latin_fmu.scene.schema import Scene
 
 QUANTITIES = {

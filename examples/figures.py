@@ -73,6 +73,8 @@ DRAWINGS = {
     "static_friction": _script("static_friction.py"),
     "joint_damping": _script("joint_damping.py", "assembly"),
     "piston": _script("fmu_piston.py", "cosim"),
+    "stop": _script("fmu_stop.py", "cosim"),
+    "port_signs": Drawing("python examples/port_signs.py -o .", ()),
     "estimated_error": _script("estimated_error.py", "accuracy"),
     "price_of_friction": _script("benchmarks/price_of_friction.py", "propagator", "cholesky"),
     "large_faces": _script("benchmarks/large_faces.py", "propagator", "cholesky"),

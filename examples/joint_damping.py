@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.tightening import tightened
+from latin_fmu.assembly.statics import tightened
 from latin_fmu.scene.schema import Scene
 
 SCENE = MODELS / "bolted_beam" / "scene.toml"

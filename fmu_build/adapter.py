@@ -308,7 +308,7 @@ class ModelExchangeAdapter(Adapter):
     needed: ClassVar[Mapping[str, str]] = {"numpy": "2.0", "pydantic": "2.10"}
 
     def _open(self) -> Any:
-        system = self._module("model_exchange.system")
+        system = self._module("model_exchange.equations")
         reduced = system.ReducedSystem.from_bytes(self._content("reduced.bin"))
         names = system.Names.from_text(self._content("variables.json").decode())
         return self._module("model_exchange.fmi_instance").ReducedModelInstance(reduced, names, self._log())

@@ -12,7 +12,7 @@ from typing import Literal
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.variable import Variable, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
@@ -44,6 +44,7 @@ from .description import (
     xml_bytes,
 )
 from .documentation import compiled_page, documentation, model_exchange_page
+from .reference import reference_of
 
 Fmi = Literal["2", "3"]
 MAX_SCALARS = 2000  # more make FMI 2 hosts slow
@@ -59,8 +60,8 @@ def build_fmu(
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
-    extra : more files, by path inside the archive (the cross-check). compiled : an FMU that needs no Python. note : for
-        the documentation of a compiled FMU, HTML.
+    extra : more files, by path inside the archive; by default those of ``reference_of``. compiled : an FMU that needs
+        no Python. note : for the documentation of a compiled FMU, HTML.
 
     Raises
     ------
@@ -69,7 +70,8 @@ def build_fmu(
     ResultsError : the file cannot be written.
     """
     files = compiled_files(scene, fmi, note) if compiled else fmu_files(scene, fmi)
-    return write_archive(target, {**files, **(extra or {})})
+    more = reference_of(scene, compiled=compiled).files if extra is None else extra
+    return write_archive(target, {**files, **more})
 
 
 def build_model_exchange(scene: Scene, target: str | Path, n_mode: int = 12, n_patch: int = 4) -> Path:
@@ -152,6 +154,7 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
         },
         "resources/image.bin": run.image,
         "resources/variables.bin": run.variables,
+        "resources/results.nc": run.results,
         "modelDescription.xml": _description(facts, fmi),
         "documentation/index.html": compiled_page(facts, scene.text(), f"{fmi}.0", note).encode(),
     }

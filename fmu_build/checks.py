@@ -1,7 +1,4 @@
-"""Checks of an FMU: validation by fmpy and the XML schemas, cross-check files, error of one with reduced bodies.
-
-Cross-check files: X_in.csv (inputs), X_ref.csv (outputs), X_ref.opt (start, stop, step, tolerance). The reference is
-computed by a session, without the FMI: a host that reads it compares the FMU with the solver.
+"""Checks of an FMU: validation by fmpy and the XML schemas, error of one with reduced bodies.
 
 For the error of an FMU whose bodies are reduced to a few modes the scene is solved with its elastic bodies and with the
 reduced ones, under the laws that its loads have before they become inputs.
@@ -12,7 +9,7 @@ from __future__ import annotations
 import io
 import tempfile
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import util
@@ -22,24 +19,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from latin_fmu import api
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.runs import measure_solution
-from latin_fmu.cosim.session import Session
-from latin_fmu.cosim.settings import Settings
-from latin_fmu.cosim.variable import input_variable
+from latin_fmu.accuracy.runs import Quantities, measure_solution
 from latin_fmu.cosim.variables import inputs_of, with_laws
 from latin_fmu.errors import InputError, Problem, SolverError
-from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
 from latin_fmu.scene.schema import Scene
 
 from .build import build_fmu
-from .contents import Files
-from .description import identifier_of, suggested_step
 
-FOLDER = "documentation/cross_check"  # inside the FMU
-_MACHINE = "solver."  # outputs that depend on round-off (iterations) are no part of the reference
 _TOLD: Final = tuple(quantity.key for quantity in (PEAK_FORCE, IMPULSE, FIRST_CONTACT, SEPARATION))
 SETTING: Final = "solver.propagator={{type='reduced',modes={}}}"
 """Setting of a scene whose bodies are reduced to so many modes."""
@@ -47,7 +35,7 @@ SETTING: Final = "solver.propagator={{type='reduced',modes={}}}"
 
 @dataclass(frozen=True)
 class Inputs:
-    """A scene whose chosen loads are inputs, and the laws they had: the histories of the cross-check."""
+    """A scene whose chosen loads are inputs, and the laws they had: the histories of the reference run."""
 
     scene: Scene
     laws: Mapping[str, TimeLaw]
@@ -72,61 +60,6 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
         start = float(laws[name].sample(np.zeros(1))[0])
         loads[name] = loads[name].model_copy(update={"law": InputLaw(start_value=start)})
     return Inputs(scene.model_copy(update={"load": loads}), laws)
-
-
-def cross_check_files(inputs: Inputs) -> Files:
-    """Cross-check files of a scene (no X_in.csv without inputs), named after it.
-
-    Raises
-    ------
-    SolverError : a step of the default experiment does not converge.
-    """
-    scene = inputs.scene
-    session = Session(scene, Settings(keep=False))
-    names = [name for name in session.outputs if not name.startswith(_MACHINE)]
-    stem, stop = identifier_of(scene), scene.time.end
-    n = max(1, round(stop / suggested_step(scene)))
-    times = [stop * i / n for i in range(n + 1)]
-    histories = {name: _history(inputs.laws[name], times) for name in session.loads}
-    rows = []
-    for i, t in enumerate(times):
-        for name, (values, rates) in histories.items():
-            session.set_load(name, values[max(i - 1, 0)], rates[max(i - 1, 0)])
-        if i == 0:
-            session.initialize()
-        elif not (report := session.step(times[i - 1], t - times[i - 1])):
-            raise SolverError(f"no cross-check: {report.message}")
-        rows.append([t, *session.values(names)])
-    options = {
-        "StartTime": 0.0,
-        "StopTime": stop,
-        "StepSize": suggested_step(scene),
-        "RelTol": accuracy_of(scene.solver.tolerance),
-    }
-    files = {
-        f"{stem}_ref.csv": _table(["time", *names], rows),
-        f"{stem}_ref.opt": "".join(f"{key}, {value!r}\n" for key, value in options.items()).encode(),
-    }
-    if histories:
-        columns = {
-            input_variable(name, what): column
-            for name, pair in histories.items()
-            for what, column in (("value", pair[0]), ("rate", pair[1]))
-        }
-        files[f"{stem}_in.csv"] = _table(["time", *columns], zip(times, *columns.values(), strict=True))
-    return files
-
-
-def _history(law: TimeLaw, times: Sequence[float]) -> tuple[list[float], list[float]]:
-    """Values at the communication points, and the rates that join them; the last rate is 0."""
-    values = law.sample(np.array(times))
-    rates = np.append(np.diff(values) / np.diff(times), 0.0)
-    return values.tolist(), rates.tolist()
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[float]]) -> bytes:
-    lines = [",".join(header), *(",".join(repr(float(value)) for value in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
 
 
 _SCHEMAS = {"2.0": "fmi2/fmi2ModelDescription.xsd", "3.0": "fmi3/fmi3ModelDescription.xsd"}
@@ -213,7 +146,7 @@ def compiled_size(scene: Scene) -> int:
     InputError : the scene cannot be compiled, or the library is missing. SceneError : it cannot be built.
     """
     with tempfile.TemporaryDirectory() as folder:
-        return build_fmu(scene, Path(folder) / "size.fmu", compiled=True).stat().st_size
+        return build_fmu(scene, Path(folder) / "size.fmu", extra={}, compiled=True).stat().st_size
 
 
 def _quantities(inputs: Inputs) -> Quantities:

@@ -12,7 +12,7 @@ from math import prod
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from latin_fmu.cosim.variable import UNITS, Variable
-from latin_fmu.model_exchange.system import Local, Names
+from latin_fmu.model_exchange.equations import Local, Names
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.units import SI, UnitSystem, unit_text
 
@@ -63,7 +63,7 @@ class Facts:
 
 
 def identifier_of(scene: Scene) -> str:
-    """The name of the scene as one word: of the binaries and the cross-check files."""
+    """The name of the scene as one word: of the binaries and the files of the reference run."""
     return re.sub(r"\W", "_", scene.name)
 
 
@@ -195,8 +195,7 @@ def fmi3_description(facts: Facts) -> Element:
     }
     if facts.time_step is not None:
         abilities["fixedInternalStepSize"] = repr(facts.time_step)
-    else:  # after a contact event
-        abilities["mightReturnEarlyFromDoStep"] = "true"
+    abilities["mightReturnEarlyFromDoStep"] = "true"  # after a contact event
     root = _root(facts, "3.0", "CoSimulation", abilities)
     places = facts.references()
     variables = SubElement(root, "ModelVariables")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from latin_fmu.model_exchange.system import Names
+from latin_fmu.model_exchange.equations import Names
 from latin_fmu.scene.units import SI
 
 from .description import Facts
@@ -70,6 +70,7 @@ gives <code>reflected[i]</code>, to be connected to <code>incident[i]</code> of 
 the straight line from the last value to the value set, whatever <code>inputInterpolation</code> but 0.</li>
 <li>The scene's own time laws count from the start of the simulation.</li>
 <li>The FMU can be extracted to any path, spaces and letters outside ASCII included.</li>
+<li>Where <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a> is beside this page, the FMU carries a reference run.</li>
 </ul>
 <h2>What it needs</h2>
 <p>A Python on the importer's side with the packages of <code>externalDependencies.txt</code>; the solver itself is
@@ -112,10 +113,11 @@ function that ends the initialization.</li>
 error; the instance goes on from where it was.</li>
 <li>Instances of one process share the factors; each has a state of its own. Instances may run in threads of their
 own.</li>
+<li>Where <a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a> is beside this page, the FMU carries a reference run.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>
-<li>Results files, error estimates, directional derivatives, and steps that end early after a contact event: use the
+<li>Error estimates and directional derivatives: use the
 FMU made without <code>--compiled</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program that made the FMU
 has fall-backs for it.</li>

@@ -14,13 +14,12 @@ import numpy as np
 
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines
-from .assembly.kept_operators import KeptOperators
-from .assembly.limit_load import loss_of_equilibrium
-from .assembly.ports import port_lines
+from .assembly.free_bodies import loss_of_equilibrium
+from .assembly.models import KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
-from .effects.cost import Prediction
-from .effects.memory import IN_MEMORY, STREAMED, check_memory, least_output, memory_line
+from .assembly.supports import port_lines
+from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line
 from .errors import InputError, Problems, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit

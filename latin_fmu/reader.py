@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
 from .file_digest import is_damaged
-from .mesh_files.deck_tables import with_deck
+from .mesh_files.content import with_deck
 from .scene.fields import split_face
-from .scene.initial_fields import InitialState
+from .scene.initial_fields import InitialStateTable
 from .scene.overrides import apply_overrides
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
 from .scene.schema import Scene
@@ -278,7 +278,7 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     if not isinstance(raw.get("substructure"), Mapping):
         return raw, []  # the check of the fields reports it
     try:
-        table = InitialState.model_validate(raw["initial_state"])
+        table = InitialStateTable.model_validate(raw["initial_state"])
     except ValidationError:
         return raw, []  # the check of the fields reports it
     bodies, problems = named_tables(raw, "substructure"), []
@@ -309,7 +309,7 @@ def _with_initial_state(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
 
 
 def _fields_of(
-    table: InitialState, bodies: Sequence[str], base_dir: Path, units: UnitSystem, problems: list[Problem]
+    table: InitialStateTable, bodies: Sequence[str], base_dir: Path, units: UnitSystem, problems: list[Problem]
 ) -> dict[str, Any]:
     """Keys of the initial fields by substructure, from the results file."""
     from netCDF4 import Dataset
@@ -350,7 +350,7 @@ def _fields_of(
 
 
 def _refuse_loaded_contacts(
-    table: InitialState,
+    table: InitialStateTable,
     bodies: Sequence[str],
     interfaces: Mapping[str, Any],
     units: UnitSystem,
@@ -371,7 +371,7 @@ def _refuse_loaded_contacts(
 
 
 def _at_instant(
-    table: InitialState, name: str, stored: Mapping[str, Any], problems: list[Problem]
+    table: InitialStateTable, name: str, stored: Mapping[str, Any], problems: list[Problem]
 ) -> dict[str, Any] | None:
     """Both fields of one body at the instant; None, with a problem, where the file does not have them."""
     times = np.asarray(stored["time"][:], dtype=float)

@@ -100,7 +100,7 @@ def test_limits_of_control_groups(tmp_path: Path) -> None:
 )
 def test_what_does_not_fit_is_refused_with_settings_that_do(settings, fits, tmp_path, capsys, monkeypatch):
     """In check and before a run; with the settings of the message the scene can be solved."""
-    monkeypatch.setattr("latin_fmu.effects.memory.memory_room", lambda: (0.4e9, "a test"))
+    monkeypatch.setattr("latin_fmu.effects.cost.memory_room", lambda: (0.4e9, "a test"))
     (tmp_path / "scene.toml").write_text(SCENE)
     given = [word for setting in settings for word in ("--set", setting)]
     for command in ("check", "run"):
@@ -161,7 +161,7 @@ def test_predicted_memory_against_real(settings: tuple[str, ...], tmp_path: Path
 from latin_fmu import api, load_scene
 from latin_fmu.assembly.build import discretise
 from latin_fmu.effects.cost import Prediction
-from latin_fmu.effects.memory import memory_need
+from latin_fmu.effects.cost import memory_need
 from latin_fmu.latin import interface_rows
 from latin_fmu.machine import group_limits, peak_memory
 scene = load_scene("scene.toml", {list(settings)})
@@ -361,7 +361,7 @@ def test_memory_of_a_streamed_run_with_energies_and_slip_is_within_the_predictio
     code = """
 from latin_fmu.assembly.build import discretise
 from latin_fmu.effects.cost import Prediction
-from latin_fmu.effects.memory import memory_need
+from latin_fmu.effects.cost import memory_need
 print(peak_memory() + memory_need(Prediction(discretise(scene)), stream=True).total)
 """
     settings = ["time.instants=100000", "time.end=0.01", "output.energy=true", "output.surfaces=true"]

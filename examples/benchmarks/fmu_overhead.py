@@ -22,7 +22,7 @@ from typing import Any
 import latin_fmu
 from fmu_build.build import build_fmu
 from fmu_build.drive import Drive, FmuPeer
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.communication import CommunicationRun
 from latin_fmu.cosim.variables import RATE
 from latin_fmu.kernels import entries

@@ -9,7 +9,8 @@ words of 8 bytes   content (numbers little-endian; places count words from the s
 =================  ================================================================================================
 0                  ``LATINVAR``
 1 to ``HEADER``    ``HEADER`` in its order: checksum of all that follows, length, token, checksum of the image, ...
-then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state
+then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state,
+                   of 4 for each part of a record of the results (``results``)
 then               texts, each with a zero behind it; rows refer to them by bytes from their start
 =================  ================================================================================================
 """
@@ -32,6 +33,8 @@ from latin_fmu.cosim.variables import inputs_of, table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.scene.schema import Scene
 
+from .results import RecordPart, results_file
+
 HEADER: Final = (
     *("magic", "checksum", "length", "token", "image", "n_variable", "variables", "n_input", "inputs"),
     *(
@@ -46,6 +49,10 @@ HEADER: Final = (
         "tolerance",
         "n_whole",
         "wholes",
+        "results",
+        "n_record",
+        "records",
+        "results_sum",
     ),
 )
 """Words of the header, in the order of the names T_... of compiled.h."""
@@ -62,9 +69,10 @@ _NAMED: Final = {
     "window_size": "window.size",
     "history_size": "history.size",
     "tolerance": "tolerance",
+    "results": "resultsFile",
 }
 _CONSTANTS: Final = ("timeStep", "tolerance", "maxIterations")
-_LEFT_OUT: Final = ("resultsFile", "estimateError")
+_LEFT_OUT: Final = ("estimateError",)
 _MIXERS: Final = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
@@ -75,6 +83,7 @@ class CompiledRun:
     table: tuple[Variable, ...]
     image: bytes
     variables: bytes
+    results: bytes
     token: str
 
 
@@ -91,7 +100,12 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     table = tuple(_variables(table_of(scene, n_point if fmi == "3" else None)))
     text = hashlib.sha256(image + repr((fmi, table)).encode()).hexdigest()[:32]
     token = f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
-    return CompiledRun(table, image, _table(table, scene, run, image, token), token)
+    outputs = [v.name for v in table if v.causality == "output" and not v.is_array and v.name != "window.count"]
+    if int(run.image.run[0]["n_output"]) != len(outputs):
+        raise RuntimeError(f"{len(outputs)} outputs in the table, {int(run.image.run[0]['n_output'])} in the image")
+    places = {name: i for i, name in enumerate(outputs)} | dict(_points(run))
+    results, record = results_file(run, table, places)
+    return CompiledRun(table, image, _table(table, scene, run, (image, results), token, places, record), results, token)
 
 
 def libraries() -> dict[str, bytes]:
@@ -182,14 +196,18 @@ class _Texts:
         return begin
 
 
-def _table(table: Sequence[Variable], scene: Scene, run: CommunicationRun, image: bytes, token: str) -> bytes:
-    """The file of the variables."""
+def _table(
+    table: Sequence[Variable],
+    scene: Scene,
+    run: CommunicationRun,
+    files: tuple[bytes, bytes],
+    token: str,
+    places: Mapping[str, int],
+    record: Sequence[RecordPart],
+) -> bytes:
+    """The file of the variables; ``files``: image and beginning of the results."""
     texts, references = _Texts(), {v.name: i for i, v in enumerate(table)}
-    outputs = [v.name for v in table if v.causality == "output" and not v.is_array and v.name != "window.count"]
     inputs = list(inputs_of(scene))
-    places = {name: i for i, name in enumerate(outputs)} | dict(_points(run))
-    if int(run.image.run[0]["n_output"]) != len(outputs):
-        raise RuntimeError(f"{len(outputs)} outputs in the table, {int(run.image.run[0]['n_output'])} in the image")
     words: list[int | float] = [0] * len(HEADER)
     begins = dict.fromkeys(HEADER, 0) | {"variables": len(words)}
     for variable in table:
@@ -201,9 +219,18 @@ def _table(table: Sequence[Variable], scene: Scene, run: CommunicationRun, image
     begins["wholes"] = len(words)
     wholes = list(_whole_numbers(run))
     words += [number for row in wholes for number in row]
-    begins |= {"n_variable": len(table), "n_input": len(inputs), "n_whole": len(wholes), "texts": len(words)}
+    begins["records"] = len(words)
+    words += [number for part in record for number in part.row()]
+    begins |= {
+        "n_variable": len(table),
+        "n_input": len(inputs),
+        "n_whole": len(wholes),
+        "n_record": len(record),
+        "texts": len(words),
+    }
     begins |= {key: references.get(name, -1) for key, name in _NAMED.items()}
-    begins |= {"token": texts.place(token), "solver": places["solver.iterations"], "image": checksum(image)}
+    begins |= {"token": texts.place(token), "solver": places["solver.iterations"], "image": checksum(files[0])}
+    begins["results_sum"] = checksum(files[1])
     content = texts.content + bytes(-len(texts.content) % 8)
     begins["length"] = len(words) + len(content) // 8
     words[: len(HEADER)] = [begins[name] for name in HEADER]

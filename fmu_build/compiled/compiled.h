@@ -8,6 +8,7 @@
 #include "../bridge/bridge.h"
 
 #include <math.h>
+#include <stdio.h>
 
 /* A number of 8 bytes of the files, little-endian. */
 typedef union {
@@ -20,10 +21,14 @@ typedef union {
    from T_TEXTS, which counts words, as the other places do. References are -1 where there is no such variable. */
 enum {
     T_MAGIC, T_CHECKSUM, T_LENGTH, T_TOKEN, T_IMAGE, T_N_VARIABLE, T_VARIABLES, T_N_INPUT, T_INPUTS, T_TEXTS, T_MODE, T_RULE, T_END, T_FILE, T_WINDOW_SIZE, T_HISTORY_SIZE, T_SOLVER,
-    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_HEADER
+    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_RESULTS, T_N_RECORD, T_RECORDS, T_RESULTS_SUM, T_HEADER
 };
 /* Numbers of the state that stand for whole ones: their place in the moving block, the least and the largest. */
 enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
+/* What a record of the results file holds: the time, outputs or fields of the points from a place on, their number, whether
+   they are whole numbers of 4 bytes. */
+enum { R_KIND, R_PLACE, R_COUNT, R_WHOLE, R_ROW };
+enum { R_TIME, R_OUTPUT, R_FIELD };
 enum { V_NAME, V_KIND, V_ROLE, V_PLACE, V_WIDTH, V_N_DIMENSION, V_DIMENSION, V_START = V_DIMENSION + 3, V_ROW };
 enum { REAL, INTEGER, STRING, COUNT };
 enum {
@@ -58,6 +63,10 @@ struct Image {
 const Image *image_of(const char *folder, const char *token, char *trouble, size_t size);
 void image_freed(const Image *);
 uint64_t checksum(const void *words, size_t n_word);
+char *joined(const char *folder, const char *name);
+FILE *file_at(const char *path, const char *how);
+int moved_file(const char *from, const char *to); /* over the file that is there */
+void removed_file(const char *path);
 char *content_of(const char *path, size_t *length); /* zero bytes behind it; freed by aligned_free */
 void *aligned(size_t bytes);
 void aligned_free(void *);
@@ -66,6 +75,13 @@ typedef struct {
     int64_t n;
     double *t, *value; /* one block, at t */
 } History;
+
+/* Outputs and fields of the points at n instants from the first on; lost: there was no memory for one. */
+typedef struct {
+    double *numbers;
+    int64_t room, first, n;
+    int lost;
+} Records;
 
 struct Object {
     const Image *image;
@@ -84,6 +100,7 @@ struct Object {
     double *now;             /* outputs at the present time */
     double *rows, *times, *fields; /* of the last step: outputs, instants (s from the start); fields of the points */
     int64_t n_row, n_fields;
+    Records records;         /* for the results file */
     void **states;           /* given to the host */
     size_t n_state;
 };
@@ -110,6 +127,12 @@ int has_arrays(const Instance *);
 int64_t size_of_fields(const Instance *);
 int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_fields);
 int solve_histories(Instance *);
+
+/* results.c */
+int keeps_results(const Instance *);
+void keep_record(const Instance *, int64_t instant, const double *outputs, const double *fields);
+int results_ready(const Instance *);
+int write_results(const Instance *);
 
 /* states.c */
 void free_states(struct Object *);

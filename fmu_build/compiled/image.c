@@ -44,18 +44,43 @@ void aligned_free(void *place)
 }
 
 /* Paths are UTF-8. */
-static FILE *file_at(const char *path)
+#ifdef _WIN32
+enum { LONGEST = 4096 };
+
+static int wide_of(const char *path, wchar_t *wide) { return MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, LONGEST); }
+#endif
+
+FILE *file_at(const char *path, const char *how)
 {
 #ifdef _WIN32
-    wchar_t wide[4096];
-    if (MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, 4096)) return _wfopen(wide, L"rb");
+    wchar_t wide[LONGEST];
+    if (wide_of(path, wide)) return _wfopen(wide, *how == 'w' ? L"wb" : L"rb");
 #endif
-    return fopen(path, "rb");
+    return fopen(path, how);
+}
+
+int moved_file(const char *from, const char *to)
+{
+#ifdef _WIN32
+    wchar_t here[LONGEST], there[LONGEST];
+    if (wide_of(from, here) && wide_of(to, there)) return MoveFileExW(here, there, MOVEFILE_REPLACE_EXISTING) != 0;
+#endif
+    return rename(from, to) == 0;
+}
+
+void removed_file(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[LONGEST];
+    if (wide_of(path, wide)) _wremove(wide);
+#else
+    remove(path);
+#endif
 }
 
 char *content_of(const char *path, size_t *length)
 {
-    FILE *file = file_at(path);
+    FILE *file = file_at(path, "rb");
     if (file == NULL) return NULL;
     char *content = NULL;
     long size = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
@@ -87,7 +112,7 @@ uint64_t checksum(const void *words, size_t n_word)
 }
 
 /* -- the image ------------------------------------------------------------------------------------------------------- */
-static char *joined(const char *folder, const char *name)
+char *joined(const char *folder, const char *name)
 {
     size_t size = strlen(folder) + strlen(name) + 2;
     char *path = malloc(size);

@@ -29,6 +29,7 @@ static int renewed(Instance *c)
     memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
     o->discarded = o->opened = 0;
     o->n_row = o->n_fields = 0;
+    o->records = (Records){o->records.numbers, o->records.room, 0, 0, 0};
     o->start = c->time = 0.0;
     c->last = OK;
     memset(o->now, 0, 8 * (size_t)image->n_output);
@@ -101,6 +102,7 @@ void closed(Instance *c)
         free(o->rows);
         free(o->times);
         free(o->fields);
+        free(o->records.numbers);
         image_freed(o->image);
         free(o);
     }
@@ -163,19 +165,21 @@ int room_for(struct Object *o, int64_t n_row, int64_t n_fields, int64_t size)
     return rows && times && fields;
 }
 
-/* Keeps outputs and instant of a row of the kernels, and fields where asked for. */
-static void keep(const Instance *c, int64_t from, int64_t row, double time, int64_t field_row)
+/* Keeps outputs of a row of the kernels, which is an instant since the start, and fields where asked for. */
+static void keep(const Instance *c, int64_t from, int64_t row, int64_t instant, int64_t field_row)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
+    const double *outputs = o->moving + image->head[M_OUTPUT].i + from * image->n_output;
+    const double *fields = o->moving + image->head[M_FIELD].i;
     if (row >= 0) {
-        memcpy(o->rows + row * image->n_output, o->moving + image->head[M_OUTPUT].i + from * image->n_output,
-               8 * (size_t)image->n_output);
-        o->times[row] = time;
+        memcpy(o->rows + row * image->n_output, outputs, 8 * (size_t)image->n_output);
+        o->times[row] = (double)instant * image->dt;
     }
-    if (field_row < 0) return;
+    if (field_row < 0 && !keeps_results(c)) return;
     act(o, M_FIELDS, from, 0, 0, 0);
-    memcpy(o->fields + field_row * size_of_fields(c), o->moving + image->head[M_FIELD].i, 8 * (size_t)size_of_fields(c));
+    if (field_row >= 0) memcpy(o->fields + field_row * size_of_fields(c), fields, 8 * (size_t)size_of_fields(c));
+    if (keeps_results(c)) keep_record(c, instant, outputs, fields);
 }
 
 /* -- initialization ---------------------------------------------------------------------------------------------------- */
@@ -221,7 +225,7 @@ static int present(Instance *c)
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
-    keep(c, 0, 0, 0.0, n_field - 1);
+    keep(c, 0, 0, 0, n_field - 1);
     o->n_row = 1;
     o->n_fields = n_field;
     memcpy(o->now, o->rows, 8 * (size_t)o->image->n_output);
@@ -269,7 +273,7 @@ int solve_histories(Instance *c)
         if (made != 1)
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
         else
-            keep(c, 1, step, (double)step * dt, arrays ? step : -1);
+            keep(c, 1, step, step, arrays ? step : -1);
     }
     if (status != OK) return status;
     o->n_row = n + 1;
@@ -285,6 +289,7 @@ int initialize(Instance *c)
     if (o->opened) return OK;
     if (!can_start(c)) return ERROR;
     int status = set_histories(c);
+    if (status == OK && keeps_results(c)) status = results_ready(c);
     if (status != OK) return status;
     memcpy(o->first, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i);
     c->time = o->start;
@@ -297,6 +302,7 @@ int initialize(Instance *c)
 
 int terminate(Instance *c)
 {
+    if (keeps_results(c) && write_results(c) != OK) return ERROR;
     if (c->fmu->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
     return OK;
 }
@@ -319,19 +325,42 @@ static int same_again(const Instance *c, double t, double h)
            memcmp(o->refused + 2, o->given, 16 * (size_t)table_of(c)[T_N_INPUT].i) == 0;
 }
 
+/* First row of outputs whose counts of contact events are not those of the row before; 0 where there is none. */
+static int64_t first_event(const Image *image, const double *rows, int64_t n_row)
+{
+    int64_t n = image->n_output;
+    for (int64_t row = 1; row < n_row; row++)
+        for (int64_t i = image->head[M_OF_EVENT].i; i + 1 < n; i += 2)
+            if (rows[row * n + i] != rows[(row - 1) * n + i]) return row;
+    return 0;
+}
+
+/* Row of the last instant not beyond a time. */
+static int64_t row_at(const struct Object *o, double time)
+{
+    double place = time / o->image->dt;
+    int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
+    return row < o->n_row ? row : o->n_row - 1;
+}
+
 /* Plays the solution of prescribed mode back: outputs at an instant, linear between two. */
 static int played_back(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     int64_t n_input = table_of(c)[T_N_INPUT].i, width = o->image->n_output;
-    double end = o->times[o->n_row - 1], time = t + h - o->start;
+    double end = o->times[o->n_row - 1], time = t + h - o->start, dt = o->image->dt;
     for (int64_t i = 0; i < 2 * n_input; i++)
         if (o->given[i] != o->first[i])
             return msg(c, DISCARD, "%s was changed after initialization, which has no effect in prescribed mode: give a "
                        "history before initialization, or use mode 0 (windowed)", input_name(c, i / 2, IN_VALUE));
     if (time > end * (1.0 + 1e-9))
         return msg(c, DISCARD, "the interval solved ends at %g s: set endTime before initialization", o->start + end);
-    double place = time / o->image->dt, near = rint(place);
+    if (c->early) {
+        int64_t first = row_at(o, t - o->start), event = first_event(o->image, o->rows + first * width, row_at(o, time) - first + 1);
+        if (event > 0 && o->times[first + event] < time - 1e-9 * h) time = o->times[first + event];
+    }
+    c->time = time == t + h - o->start ? t + h : o->start + time;
+    double place = time / dt, near = rint(place);
     if (fabs(place - near) <= 1e-9 * fmax(1.0, fabs(place))) place = near;
     place = fmin(fmax(place, 0.0), (double)(o->n_row - 1));
     int64_t low = (int64_t)place < o->n_row - 1 ? (int64_t)place : o->n_row - 2;
@@ -356,51 +385,81 @@ static void hold_last(struct Object *o)
     o->n_row = 1;
 }
 
-/* Makes n time steps of a communication step into new rows; how many, and the last result of the kernels. */
-static int64_t march(const Instance *c, int64_t n, int64_t kept, int64_t *result)
+/* The time steps of a communication step: whole, those that are made, rows kept of them. */
+typedef struct {
+    int64_t whole, end, kept;
+} Part;
+
+/* Makes the time steps of a part into new rows; how many, and the last result of the kernels. event: where not NULL, the
+   time step that the first contact event is in; the march ends behind it. */
+static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *event)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
     int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
-    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], made = 0, some = 0;
+    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, some = 0;
     for (*result = 0; made < n && *result == some; made += some) {
         some = n - made < most ? n - made : most;
-        *result = act(o, M_COMMUNICATE, some, rule, made, n);
+        *result = act(o, M_COMMUNICATE, some, rule, made, part.whole);
         if (*result != some) break;
         for (int64_t i = made == 0 ? 0 : 1; i <= some; i++)
-            keep(c, i, made + i - (n + 1 - kept), (double)(before + made + i) * image->dt, made + i == n ? arrays - 1 : -1);
+            keep(c, i, made + i - (n + 1 - part.kept), before + made + i, made + i == n ? arrays - 1 : -1);
+        int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, some + 1) : 0;
+        if (row > 0) {
+            *event = made + row;
+            return made + some;
+        }
     }
     return *result > 0 && *result != some ? made + *result : made;
 }
 
-/* Solves the time steps that end in a communication step; nothing changes where one of them fails. */
+/* Gives inputs and place of a communication step to the kernels; its time steps. */
+static int64_t placed(Instance *c, double t, double h)
+{
+    struct Object *o = c->fmu;
+    double *place = o->moving + o->image->head[M_PLACE].i, dt = o->image->dt;
+    give_inputs(o);
+    place[0] = (t + h - o->start) / dt;
+    place[1] = h / dt;
+    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / dt;
+    return act(o, M_PLACING, 0, 0, 0, 0);
+}
+
+/* Solves the time steps that end in a communication step, or up to the first contact event where the host lets it end
+   early; nothing changes where one of them fails. */
 static int marched(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     const Image *image = o->image;
-    double *place = o->moving + image->head[M_PLACE].i;
     memcpy(o->before, o->moving, 8 * (size_t)image->n_state);
-    give_inputs(o);
-    place[0] = (t + h - o->start) / image->dt;
-    place[1] = h / image->dt;
-    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / image->dt;
-    int64_t n = act(o, M_PLACING, 0, 0, 0, 0), arrays = has_arrays(c);
+    int64_t n = placed(c, t, h), arrays = has_arrays(c), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
     if (n == 0) {
-        act(o, M_COMMUNICATE, 0, (int64_t)parameter(c, T_RULE, CAUSAL), 0, 0);
+        act(o, M_COMMUNICATE, 0, rule, 0, 0);
+        c->time = t + h;
         return hold_last(o), OK;
     }
-    int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1, kept = n + 1 < wanted ? n + 1 : wanted;
+    int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
+    Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
     o->rows = o->times = o->fields = NULL;
-    int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i];
-    int good = room_for(o, kept, arrays, size_of_fields(c));
-    int64_t made = good ? march(c, n, kept, &result) : 0;
-    double *unused[] = {made == n ? rows : o->rows, made == n ? times : o->times, made == n ? fields : o->fields};
+    int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i], event = n;
+    int good = room_for(o, part.kept, arrays, size_of_fields(c));
+    int64_t made = good ? march(c, part, &result, c->early ? &event : NULL) : 0;
+    if (event < n) { /* again, up to there */
+        memcpy(o->moving, o->before, 8 * (size_t)image->n_state);
+        placed(c, t, h);
+        part = (Part){n, event, event + 1 < wanted ? event + 1 : wanted};
+        made = march(c, part, &result, NULL);
+        if (made == event) act(o, M_COMMUNICATE, 0, rule, event, n);
+    }
+    int whole = good && made == part.end;
+    double *unused[] = {whole ? rows : o->rows, whole ? times : o->times, whole ? fields : o->fields};
     for (int i = 0; i < 3; i++) free(unused[i]);
-    if (made == n) {
-        o->n_row = kept;
+    if (whole) {
+        o->n_row = part.kept;
         o->n_fields = arrays;
-        memcpy(o->now, o->rows + (kept - 1) * image->n_output, 8 * (size_t)image->n_output);
+        memcpy(o->now, o->rows + (part.kept - 1) * image->n_output, 8 * (size_t)image->n_output);
+        c->time = event < n ? o->start + (double)(begun + event) * image->dt : t + h;
         return OK;
     }
     o->rows = rows;
@@ -442,7 +501,6 @@ int step(Instance *c, double t, double h)
     if (c->last != OK) return discarded(c, c->last, t, h);
     o->discarded = 0;
     memset(o->refused, 0, 8 * (size_t)(2 + 2 * table_of(c)[T_N_INPUT].i)); /* equal runs have equal states */
-    c->time = t + h;
     return OK;
 }
 

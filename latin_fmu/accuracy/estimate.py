@@ -38,8 +38,7 @@ from ..results.solution import Solution
 from ..results.spectra import shock_response_spectrum, spectrum_error
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
-from ..scene.settings import GeneralizedAlpha
-from .quantities import Quantities
+from ..scene.settings import GeneralizedAlphaTable
 from .resolution import (
     FEWEST_STEPS,
     Resolution,
@@ -51,7 +50,7 @@ from .resolution import (
     mesh_files,
     sampling_error,
 )
-from .runs import Run, cost_exponent, measure_solution, message_of, run_at
+from .runs import Quantities, Run, cost_exponent, measure_solution, message_of, run_at
 
 ORDER_BAND: Final = 0.3
 """A sequence whose observed order lies within this of the expected one is regular: its error is an estimate, else a
@@ -186,7 +185,7 @@ def overshoot(scene: Scene, transit: float) -> tuple[float, float]:
     (measured on thrown bars, Courant numbers from 0.05 to 1.5).
     """
     scheme = scene.time.scheme
-    if isinstance(scheme, GeneralizedAlpha) and scheme.landing_damping >= _LEAST_DAMPING:
+    if isinstance(scheme, GeneralizedAlphaTable) and scheme.landing_damping >= _LEAST_DAMPING:
         return 0.12, 0.15
     return math.inf, min(0.2 * (transit / scene.time.time_step) ** 1.5, 2.0)
 

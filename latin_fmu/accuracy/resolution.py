@@ -14,7 +14,7 @@ from ..scene.boundaries import AXES
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
-from ..scene.settings import HHT, WHOLE, AutomaticScheme, GeneralizedAlpha
+from ..scene.settings import WHOLE, AutomaticScheme, GeneralizedAlphaTable, HHTTable
 from ..scene.substructures import MAX_REFINEMENTS, MeshFile, Substructure
 
 FEWEST_STEPS: Final = 8
@@ -133,7 +133,7 @@ def in_short_windows(scene: Scene) -> Scene:
     """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps. Its time
     scheme is the one chosen for this mesh, on coarser and finer ones too."""
     if isinstance(scene.time.scheme, AutomaticScheme) and not scene.time.quasi_static:
-        scheme = GeneralizedAlpha() if discretise(scene).scheme.name == "generalized_alpha" else HHT()
+        scheme = GeneralizedAlphaTable() if discretise(scene).scheme.name == "generalized_alpha" else HHTTable()
         scene = scene.model_copy(update={"time": scene.time.model_copy(update={"scheme": scheme})})
     if scene.solver.window != WHOLE:
         return scene

@@ -52,20 +52,11 @@ C_LIBRARY: Final = frozenset({"memset", "memcpy", "memmove", "malloc", "free", "
 # What the functions of the FMI use of it beside.
 FUNCTIONS: Final = frozenset(
     [
-        *(
-            "__ctype_b_loc",
-            "__ctype_tolower_loc",
-            "bcmp",
-            "calloc",
-            "fclose",
-            "floor",
-            "fopen",
-            "fread",
-            "fseek",
-            "ftell",
-        ),
-        *("localeconv", "memchr", "memcmp", "realloc", "rint", "sched_yield", "snprintf", "strchr", "strcmp", "strcpy"),
-        *("strcspn", "strlen", "strncmp", "strpbrk", "strspn", "strtod", "vsnprintf"),
+        *("__ctype_b_loc", "__ctype_tolower_loc", "bcmp", "calloc", "fclose", "floor", "fopen"),
+        *("fread", "fseek", "ftell", "fwrite", "localeconv", "memchr", "memcmp"),
+        *("realloc", "remove", "rename", "rint", "sched_yield", "snprintf", "strchr"),
+        *("strcmp", "strcpy", "strcspn", "strlen", "strncmp", "strpbrk", "strspn"),
+        *("strtod", "vsnprintf"),
     ]
 )
 

@@ -16,6 +16,8 @@ from ..fem.dissection import dissection
 from ..fem.elements import (
     BENDING_CELLS,
     Elements,
+    MeanStress,
+    Recovery,
     RigidBody,
     body_load,
     lame,
@@ -25,16 +27,14 @@ from ..fem.elements import (
     stiffness,
     wave_speeds,
 )
-from ..fem.faces import Face, face_of, nodal_values
+from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
-from ..fem.stress import MeanStress, Recovery
-from ..fem.surface import Surface
 from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from ..scene.schema import Scene
-from ..scene.substructures import Material, MeshFile, Substructure
+from ..scene.substructures import MaterialTable, MeshFile, Substructure
 from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _OF_MOTION: Final = (
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
-    def __init__(self, mesh: Mesh, material: Material, bending_modes: bool = False) -> None:
+    def __init__(self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False) -> None:
         self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
 
     @cached_property
@@ -182,7 +182,7 @@ class Body:
         """A face as flat pieces."""
         return Surface(self.mesh.nodes, self.facets(name))
 
-    def of(self, description: Substructure, material: Material) -> bool:
+    def of(self, description: Substructure, material: MaterialTable) -> bool:
         """Whether a substructure of this description and material has this mesh and these matrices."""
         own = self.description
         alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
@@ -346,7 +346,7 @@ class _MeshFiles:
 
 def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """What the decks say that the scene does not use."""
-    from ..mesh_files.deck_tables import left_out
+    from ..mesh_files.content import left_out
 
     for path, content in files.contents.items():
         tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}

@@ -13,24 +13,34 @@ neither their steps nor the place of the plane matter. The mesh and its unknowns
 While a bolt is tightened F is given and delta is not. Eliminated,
 
     (K - g g^T / k) u = f + F g / k,      delta = (F + g . u) / k.
+
+The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
+both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
+stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
-from ..errors import Problems
-from ..fem.elements import Elements
-from ..fem.mesh import Array, CellBlock, Index, Mesh
-from ..fem.stress import MeanStress, Recovery
+from ..errors import Problems, shown
+from ..fem.elements import Elements, MeanStress, Recovery, stiffness
+from ..fem.faces import face_of
+from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
+from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
+from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
-from ..scene.substructures import Bolt, Material
+from ..scene.schema import Scene
+from ..scene.substructures import Bolt, MaterialTable
 from ..scene.units import UnitSystem
-from .body import Body, Shape
+from .body import Body, Shape, body_sides
+from .conditions import Conditions
 
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
 
@@ -44,7 +54,7 @@ class BoltCut:
     name, table : of the bolt in the scene. axis : (3,) unit vector a. point : (3,) centre of the cut, m.
     area : of the cut across the axis, m2. nodes : of the cut. beyond : (n_cell,) elements beyond the plane that touch
         it. moving : (n_node,) nodes joined to those elements when the cut is open.
-    pattern : (n_full,) g, N m-1. stiffness : k, N m-1.
+    pattern : (n_full,) g, N m-1. stiffness : k, N m-1. loose : whether F is given and delta is not, while tightened.
     """
 
     name: str
@@ -57,15 +67,16 @@ class BoltCut:
     moving: np.ndarray
     pattern: Array
     stiffness: float
+    loose: bool = False
 
     @property
     def load(self) -> str:
         """Name of its load term."""
         return load_name(self.name)
 
-    def loads(self, free: bool) -> LoadTerm:
-        """Load term of the bolt: amplitude delta; ``free`` : amplitude F."""
-        return LoadTerm(self.load, self.pattern / self.stiffness if free else self.pattern)
+    def loads(self) -> LoadTerm:
+        """Load term of the bolt: amplitude delta, F while it is loose."""
+        return LoadTerm(self.load, self.pattern / self.stiffness if self.loose else self.pattern)
 
     def stress(self, body: Body) -> float:
         """Mean stress of the shank when tightened, Pa; with a given shortening, of a shank as long as its body and held
@@ -212,7 +223,7 @@ class OpenedMesh:
 class OpenedStress:
     """Mean stress of the elements of a body with bolts (as ``MeanStress``)."""
 
-    def __init__(self, opened: OpenedMesh, material: Material) -> None:
+    def __init__(self, opened: OpenedMesh, material: MaterialTable) -> None:
         self._opened = opened
         self._mean = MeanStress(Elements(opened.mesh), material.young_modulus, material.poisson_ratio)
 
@@ -237,3 +248,299 @@ class _OpenedRecovery(Recovery):
     def nodal_stress(self, displacement: Array) -> Array:
         """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m."""
         return self._opened.closed(super().nodal_stress(self._opened.displacement(displacement)))
+
+
+_WIDEST: Final = 9  # nodes of a facet
+_SAME = 1e-9  # of the length of the body: levels that are equal
+_ALONG = 1e-6  # share of the axis along which a held direction counts
+_THIN = 1.1  # times the smallest section: sections of the same shank
+
+
+def cuts_of(
+    scene: Scene,
+    bodies: Mapping[str, Body],
+    conditions: Mapping[str, Conditions],
+    units: Sequence[InterfaceUnit],
+    problems: Problems,
+) -> dict[str, BoltCut]:
+    """Cuts of all bolts of a scene; shanks that cannot be cut are added to ``problems``."""
+    cuts = {}
+    for name, bolt in scene.bolt.items():
+        body = bodies[bolt.substructure]
+        joined = _joined_nodes(body, units)
+        axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()  # squares of any direction are numbers
+        axis /= np.linalg.norm(axis)
+        blocked = joined | _held_nodes(conditions[body.name], axis, body.mesh.n_node)
+        cut = _Section(name, bolt, body, axis).cut(blocked, joined, problems)
+        if cut is not None:
+            cuts[name] = cut
+            check_yield(name, bolt.force, cut, body, problems)
+    return cuts
+
+
+def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> np.ndarray:
+    """(n_node,) nodes of a body that take part in an interface."""
+    joined = np.zeros(body.mesh.n_node, dtype=bool)
+    for i, side, name in body_sides(units):
+        trace = units[i].geometry.traces[side]
+        if name == body.name and trace is not None:
+            joined[np.unique(trace.indices) // 3] = True
+    return joined
+
+
+def _held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
+    """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
+    free = (np.diff(held.expansion.indptr) > 0) & ~held.pattern.any(axis=1)
+    tied = np.asarray(held.expansion.sum(axis=0) > 1).ravel()
+    free &= ~np.asarray(held.expansion @ tied.astype(float), dtype=bool)
+    return np.asarray((~free.reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1))
+
+
+class _Section:
+    """Sections of a body across an axis, along facets between its elements.
+
+    A facet between two elements is cut by the planes between their centres.
+    """
+
+    def __init__(self, name: str, bolt: Bolt, body: Body, axis: Array) -> None:
+        self._name, self._bolt, self._body, self._axis = name, bolt, body, axis
+        mesh = body.mesh
+        self._heights = mesh.nodes @ axis
+        self._bottom, self._length = float(self._heights.min()), float(np.ptp(self._heights))
+        self._cells = [block.cells[:, : N_CORNER[block.cell_type]] for block in mesh.blocks]
+        self._levels = self._level(np.concatenate([self._heights[c].mean(axis=1) for c in self._cells]))
+        self._below, self._above, self._facets = self._inner_facets(mesh)
+        self._low, self._high = self._levels[self._below], self._levels[self._above]
+
+    def _level(self, height: Array) -> Array:
+        """Heights as shares of the length of the body, equal where they differ by round-off."""
+        return np.asarray(np.round((height - self._bottom) / (self._length * _SAME)) * _SAME)
+
+    def _inner_facets(self, mesh: Mesh) -> tuple[Index, Index, Index]:
+        """Elements below and above each facet between two elements, and its nodes (n, 9), oriented out of the lower
+        element, filled with -1."""
+        tables, owners, first = [], [], 0
+        for block in mesh.blocks:
+            for local in CELL_FACES[block.cell_type]:
+                nodes = np.full((len(block.cells), _WIDEST), -1, dtype=np.int64)
+                nodes[:, : len(local)] = block.cells[:, list(local)]
+                tables.append(nodes)
+                owners.append(first + np.arange(len(block.cells)))
+            first += len(block.cells)
+        facets, owner = np.concatenate(tables), np.concatenate(owners)
+        width = (facets >= 0).sum(axis=1)
+        corners = np.array([FACET_CORNERS[FACET_KIND[n]] if n in FACET_KIND else 0 for n in range(_WIDEST + 1)])[width]
+        keys = np.sort(np.where(np.arange(4) < corners[:, None], facets[:, :4], -1), axis=1)
+        order = np.lexsort(keys.T)
+        same = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(axis=1))
+        one, two = order[same], order[same + 1]
+        upside = self._levels[owner[one]] > self._levels[owner[two]]
+        one, two = np.where(upside, two, one), np.where(upside, one, two)
+        return owner[one], owner[two], facets[one]
+
+    # -- where to cut -----------------------------------------------------------------------------------------------
+    def cut(self, blocked: np.ndarray, joined: np.ndarray, problems: Problems) -> BoltCut | None:
+        """The cut of the bolt, or None with a problem; nodes that are ``blocked`` may not be on it, those that are
+        ``joined`` belong to interfaces."""
+        where, point = f"bolt.{self._name}", self._bolt.point
+        level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
+        if level is None:
+            problems.add(
+                where,
+                f"no section of {self._body.name} across the axis is free of interfaces and held nodes",
+                shown(self._bolt.axis),
+                "a shank with a node between its ends that no interface or condition takes",
+                "check the axis, or refine the mesh of the shank along it",
+            )
+            return None
+        chosen = np.flatnonzero((self._low <= level) & (level < self._high))
+        if not len(chosen):
+            low, high = self._heights.min(), self._heights.max()
+            problems.add(
+                where,
+                f"the plane of the cut meets no element of {self._body.name}",
+                f"plane at {level * self._length + self._bottom:.6g} {self._body.units['m']} along the axis",
+                f"between {low:.6g} and {high:.6g} {self._body.units['m']}, half an element inside",
+                "move the point, or leave it out",
+            )
+            return None
+        facets = self._one_section(chosen, problems)
+        return (
+            None if facets is None or not self._fits(facets, blocked, joined, problems) else self._made(facets, level)
+        )
+
+    def _middle(self, blocked: np.ndarray) -> float | None:
+        """Level in the middle of the longest stretch of the thinnest sections without blocked nodes; None where there
+        is none. The elements at both ends of the body are left out: planes through them cut a part of the section."""
+        areas = self._projected_areas()
+        shut = np.where(self._facets >= 0, blocked[self._facets], False).any(axis=1)
+        stops = np.unique(self._levels)
+        first, last = np.searchsorted(stops, self._low), np.searchsorted(stops, self._high)
+        area, closed = np.zeros(len(stops) + 1), np.zeros(len(stops) + 1)
+        for values, total in ((areas, area), (shut.astype(float), closed)):
+            np.add.at(total, first, values)
+            np.add.at(total, last, -values)
+        area, closed = np.cumsum(area)[: len(stops) - 1], np.cumsum(closed)[: len(stops) - 1]
+        spans = np.concatenate(
+            [self._level(np.stack([self._heights[c].min(1), self._heights[c].max(1)])) for c in self._cells], axis=1
+        )
+        low_end = spans[1][spans[0] <= _SAME].max(initial=0.0)
+        high_end = spans[0][spans[1] >= 1.0 - _SAME].min(initial=1.0)
+        inside = (stops[1:] > low_end) & (stops[:-1] < high_end)
+        usable = (closed < 0.5) & (area > 0.0) & inside
+        if not usable.any():
+            return None
+        thin = usable & (area <= _THIN * area[usable].min())
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
+        starts, ends = stops[edges[::2]], stops[edges[1::2]]
+        longest = int(np.argmax(ends - starts))
+        return float(0.5 * (starts[longest] + ends[longest]))
+
+    def _projected_areas(self) -> Array:
+        """Area of each inner facet across the axis, positive out of the lower element, m2."""
+        areas = np.zeros(len(self._facets))
+        width = (self._facets >= 0).sum(axis=1)
+        for n in np.unique(width):
+            own = np.flatnonzero(width == n)
+            places = self._body.mesh.nodes[self._facets[own][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
+            arms = places - places[:, :1]
+            areas[own] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
+        return areas
+
+    def _one_section(self, chosen: Index, problems: Problems) -> Index | None:
+        """Facets of the connected section that is nearest to the point of the bolt, or the only one."""
+        nodes = self._facets[chosen]
+        rows, columns = np.nonzero(nodes >= 0)
+        n_node = self._body.mesh.n_node
+        links = sp.coo_array(
+            (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
+        )
+        label = connected_components(links, directed=False)[1][: len(chosen)]
+        where, point = f"bolt.{self._name}.point", self._bolt.point
+        centres = np.stack([self._body.mesh.nodes[row[row >= 0]].mean(axis=0) for row in nodes])
+        if point is None:
+            if (label == label[0]).all():
+                return chosen
+            problems.add(
+                where,
+                f"the plane cuts {len(np.unique(label))} separate sections of {self._body.name}",
+                None,
+                "a point [x, y, z] on the shank of this bolt",
+                "give the point",
+            )
+            return None
+        distances = np.linalg.norm(_across(centres - np.asarray(point), self._axis), axis=1)
+        nearest = int(np.argmin(distances))
+        section: Index = chosen[label == label[nearest]]
+        width = _width(centres[label == label[nearest]], self._axis)
+        if distances[nearest] <= max(width, np.sqrt(self._area(section))):
+            return section
+        near = ", ".join(f"{x:.6g}" for x in centres[nearest])
+        problems.add(
+            where,
+            f"the nearest section of {self._body.name} on the plane of the cut is {distances[nearest]:.4g} "
+            f"{self._body.units['m']} away",
+            shown(point),
+            "a point on the shank, or no farther from it than it is wide",
+            f"the section has a point at [{near}]",
+        )
+        return None
+
+    def _fits(self, facets: Index, blocked: np.ndarray, joined: np.ndarray, problems: Problems) -> bool:
+        """Whether the section is that of a shank: free of interfaces and held nodes, no wider than the body is long."""
+        nodes = np.unique(self._facets[facets])
+        nodes = nodes[nodes >= 0]
+        where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
+        if width > self._length:
+            length = self._body.units["m"]
+            problems.add(
+                f"{where}.axis",
+                f"no shank along the axis: the section of {self._body.name} is {width:.4g} {length} wide, the body "
+                f"{self._length:.4g} {length} long along the axis",
+                shown(self._bolt.axis),
+                "a section no wider than the body is long",
+                "give the axis of the shank",
+            )
+            return False
+        if blocked[nodes].any():
+            taken = "of an interface" if joined[nodes].any() else "held along the axis by a boundary condition"
+            problems.add(
+                where,
+                f"{int(blocked[nodes].sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {taken}",
+                shown(self._bolt.point),
+                "a cut between them",
+                "move the point along the axis, leave it out, or refine the mesh of the shank along the axis",
+            )
+            return False
+        return True
+
+    # -- the cut ----------------------------------------------------------------------------------------------------
+    def _made(self, facets: Index, level: float) -> BoltCut:
+        body, axis = self._body, self._axis
+        nodes = np.unique(self._facets[facets])
+        nodes = nodes[nodes >= 0]
+        on_cut = np.zeros(body.mesh.n_node, dtype=bool)
+        on_cut[nodes] = True
+        touches = np.concatenate([on_cut[block.cells].any(axis=1) for block in body.mesh.blocks])
+        beyond = touches & (self._levels > level)
+        jump = np.zeros((body.mesh.n_node, 3))
+        jump[nodes] = axis
+        m = body.shape.material
+        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}))
+        own = stiffness(part, m.young_modulus, m.poisson_ratio, body.shape.bending_modes)
+        pattern = np.asarray(own @ jump.ravel())
+        pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
+        places = body.mesh.nodes[nodes]
+        centre = places.mean(axis=0)
+        return BoltCut(
+            self._name,
+            self._bolt,
+            axis,
+            centre,
+            self._area(facets),
+            nodes,
+            beyond,
+            self._moving(facets, beyond),
+            pattern,
+            float(jump.ravel() @ pattern),
+        )
+
+    def _area(self, facets: Index) -> float:
+        """Area of facets across the axis, m2."""
+        rows = self._facets[facets]
+        width = (rows >= 0).sum(axis=1)
+        section = FacetSet.of(*(rows[width == n][:, :n] for n in np.unique(width)))
+        return float(abs((face_of(self._body.mesh.nodes, section).vector_areas @ self._axis).sum()))
+
+    def _moving(self, facets: Index, beyond: np.ndarray) -> np.ndarray:
+        """(n_node,) nodes of the elements joined to those beyond the cut through facets that are not cut."""
+        whole = np.ones(len(self._facets), dtype=bool)
+        whole[facets] = False
+        n = len(self._levels)
+        pairs = (np.ones(int(whole.sum())), (self._below[whole], self._above[whole]))
+        label = connected_components(sp.coo_array(pairs, shape=(n, n)), directed=False)[1]
+        cells = np.isin(label, label[beyond])
+        moving, first = np.zeros(self._body.mesh.n_node, dtype=bool), 0
+        for block in self._body.mesh.blocks:
+            moving[block.cells[cells[first : first + len(block.cells)]].ravel()] = True
+            first += len(block.cells)
+        return moving if not cells.all() else np.zeros_like(moving)
+
+
+def _picked(mesh: Mesh, cells: np.ndarray) -> tuple[CellBlock, ...]:
+    """Blocks of some cells of a mesh."""
+    ends = np.cumsum([len(block.cells) for block in mesh.blocks])[:-1]
+    parts = zip(mesh.blocks, np.split(cells, ends), strict=True)
+    return tuple(CellBlock(block.cell_type, block.cells[own]) for block, own in parts if own.any())
+
+
+def _across(vectors: Array, axis: Array) -> Array:
+    """Parts (n, 3) of vectors across the axis."""
+    return np.asarray(vectors - np.outer(vectors @ axis, axis))
+
+
+def _width(places: Array, axis: Array) -> float:
+    """Twice the largest distance of points from their middle, across the axis, m."""
+    flat = _across(places, axis)
+    middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    return float(2.0 * np.linalg.norm(flat - middle, axis=1).max())

@@ -13,25 +13,21 @@ from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
-from .attachments import coupling_units, spring_units, with_masses, with_rigid_faces
+from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
+from .bolts import cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
-from .face_pairs import unconnected_remarks, with_found
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems
-from .interfaces import build_interface, with_behaviours
-from .kept_operators import Kept, KeptOperators
-from .models import scheme_remarks, store_of
-from .places import sensor_places
+from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
+from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
-from .ports import port_places
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .propagator_choice import box_memory
-from .shanks import cuts_of
-from .statics import loose_bolts, start_groups, start_problems, static_state
-from .tightening import tightened
+from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
+from .supports import port_places
 
 
 def build(

@@ -25,8 +25,19 @@ from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodi
 from ..scene.fields import split_face
 from ..scene.ports import Port
 from .body import Body
-from .ports import port_dashpots, port_motions, port_shapes
-from .supports import FLAT, HELD, NOTHING, Directions, Motion, absorbing_dashpots, inclined_directions, with_directions
+from .supports import (
+    FLAT,
+    HELD,
+    NOTHING,
+    Directions,
+    Motion,
+    absorbing_dashpots,
+    inclined_directions,
+    port_dashpots,
+    port_motions,
+    port_shapes,
+    with_directions,
+)
 
 _PAIRING = 1e-3  # periodic faces: lateral distance of a pair over the spacing of points
 _ROUND_OFF = 1e-9

@@ -1,12 +1,17 @@
-"""Models of the substructures of a scene, grouped into classes of identical ones."""
+"""Models of the substructures of a scene, grouped into classes of identical ones; operators of the scene solved last,
+for a scene that differs in parameters which enter none or few of them.
+
+Friction, preload, amplitudes, laws and initial velocities change no operator; a time step changes the factors, a
+material the matrices too. What may be used again is decided by comparison: meshes and element matrices where the
+description of a body is equal, factors where all matrices of a class, the time scheme and the step are equal to the
+last bit. A key that is not listed here can therefore cost time, but never give other results.
+"""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,21 +19,79 @@ import scipy.sparse as sp
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
 from ..fem.location import MeanMotion
-from ..latin.assembly import Array, Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Index, InterfaceUnit
 from ..operator_store import NO_STORE, OperatorStore, store_at
-from ..propagator import LoadTerm, SubstructureModel
-from ..propagator.model import diagonal_matrix, share_patterns
+from ..propagator import LoadTerm, Propagator, SubstructureModel
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
-from ..scene.settings import AutomaticScheme, ReducedPropagator
+from ..scene.settings import AutomaticScheme, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
-from .bolts import BoltCut
-from .conditions import Conditions, RigidConditions, rigid_model, total
-from .kept_operators import KeptOperators
 
-NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
+_OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start"))
+"""Fields of a model that no operator depends on."""
+
+
+Kept = dict[bytes, list[tuple[float, Any]]]
+"""Operators of static problems by ``ModelClass.key``."""
+
+
+@dataclass
+class KeptOperators:
+    """Bodies, models and propagators of the scene solved last (module docstring).
+
+    Attributes
+    ----------
+    bodies : by substructure. models : first member of every class, before its propagator changes it. propagators : of
+        the classes. made_with : scheme, step (s) and choices that the propagators were made with.
+    """
+
+    bodies: dict[str, Body] = field(default_factory=dict)
+    models: list[SubstructureModel] = field(default_factory=list)
+    propagators: list[Propagator] = field(default_factory=list)
+    made_with: tuple[Any, ...] = ()
+
+    def adopt(self, model: SubstructureModel) -> None:
+        """Give a model the reduced matrices of one with equal matrices, where there is one."""
+        known = self._like(model)
+        if known is not None:
+            self.models[known].share_operators(model)
+
+    def twin(self, model: SubstructureModel, made_with: tuple[Any, ...]) -> Propagator | None:
+        """Propagator with the operators of a model, made with the same scheme, step and choices; None where there is
+        none."""
+        known = self._like(model) if self.propagators and made_with == self.made_with else None
+        return None if known is None else self.propagators[known]
+
+    def replace(
+        self, models: Sequence[SubstructureModel], propagators: Sequence[Propagator], made_with: tuple[Any, ...]
+    ) -> None:
+        """Take the operators of the scene that is solved next in the place of the former ones."""
+        self.models, self.propagators, self.made_with = list(models), list(propagators), made_with
+
+    def _like(self, model: SubstructureModel) -> int | None:
+        """Number of the class with the operators of a model; None where there is none."""
+        return next((i for i, known in enumerate(self.models) if same_operators(known, model)), None)
+
+
+def same_operators(first: SubstructureModel, second: SubstructureModel) -> bool:
+    """Whether all matrices of two models are equal to the last bit."""
+    names = [f.name for f in fields(SubstructureModel) if f.name not in _OWN]
+    return all(_same(getattr(first, name), getattr(second, name)) for name in names)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if a is b:
+        return True
+    if isinstance(a, sp.csr_array) and isinstance(b, sp.csr_array):
+        parts = ((a.indptr, b.indptr), (a.indices, b.indices), (a.data, b.data))
+        return a.shape == b.shape and all(np.array_equal(x, y) for x, y in parts)
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return type(a) is type(b) and isinstance(a, str | int | float) and a == b
+
+
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
 _CLOSED = 1e-9  # gaps up to this share of the size of a body, approaches of its velocity: round-off of closed ones
 _MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
@@ -74,117 +137,10 @@ class ModelClass:
     key: bytes = b""
 
 
-def model_classes(
-    scene: Scene,
-    bodies: dict[str, Body],
-    conditions: dict[str, Conditions],
-    units: list[InterfaceUnit],
-    layout: Layout,
-    scheme: TimeScheme,
-    layers: Mapping[str, ContactLayer],
-    moved: Mapping[str, ContactLayer] | None = None,
-    cuts: Mapping[str, BoltCut] = NO_BOLTS,
-    free: Collection[str] = (),
-    kept: KeptOperators | None = None,
-) -> list[ModelClass]:
-    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene requests it).
-
-    layers : ``contact_layers`` of the bodies. moved : those of the body forces where they are others (static start).
-    cuts : of the bolts. free : those whose tension is given, and not their shortening.
-    kept : operators of a scene solved before.
-    """
-    classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
-    store = store_of(scene)
-    for name, body in bodies.items():
-        layer = layers.get(name)
-        loading = layer if moved is None else moved.get(name)
-        loads = load_terms(scene, name, body, loading)
-        own = [cut for cut in cuts.values() if cut.table.substructure == name]
-        loads += [cut.loads(cut.name in free) for cut in own]
-        model, channels = _model(name, body, conditions[name], units, layout, scheme, layer, loads)
-        model = replace(model, store=store)
-        key = _signature(model, body) if scene.solver.share_identical else name.encode()
-        key += _dashpots_key(scene, name)
-        if loose := [cut for cut in own if cut.name in free]:
-            model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
-        classes.setdefault(key, []).append((model, channels))
-    groups = []
-    for key, members in classes.items():
-        models = [m for m, _ in members]
-        if kept is not None:
-            kept.adopt(models[0])
-        # with the matrices: no part of the factorisation
-        _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
-        groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1), key=key))
-    share_patterns([c.members[0] for c in groups if c.members[0].mass is not None])
-    return groups
-
-
-def _model(
-    name: str,
-    body: Body,
-    held: Conditions,
-    units: list[InterfaceUnit],
-    layout: Layout,
-    scheme: TimeScheme,
-    layer: ContactLayer | None,
-    loads: list[LoadTerm],
-) -> tuple[SubstructureModel, Index]:
-    traces, areas, preloads, channels = [], [], [], []
-    for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
-        unit, n_component = units[i], units[i].behaviour.n_component
-        trace = unit.geometry.local_trace(side, n_component)
-        assert trace is not None
-        traces.append(trace)
-        areas.append(np.repeat(unit.geometry.areas, n_component))
-        pressed = np.zeros((unit.geometry.n_point, n_component))
-        pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
-        preloads.append(pressed.ravel())
-        channels.append(layout.channels(i, side).ravel())
-    n_full = body.full_size()
-    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
-    area = np.concatenate(areas) if areas else np.zeros(0)
-    if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
-        balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
-        loads.append(LoadTerm("", balance))
-    flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
-    if isinstance(held, RigidConditions):
-        rigid = rigid_model(body, held, trace, area, loads)
-        return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
-    modal = body.description.modal_damping
-    model = SubstructureModel(
-        name=name,
-        mass=None if layer is None else layer.mass,
-        damping=_damping(body, held, layer),
-        stiffness=body.shape.stiffness,
-        expansion=held.expansion,
-        trace=trace,
-        channel_area=area,
-        loads=loads,
-        displacement=body.initial_displacement(),
-        velocity=body.initial_velocity(),
-        imposed_pattern=held.pattern,
-        imposed_start=held.start(),
-        ordering=body.shape.rank[0],
-        parts=body.shape.rank[1],
-        lumped_mass=body.lumped_mass if scheme.explicit else None,
-        lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
-        landing=None if layer is None else layer.viscosity,
-        modal=None if modal is None else (modal.ratio, modal.below or np.inf),
-    )
-    return model, flat
-
-
 def store_of(scene: Scene) -> OperatorStore:
     """Where the operators of a scene are looked for, and kept."""
     table = scene.solver.operators
     return NO_STORE if table is None else store_at((scene.base_dir / table.folder).absolute(), 1e9 * table.limit)
-
-
-def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:
-    """The model while the shortenings of some of its bolts are free (``bolts``)."""
-    softened = sum((-cut.softening() for cut in cuts), model.stiffness)
-    return replace(model, stiffness=sp.csr_array(softened))
 
 
 def contact_layers(
@@ -284,7 +240,7 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
     front = "" if landing or not opening else _front(scene, bodies, opening)
     if not landing and not front:
         return HHT(), "no body lands: no gap at a face that may open, no sides that approach each other, no front"
-    if isinstance(scene.solver.propagator, ReducedPropagator):
+    if isinstance(scene.solver.propagator, ReducedPropagatorTable):
         return HHT(), "reduced bodies have mass at every node"
     for name in dict.fromkeys(name for _, _, name in body_sides(opening)):
         body = bodies[name]
@@ -411,23 +367,6 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
     return []
 
 
-def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
-    (a, b), viscosity = body.shape.material.rayleigh, None if layer is None else layer.viscosity
-    if not (a or b):
-        return total(held.dashpots, viscosity)
-    mass = body.mass if layer is None else layer.mass
-    rayleigh = a * mass + b * body.shape.stiffness
-    return total(sp.csr_array(rayleigh), held.dashpots, viscosity)
-
-
-def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
-    """Damping lumped with the masses of the shape, where it has its own; stiffness-proportional damping has no part."""
-    mass = body.lumped_mass
-    if mass is None:
-        return None
-    return total(diagonal_matrix(body.shape.material.rayleigh[0] * mass), held.lumped_dashpots)
-
-
 def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
     """Loads of a scene on the nodes of a body; ``layer`` : the mass that body forces act with."""
     terms = []
@@ -456,12 +395,6 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
     return terms
 
 
-def _dashpots_key(scene: Scene, name: str) -> bytes:
-    """The wave ports of a substructure, which its damping matrix depends on; empty where it has none."""
-    waves = [port for port in scene.port.values() if port.body == name and port.causality == "wave"]
-    return repr([(split_face(p.face)[1], p.components, p.impedance) for p in waves]).encode() if waves else b""
-
-
 def _body_load(body: Body, layer: ContactLayer | None) -> Array:
     """Nodal forces (3 n_node,) of the body force, N, where the mass of the mesh is: a free body is not strained."""
     force = np.asarray(body.description.body_force)
@@ -480,34 +413,3 @@ def _weight(body: Body, acceleration: tuple[float, float, float], layer: Contact
         return np.asarray(layer.mass @ everywhere if layer.lumped is None else layer.lumped * everywhere)
     own = body.shape.body_load(body.shape.material.density * np.asarray(acceleration))
     return own if body.added is None else np.asarray(own + body.added.matrix @ everywhere)
-
-
-def _signature(model: SubstructureModel, body: Body) -> bytes:
-    """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
-    digest = hashlib.sha256()
-    size = body.mesh.size
-    digest.update(
-        repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
-    )
-    digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
-    for block in body.mesh.blocks:
-        digest.update(block.cells.tobytes())
-    for matrix in (model.expansion, model.trace):
-        matrix.sort_indices()
-        index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))
-        for part in (*index, np.round(matrix.data, 9) + 0.0):
-            digest.update(np.ascontiguousarray(part).tobytes())
-    digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
-    if model.damping is not None:
-        sizes = float(model.damping.trace()), float(abs(model.damping).sum())
-        digest.update(f"{model.damping.nnz} {sizes[0]:.9e} {sizes[1]:.9e}".encode())
-        digest.update(model.damping.indices.astype(np.int64).tobytes())
-    if model.mass is not None and model.nodal is None:
-        digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
-    if body.added is not None:
-        digest.update(body.added.matrix.indices.astype(np.int64).tobytes())
-        digest.update(np.ascontiguousarray(body.added.matrix.data).tobytes())
-    digest.update(model.imposed_pattern.tobytes())
-    if model.nodal is not None:
-        digest.update((np.round(model.nodal, 9) + 0.0).tobytes())
-    return digest.digest()

@@ -22,11 +22,11 @@ from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
-from ..scene.substructures import Material
+from ..scene.substructures import MaterialTable
 from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
 from .body import Body
 from .checks import size_remarks
-from .face_pairs import between
+from .interfaces import between
 from .problem import DiscretisedProblem
 
 MODULUS, DENSITY, SPEED = (1e6, 1.3e12), (10.0, 25e3), (50.0, 2e4)
@@ -67,13 +67,13 @@ def meant_system(scene: Scene) -> UnitSystem | None:
     return next((s for s in UNIT_SYSTEMS.values() if s.measurable and all(_is_solid(m, s) for m in used)), None)
 
 
-def _elastic_materials(scene: Scene) -> dict[str, Material]:
+def _elastic_materials(scene: Scene) -> dict[str, MaterialTable]:
     """Materials of bodies that deform."""
     names = dict.fromkeys(s.material for s in scene.substructure.values() if not s.rigid)
     return {name: scene.material[name] for name in names}
 
 
-def _is_solid(m: Material, units: UnitSystem) -> bool:
+def _is_solid(m: MaterialTable, units: UnitSystem) -> bool:
     values = {"Pa": m.young_modulus, "kg m-3": m.density, "m s-1": float(np.sqrt(m.young_modulus / m.density))}
     ranges = (MODULUS, DENSITY, SPEED)
     return all(

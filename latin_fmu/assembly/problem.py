@@ -2,46 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..fem.mesh import padded_cells
-from ..latin.assembly import Array, Assembly, GroundState, InterfaceUnit, Layout
-from ..latin.probes import SensorPlace
-from ..latin.recorder import OutputRequest, SubstructureInfo
+from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.probes import OutputRequest, SensorPlace
+from ..latin.recorder import SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, Settings
-from ..propagator import Histories, SubstructureModel
+from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.interface_probing import SHARE
+from ..propagator.model import diagonal_matrix, share_patterns
 from ..remarks import Remark, remarks_of
 from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
-from ..scene.settings import WHOLE, Anderson, Uniform
+from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme
-from .body import Body, flexibility, side_impedance, side_stiffness
+from .body import Body, body_sides, flexibility, side_impedance, side_stiffness
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
-from .conditions import Conditions
+from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
-from .kept_operators import Kept, KeptOperators
-from .models import NO_BOLTS, ContactLayer, ModelClass, chosen_scheme, contact_layers, model_classes
-from .ports import port_motions, port_supports
+from .models import ContactLayer, Kept, KeptOperators, ModelClass, chosen_scheme, contact_layers, load_terms, store_of
 from .propagator_choice import divided, made_propagators
-from .supports import Motion, supports
+from .supports import Motion, port_motions, port_supports, supports
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
 ROUND_OFF = 1e-13
 """The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
+NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
 NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
 
@@ -173,19 +175,21 @@ class DiscretisedProblem:
         units: list[InterfaceUnit],
         moved: Mapping[str, ContactLayer] | None = None,
         cuts: Mapping[str, BoltCut] = NO_BOLTS,
-        free: Collection[str] = (),
         kept: KeptOperators | None = None,
     ) -> DiscretisedProblem:
-        """The problem with the time scheme, instants and classes of identical substructures of the scene; ``moved``,
-        ``cuts``, ``free`` and ``kept`` as for ``model_classes``."""
+        """The problem with the time scheme, instants and classes of identical substructures of the scene.
+
+        moved : contact layers of the body forces where they are others (static start). cuts : of the bolts.
+        kept : operators of a scene solved before.
+        """
         layout = Layout(units)
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         dt = float(time[1] - time[0])
         layers = contact_layers(bodies, units, scheme, dt)
-        classes = model_classes(scene, bodies, conditions, units, layout, scheme, layers, moved, cuts, free, kept)
-        made = DiscretisedProblem(scene, bodies, conditions, units, layout, classes, scheme, time, scheme_reason=reason)
-        return replace(made, cuts=cuts, layers=layers, kept=kept)
+        made = DiscretisedProblem(scene, bodies, conditions, units, layout, [], scheme, time, scheme_reason=reason)
+        made = replace(made, cuts=cuts, layers=layers, kept=kept)
+        return replace(made, classes=_model_classes(made, moved))
 
     @property
     def scheme_in_words(self) -> str:
@@ -325,6 +329,147 @@ class DiscretisedProblem:
         )
 
 
+def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer] | None) -> list[ModelClass]:
+    """Matrices of every substructure, grouped into classes of identical ones (of one each where the scene requests it).
+
+    moved : contact layers of the body forces where they are not those of the problem (static start).
+    """
+    scene = problem.scene
+    classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
+    store = store_of(scene)
+    for name, body in problem.bodies.items():
+        loading = (problem.layers if moved is None else moved).get(name)
+        loads = load_terms(scene, name, body, loading)
+        own = [cut for cut in problem.cuts.values() if cut.table.substructure == name]
+        loads += [cut.loads() for cut in own]
+        model, channels = _model(problem, name, loads)
+        model = replace(model, store=store)
+        key = _signature(model, body) if scene.solver.share_identical else name.encode()
+        key += _dashpots_key(scene, name)
+        if loose := [cut for cut in own if cut.loose]:
+            model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
+        classes.setdefault(key, []).append((model, channels))
+    groups = []
+    for key, members in classes.items():
+        models = [m for m, _ in members]
+        if problem.kept is not None:
+            problem.kept.adopt(models[0])
+        # with the matrices: no part of the factorisation
+        _ = models[0].reduced_stiffness if models[0].mass is None else models[0].reduced
+        groups.append(ModelClass(models, np.stack([c for _, c in members], axis=1), key=key))
+    share_patterns([c.members[0] for c in groups if c.members[0].mass is not None])
+    return groups
+
+
+def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tuple[SubstructureModel, Index]:
+    """Model of a substructure and the flat indices of its channels (n_channel,)."""
+    body, held, scheme = problem.bodies[name], problem.conditions[name], problem.scheme
+    units, layout, layer = problem.units, problem.layout, problem.layers.get(name)
+    traces, areas, preloads, channels = [], [], [], []
+    for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
+        unit, n_component = units[i], units[i].behaviour.n_component
+        trace = unit.geometry.local_trace(side, n_component)
+        assert trace is not None
+        traces.append(trace)
+        areas.append(np.repeat(unit.geometry.areas, n_component))
+        pressed = np.zeros((unit.geometry.n_point, n_component))
+        pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
+        preloads.append(pressed.ravel())
+        channels.append(layout.channels(i, side).ravel())
+    n_full = body.full_size()
+    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
+    area = np.concatenate(areas) if areas else np.zeros(0)
+    if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
+        loads.append(LoadTerm("", balance))
+    flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
+    if isinstance(held, RigidConditions):
+        rigid = rigid_model(body, held, trace, area, loads)
+        return (replace(rigid, mass=None) if isinstance(scheme, QuasiStatic) else rigid), flat
+    modal = body.description.modal_damping
+    model = SubstructureModel(
+        name=name,
+        mass=None if layer is None else layer.mass,
+        damping=_damping(body, held, layer),
+        stiffness=body.shape.stiffness,
+        expansion=held.expansion,
+        trace=trace,
+        channel_area=area,
+        loads=loads,
+        displacement=body.initial_displacement(),
+        velocity=body.initial_velocity(),
+        imposed_pattern=held.pattern,
+        imposed_start=held.start(),
+        ordering=body.shape.rank[0],
+        parts=body.shape.rank[1],
+        lumped_mass=body.lumped_mass if scheme.explicit else None,
+        lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
+        landing=None if layer is None else layer.viscosity,
+        modal=None if modal is None else (modal.ratio, modal.below or np.inf),
+    )
+    return model, flat
+
+
+def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:
+    """The model while the shortenings of some of its bolts are free (``bolts``)."""
+    softened = sum((-cut.softening() for cut in cuts), model.stiffness)
+    return replace(model, stiffness=sp.csr_array(softened))
+
+
+def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
+    (a, b), viscosity = body.shape.material.rayleigh, None if layer is None else layer.viscosity
+    if not (a or b):
+        return total(held.dashpots, viscosity)
+    mass = body.mass if layer is None else layer.mass
+    rayleigh = a * mass + b * body.shape.stiffness
+    return total(sp.csr_array(rayleigh), held.dashpots, viscosity)
+
+
+def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
+    """Damping lumped with the masses of the shape, where it has its own; stiffness-proportional damping has no part."""
+    mass = body.lumped_mass
+    if mass is None:
+        return None
+    return total(diagonal_matrix(body.shape.material.rayleigh[0] * mass), held.lumped_dashpots)
+
+
+def _dashpots_key(scene: Scene, name: str) -> bytes:
+    """The wave ports of a substructure, which its damping matrix depends on; empty where it has none."""
+    waves = [port for port in scene.port.values() if port.body == name and port.causality == "wave"]
+    return repr([(split_face(p.face)[1], p.components, p.impedance) for p in waves]).encode() if waves else b""
+
+
+def _signature(model: SubstructureModel, body: Body) -> bytes:
+    """Equal for substructures whose operators are equal (loads, initial values and place do not count)."""
+    digest = hashlib.sha256()
+    size = body.mesh.size
+    digest.update(
+        repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
+    )
+    digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
+    for block in body.mesh.blocks:
+        digest.update(block.cells.tobytes())
+    for matrix in (model.expansion, model.trace):
+        matrix.sort_indices()
+        index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))
+        for part in (*index, np.round(matrix.data, 9) + 0.0):
+            digest.update(np.ascontiguousarray(part).tobytes())
+    digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
+    if model.damping is not None:
+        sizes = float(model.damping.trace()), float(abs(model.damping).sum())
+        digest.update(f"{model.damping.nnz} {sizes[0]:.9e} {sizes[1]:.9e}".encode())
+        digest.update(model.damping.indices.astype(np.int64).tobytes())
+    if model.mass is not None and model.nodal is None:
+        digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
+    if body.added is not None:
+        digest.update(body.added.matrix.indices.astype(np.int64).tobytes())
+        digest.update(np.ascontiguousarray(body.added.matrix.data).tobytes())
+    digest.update(model.imposed_pattern.tobytes())
+    if model.nodal is not None:
+        digest.update((np.round(model.nodal, 9) + 0.0).tobytes())
+    return digest.digest()
+
+
 def settings_of(scene: Scene) -> Settings:
     """Settings of the iteration."""
     solver = scene.solver
@@ -335,7 +480,7 @@ def settings_of(scene: Scene) -> Settings:
         force_tolerance=10.0 * solver.tolerance if solver.force_tolerance is None else solver.force_tolerance,
         max_iterations=solver.max_iterations,
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
-        anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, Anderson) else 0,
+        anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, AndersonTable) else 0,
         relaxation=solver.relaxation,
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,

@@ -30,8 +30,7 @@ from ..scene import settings as tables
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic, TimeScheme
-from .kept_operators import KeptOperators
-from .models import ModelClass
+from .models import KeptOperators, ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take
 _CELL_BYTES = 20e3  # of matrices while they are assembled, per hexahedron, at least
@@ -332,7 +331,7 @@ def interfaces_of(scene: Scene) -> Interfaces:
 def propagator_settings(scene: Scene) -> PropagatorSettings:
     """Settings of the propagators that the scene requests, whether they fit into memory or not."""
     requested = scene.solver.propagator
-    if isinstance(requested, tables.ReducedPropagator):
+    if isinstance(requested, tables.ReducedPropagatorTable):
         return PropagatorSettings("reduced", modes=requested.modes)
     automatic: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
     kind: Kind = automatic if isinstance(requested, tables.AutomaticPropagator) else requested.type

@@ -1,14 +1,21 @@
-"""Static equilibrium at t = 0: ``time.start = "static"``.
+"""Static states before the motion: equilibrium at t = 0, and the tightening of bolts.
 
-A static start is the equilibrium under what acts at t = 0, as the initial state of the motion. The static problem is
-the scene without inertia: the same meshes and interfaces, loads raised in increments to their value at t = 0, faces
-driven by a velocity and moving ground at rest, no dashpots. Substructures that have a velocity of their own are not in
-it. It is solved far more closely than the motion will be, so that the unbalanced rest is negligible there.
+A static start (``time.start = "static"``) is the equilibrium under what acts at t = 0, as the initial state of the
+motion. The static problem is the scene without inertia: the same meshes and interfaces, loads raised in increments to
+their value at t = 0, faces driven by a velocity and moving ground at rest, no dashpots. Substructures that have a
+velocity of their own are not in it. It is solved far more closely than the motion will be, so that the unbalanced rest
+is negligible there.
+
+Bolts are tightened by force control, friction included. The bolts of each order are tightened together, in increments,
+from the tensions that they have by then to their forces (or to their shortenings); the shortenings of all others are
+kept, so that their tensions follow. Every order is a static problem of its own, which starts from the equilibrium of
+the order before. The shortening of a bolt that is being tightened is eliminated (``bolts``), so that the tension is met
+exactly, whatever the contacts do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Final
@@ -34,12 +41,20 @@ from ..scene.settings import StaticStart
 from ..scene.substructures import DAMPING_KEYS
 from ..scene.units import UnitSystem
 from .body import Body, body_sides
-from .bolts import BoltCut
+from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
-from .free_bodies import FreeGroup, acting, free_groups, free_motions, unheld, with_place
-from .initial_state import InitialState
-from .kept_operators import Kept
-from .limit_load import allowed_motions, loss_of_equilibrium
+from .free_bodies import (
+    FreeGroup,
+    acting,
+    allowed_motions,
+    free_groups,
+    free_motions,
+    loss_of_equilibrium,
+    unheld,
+    with_place,
+)
+from .initial_state import InitialState, TightBolts
+from .models import Kept
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 _UNSEEN = 1e-7  # vibrations that residual forces up to this share of the largest excite are told by no measurement
@@ -196,7 +211,8 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     units = [unit for unit in whole.units if unit.name in scene.joints]
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
-    return DiscretisedProblem.of(scene, bodies, conditions, units, moved, whole.cuts, free)
+    cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
+    return DiscretisedProblem.of(scene, bodies, conditions, units, moved, cuts)
 
 
 def loose_bolts(
@@ -385,3 +401,108 @@ def _at_start(name: str, law: TimeLaw, amplitudes: Mapping[str, float]) -> float
 
 def _raised(amplitude: float) -> _Tables:
     return {"type": "table", "times": [0.0, 1.0], "values": [0.0, amplitude]}
+
+
+_Ramps = dict[str, tuple[float, float]]
+
+
+def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
+    """The equilibrium with all bolts tight and no other load acting.
+
+    Parameters
+    ----------
+    kept : as for ``DiscretisedProblem.build``.
+
+    Raises
+    ------
+    SceneError : no equilibrium with such a force was found, or the mean stress of a bolt is above the yield stress.
+    """
+    scene, cuts = static_scene(whole.scene, {}, loaded=False), whole.cuts
+    state: InitialState | None = None
+    bolts = TightBolts(dict.fromkeys(cuts, 0.0))
+    increments, iterations, remarks = 0, 0, dict[str, None]()
+    for order in sorted({cut.table.order for cut in cuts.values()}):
+        group = [cut for cut in cuts.values() if cut.table.order == order]
+        ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
+        free = [cut.name for cut in group if cut.table.force is not None]
+        problem = replace(static_problem(whole, scene, free), ramps=ramps)
+        ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
+        converged, sentence = run.status()
+        if not converged:
+            share = sum(window.converged for window in run.windows) / scene.time.n_step
+            raise _not_tight(group, ramps, share, sentence, scene.unit_system)
+        increments += len(run.windows)
+        iterations += sum(window.iterations for window in run.windows)
+        state = state_at_end(ready, run, {}, tolerance)
+        remarks |= dict.fromkeys(state.remarks)
+        bolts = _locked(bolts, order, group, cuts, state)
+    assert state is not None, "a scene without bolts"
+    _check_yield(whole, bolts)
+    words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"
+    words += f", {increments} increment(s), {iterations} iterations"
+    return replace(state, bolts=bolts, message=words, remarks=tuple(remarks))
+
+
+def _ramps(group: Sequence[BoltCut], bolts: TightBolts, tensions: Mapping[str, float]) -> _Ramps:
+    """First and last amplitude of the load of each bolt: shortening, or tension of those that have a force to reach."""
+    ramps = {name: (kept, kept) for name, kept in bolts.shortening.items()}
+    for cut in group:
+        force, shortening = cut.table.force, cut.table.shortening
+        if force is not None:
+            ramps[cut.name] = tensions[cut.name], force
+        elif shortening is not None:
+            ramps[cut.name] = 0.0, shortening
+    return ramps
+
+
+def _tensions(
+    cuts: Mapping[str, BoltCut], shortening: Mapping[str, float], state: InitialState | None
+) -> dict[str, float]:
+    """Tension of each bolt in a state, N."""
+    if state is None:
+        return dict.fromkeys(cuts, 0.0)
+    return {n: cut.force(shortening[n], state.displacement[cut.table.substructure]) for n, cut in cuts.items()}
+
+
+def _locked(
+    bolts: TightBolts, order: int, group: Sequence[BoltCut], cuts: Mapping[str, BoltCut], state: InitialState
+) -> TightBolts:
+    """The bolts with the shortenings that those of an order have in a state, and the tensions of all."""
+    shortening = dict(bolts.shortening)
+    for cut in group:
+        force, given = cut.table.force, cut.table.shortening
+        if force is not None:
+            shortening[cut.name] = cut.shortening(force, state.displacement[cut.table.substructure])
+        elif given is not None:
+            shortening[cut.name] = given
+    now = _tensions(cuts, shortening, state)
+    return TightBolts(
+        shortening, (*bolts.orders, order), {name: (*bolts.forces.get(name, ()), force) for name, force in now.items()}
+    )
+
+
+def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str, units: UnitSystem) -> SceneError:
+    """The error of bolts that reached only a share of their force, or shortening."""
+    reached = []
+    for cut in group:
+        first, last = ramps[cut.name]
+        unit = units["m" if cut.table.force is None else "N"]
+        reached.append(f"{cut.name} {first + share * (last - first):.6g} of {last:.6g} {unit}")
+    return SceneError.of(
+        "the scene cannot be built",
+        f"bolt.{group[0].name}",
+        f"bolts of order {group[0].table.order} cannot be tightened, no equilibrium was found; reached: "
+        f"{', '.join(reached)}. {why[:1].upper()}{why[1:]}",
+        None,
+        "closed faces under head and nut and between the parts, which can hold the force",
+        "check the gaps on the way of the force and what keeps the parts from sliding, or raise time.start.increments",
+    )
+
+
+def _check_yield(whole: DiscretisedProblem, bolts: TightBolts) -> None:
+    """Refuse bolts whose mean stress was above the yield stress while they were tightened. Raises SceneError."""
+    problems = Problems()
+    for name, cut in whole.cuts.items():
+        check_yield(name, max(bolts.forces[name]), cut, whole.bodies[cut.table.substructure], problems)
+    if problems:
+        raise SceneError(problems, "the scene cannot be built")

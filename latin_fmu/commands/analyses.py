@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, add_scene, check_netcdf, declare, option, output_file, read_scene
-from .progress import Waiting
+from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -168,13 +167,13 @@ def _request(given: Mapping[str, Any]) -> Spectrum:
     """
     from pydantic import ValidationError
 
-    from ..scene.describe import field_problems
+    from ..scene.describe import validation_problems
     from ..scene.sensors import Spectrum
 
     try:
         return Spectrum.model_validate(given)
     except ValidationError as error:
-        problems = field_problems(Spectrum, error, given)
+        problems = validation_problems(Spectrum, error, given)
         named = [Problem(f"--{p.where.replace('_', '-')}", p.what, p.value, p.allowed, p.remedy) for p in problems]
         raise InputError(named, "bad argument") from None
 

@@ -14,6 +14,7 @@ from . import (
     LIMITED,
     REMARKED,
     AddParser,
+    Waiting,
     add_max_cpu,
     add_scene,
     add_settings,
@@ -25,7 +26,6 @@ from . import (
     say,
     switch,
 )
-from .progress import Waiting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

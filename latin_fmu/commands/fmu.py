@@ -11,13 +11,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, Problem
+from ..errors import InputError, LatinError, Problem
 from . import (
     BAD_INPUT,
     CONVERGED,
     LIMITED,
     SOLVER_FAILED,
     AddParser,
+    Waiting,
     add_max_cpu,
     add_scene,
     declare,
@@ -27,7 +28,6 @@ from . import (
     say,
     switch,
 )
-from .progress import Waiting
 
 if TYPE_CHECKING:
     from ..scene.schema import Scene
@@ -35,15 +35,17 @@ if TYPE_CHECKING:
 _BUILD_EXAMPLES = """\
 examples:
   latin-fmu fmu scene.toml -o crushing.fmu --set "load.press.law={type='input'}"
-  latin-fmu fmu scene.toml --fmi 3 --inputs all --cross-check
+  latin-fmu fmu scene.toml --fmi 3 --inputs all --reference whole
   latin-fmu fmu scene.toml --compiled --inputs all
   latin-fmu fmu scene.toml --compiled --inputs press --modes 20
   latin-fmu fmu scene.toml --model-exchange --modes 20
+  latin-fmu fmu models --compiled -o fmus
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
 Energies are outputs where the scene says output.energy = true (--set output.energy=true).
---cross-check puts X_in.csv, X_ref.csv and X_ref.opt (inputs, outputs, experiment) into the FMU and beside it, X being
-the name of the scene: a load named by --inputs follows the law it had in the scene.
+Of a folder the FMU of every scene file in it and below is made, in the folder -o, named after folder and file.
+The FMU carries a reference run by the layered standard FMI-LS-REF: experiment, inputs and outputs, in the folder
+extra/org.fmi-standard.fmi-ls-ref. A load named by --inputs follows the law it had in the scene.
 --compiled makes an FMU of machine code and factors, which needs no Python where it runs; its time step and tolerance
 are those of the scene.
 --model-exchange makes a reduced model of the scene (a few modes per body, regularised contact) with the states and
@@ -59,6 +61,8 @@ linear, and where only a value is given its rate is taken from them.
 """
 _NEEDED: Final = "pip install 'latin-fmu[fmu]' gives what FMUs need"
 
+REFERENCES: Final = ("short", "whole", "none")
+
 _LARGE = 5e7
 """Bytes of the matrices of a compiled FMU from which on their size is printed before they are made."""
 
@@ -73,10 +77,12 @@ def _register_fmu(add: AddParser) -> None:
     text = "make an FMU of a scene for co-simulation (or of a reduced model for model exchange), and validate it"
     parser = declare(add, "fmu", text, _fmu, _BUILD_EXAMPLES)
     add_scene(parser)
-    option(parser, "-o --output", "X.fmu", "file to write (default: <name of the scene>.fmu)", output_file)
+    text = "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder"
+    option(parser, "-o --output", "X.fmu", text, output_file)
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
     option(parser, "--inputs", "LOAD,...", "loads that become inputs; 'all' for every load", default="")
-    switch(parser, "--cross-check", "solve the default experiment and give its results along")
+    text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
+    option(parser, "--reference", "RUN", text, choices=REFERENCES, default=REFERENCES[0])
     switch(parser, "--compiled", "an FMU that needs nothing but the C library to run")
     switch(parser, "--model-exchange", "a reduced model as differential equations (FMI 3 only)")
     text = "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and print the error"
@@ -104,16 +110,18 @@ def _register_simulate(add: AddParser) -> None:
 def _fmu(arguments: argparse.Namespace) -> int:
     from importlib import import_module
 
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import check_target
 
     if problems := list(_contradictions(arguments)):
         raise InputError(problems, "the options contradict each other")
+    if arguments.scene.is_dir():
+        return _of_folder(arguments)
     scene = read_scene(arguments)
     target = arguments.output or Path(f"{scene.name}.fmu")
     check_target(target)
     try:
         with Waiting("FMU") as waiting:
-            files, lines = _made(arguments, scene, target, waiting)
+            lines = _made(arguments, scene, target, waiting)
     except ModuleNotFoundError as error:
         say(f"latin-fmu: {error.msg}; {_NEEDED}")
         return BAD_INPUT
@@ -126,19 +134,35 @@ def _fmu(arguments: argparse.Namespace) -> int:
     if problems:
         print("\n".join([f"{target} is not valid:", *(f"  {problem}" for problem in problems)]))
         return BAD_INPUT
-    for name, content in files.items():
-        write_bytes(target.with_name(name), content)
-    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), {verdict}{''.join(f', {n}' for n in sorted(files))}")
+    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), {verdict}")
     return CONVERGED
 
 
-def _made(
-    arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Waiting
-) -> tuple[dict[str, bytes], list[str]]:
-    """Make the FMU; the files of the cross-check by name, and lines on the error of reduced bodies."""
-    from importlib import import_module
+def _of_folder(arguments: argparse.Namespace) -> int:
+    """Make the FMU of every scene file in a folder and below, also after one that cannot be made."""
+    files = sorted(arguments.scene.rglob("*.toml"))
+    if not files:
+        raise InputError([Problem(str(arguments.scene), "holds no scene file (*.toml)")])
+    target, worst = arguments.output or Path(), CONVERGED
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
+    for file in files:
+        name = "_".join([*file.relative_to(arguments.scene).parent.parts, file.stem]).removesuffix("_scene")
+        one = argparse.Namespace(**{**vars(arguments), "scene": file, "output": target / f"{name}.fmu"})
+        try:
+            code = _fmu(one)
+        except LatinError as error:
+            say(f"latin-fmu: {file}: {error}")
+            code = BAD_INPUT
+        worst = max(worst, code)
+    return worst
 
-    from ..results.writing import check_target
+
+def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Waiting) -> list[str]:
+    """Make the FMU; lines on its reference run and on the error of reduced bodies."""
+    from importlib import import_module
 
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
@@ -151,10 +175,14 @@ def _made(
         if foreseen := _foreseen(inputs.scene):
             say(f"latin-fmu: {foreseen}")
     waiting.reached(0.0, "FMU")
-    files: dict[str, bytes] = checks.cross_check_files(inputs) if arguments.cross_check else {}
-    for name in files:
-        check_target(target.with_name(name))
-    inside = {f"{checks.FOLDER}/{name}": content for name, content in files.items()}
+    inside: dict[str, bytes] = {}
+    if arguments.reference != "none" and not arguments.model_exchange:
+        begin = time.process_time()
+        how = arguments.reference == "whole", arguments.compiled
+        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, *how)
+        inside = reference.files
+        took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)" if inside else ""
+        lines.append(f"{reference.said}{took}")
     build = import_module("fmu_build.build")
     if arguments.model_exchange:
         sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
@@ -162,14 +190,13 @@ def _made(
         build.build_model_exchange(inputs.scene, target, **given)
     else:
         build.build_fmu(inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note)
-    return files, lines
+    return lines
 
 
 def _foreseen(scene: Scene) -> str:
     """What the matrices of a scene will take in a compiled FMU, in words; empty where that is little."""
     from ..assembly.build import discretise
-    from ..effects.cost import Prediction
-    from ..effects.memory import amount
+    from ..effects.cost import Prediction, amount
 
     prediction = Prediction(discretise(scene))
     if prediction.memory < _LARGE:
@@ -202,8 +229,8 @@ def _reduced(arguments: argparse.Namespace, inputs: Any, names: Sequence[str]) -
 def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
     if arguments.model_exchange and arguments.fmi == "2":
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
-    if arguments.model_exchange and arguments.cross_check:
-        yield Problem("--cross-check", "belongs to co-simulation", remedy="leave --model-exchange out")
+    if arguments.model_exchange and arguments.reference == "whole":
+        yield Problem("--reference", "belongs to co-simulation", remedy="leave --model-exchange out")
     if arguments.model_exchange and arguments.compiled:
         yield Problem("--compiled", "belongs to co-simulation", remedy="leave --model-exchange out")
     for name in ("modes", "patches"):

@@ -20,7 +20,9 @@ from . import (
     NOT_CONVERGED,
     REMARKED,
     AddParser,
+    Progress,
     Signals,
+    Waiting,
     add_max_cpu,
     add_scene,
     add_strict,
@@ -35,7 +37,6 @@ from . import (
     started_together,
     switch,
 )
-from .progress import Progress, Waiting
 
 if TYPE_CHECKING:
     from ..accuracy.adaptive_resolution import Choice

@@ -17,6 +17,7 @@ from . import (
     LIMITED,
     NOT_CONVERGED,
     AddParser,
+    Waiting,
     add_max_cpu,
     add_scene,
     add_settings,
@@ -27,7 +28,6 @@ from . import (
     say,
     switch,
 )
-from .progress import Waiting
 
 if TYPE_CHECKING:
     from ..accuracy.study import Study

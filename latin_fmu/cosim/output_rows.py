@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ..assembly.ports import moved_face_forces
 from ..assembly.segments import Segment, SegmentedRun
+from ..assembly.supports import moved_face_forces
 from ..kernels import entries
 from ..kernels.outputs import N_SOLVER
 from ..latin.assembly import Assembly
 from ..latin.outcome import Array
-from ..latin.probes import Probes
-from ..latin.recorder import OutputRequest, Recorder, SubstructureInfo
+from ..latin.probes import OutputRequest, Probes
+from ..latin.recorder import Recorder, SubstructureInfo
 from ..machine import one_thread
 from ..propagator.image import Image
 from ..scene.schema import Scene

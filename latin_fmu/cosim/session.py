@@ -18,15 +18,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..assembly.face_pairs import completed
+from ..assembly.interfaces import completed
 from ..assembly.segments import Segment
 from ..errors import InputError, LatinError, Problem
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
-from ..results.dataset import AXES, datatree, result_groups
+from ..results.dataset import datatree, result_groups, root_group
 from ..results.estimates import ErrorEstimate
 from ..results.groups import SCHEMA_VERSION
+from ..results.quantities import AXES
 from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
 from ..scene.schema import Scene
@@ -289,8 +290,8 @@ def result_tree(
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)
-        given = outcome, scene.name, scene.text(), provenance(), problem.recovered, scene.sensor
-        groups = result_groups(*given, surfaces=scene.output.surfaces)
+        groups = {"/": root_group(outcome, scene.name, scene.text(), provenance())}
+        groups |= result_groups(outcome, problem.recovered, scene.sensor, surfaces=scene.output.surfaces)
         tree = datatree(groups, scene.name)
     tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps))
     return tree

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..assembly.ports import port_key
+from ..assembly.supports import port_key
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.outcome import Array, PointFields
 from ..latin.probes import Probes
@@ -40,8 +40,8 @@ class SignalPlaces:
 
     def __init__(self, drives: Drives, recorder: Recorder) -> None:
         self._drives, assembly = drives, drives.assembly
-        self._assembly, self._recorder = assembly, recorder
-        self.probes = Probes(assembly, recorder.sliding, recorder.places, recorder.supports, recorder.bolts)
+        self._assembly, self._request = assembly, recorder.request
+        self.probes = Probes(assembly, recorder.sliding, self._request)
         n = assembly.layout.n_flat
         at = 2 * n + sum(g.n_point for g in assembly.layout.groups)
         self._sensed: list[int] = []
@@ -206,13 +206,12 @@ class Signals(SignalPlaces):
 
     def _motion_rows(self, name: str) -> sp.csr_array:
         """Displacement and velocity of a sensor, or of a port (6, n)."""
-        sensors = self.probes.sensors
-        _, c, member, part = next(place for place in sensors.places if place[0] == name)
-        rows = sp.lil_array((6, self.n))
+        place, rows = self.probes.places["motion"][name], sp.lil_array((6, self.n))
+        c, member = place.number, place.member
         for kind in range(2):
-            for axis, row in enumerate(range(part.start, part.stop)):
+            for axis, row in enumerate(range(place.part.start, place.part.stop)):
                 rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
-                self._add_motions(rows, 3 * kind + axis, (c, kind, member), sensors.shapes[c][row])
+                self._add_motions(rows, 3 * kind + axis, (c, kind, member), place.shapes[axis])
         return sp.csr_array(rows)
 
     def _port_rows(self, scene: Scene) -> Iterator[sp.csr_array]:
@@ -237,33 +236,30 @@ class Signals(SignalPlaces):
                 yield 2.0 * braked - sp.csr_array(incident)
 
     def _reaction_rows(self, name: str) -> sp.csr_array:
-        """Reaction (3, n) of a moved face (``latin.reactions``)."""
-        place, rows = self.probes.supports.places[name], sp.lil_array((3, self.n))
+        """Reaction (3, n) of a moved face (``latin.probes``)."""
+        place, support = self.probes.places["force"][name], self._request.supports[name]
         c, member, forcing = place.number, place.member, self._assembly.propagators[place.number].forcing
-        first = self.probes.sensors.rows[c].shape[0] + place.part.start
+        rows, first = sp.lil_array((3, self.n)), place.part.start
         for axis in range(3):
             for kind in range(3):
                 rows[axis, self._sensor(c, kind, first + 3 * kind + axis, member)] = 1.0
                 self._add_motions(rows, axis, (c, kind, member), place.shapes[3 * kind + axis])
-            terms = zip(forcing.members[member].loads, forcing.amplitudes[member], place.loads, strict=True)
+            terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
             for load, amplitude, resultant in terms:
                 source = self._source(load.name)
                 rows[axis, self.n - 1 if source is None else source] -= resultant[axis] * (
                     amplitude[0] if source is None else 1.0
                 )
-            for channel, area in zip(self._assembly.channels[c][:, member], place.spread[:, axis], strict=True):
+            for channel, area in zip(self._assembly.channels[c][:, member], support.spread[:, axis], strict=True):
                 rows[axis, int(channel)] -= area
         return sp.csr_array(rows)
 
     def _bolt_rows(self) -> Iterator[sp.csr_array]:
         """Tension of each bolt (1, n)."""
-        places = {place[0]: place for place in self.probes.bolts.places}
-        for name, bolt in self._recorder.bolts.items():
-            _, c, member, row, shapes = places[name]
-            first = self.probes.sensors.rows[c].shape[0] + self.probes.supports.rows[c].shape[0]
-            rows = sp.lil_array((1, self.n))
-            rows[0, self._sensor(c, 0, first + row, member)] = -1.0
-            self._add_motions(rows, 0, (c, 0, member), -shapes)
+        for name, bolt in self._request.bolts.items():
+            place, rows = self.probes.places["tension"][name], sp.lil_array((1, self.n))
+            rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
+            self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
             rows[0, self.n - 1] = float(bolt.force(np.zeros(())))
             yield sp.csr_array(rows)
 
@@ -292,7 +288,7 @@ class Signals(SignalPlaces):
             share[begun + points.start : begun + points.stop] = unit.geometry.areas / unit.geometry.areas.sum()
             blocks.append(matrix)
             at += sum(sizes)
-        sensors = [self._motion_rows(name) for name in self._recorder.places if "." not in name]
+        sensors = [self._motion_rows(name) for name in self._request.sensors if "." not in name]
         for rows in (*sensors, *self._port_rows(scene), *self._bolt_rows()):
             blocks.append(rows)
             at += rows.shape[0]

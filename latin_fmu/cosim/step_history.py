@@ -15,20 +15,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ..assembly.segments import Segment
-from ..latin.outcome import Array, InterfaceHistory, Outcome, SensorHistory, SubstructureHistory, Timings, WindowRecord
+from ..latin.outcome import Array, InterfaceHistory, Outcome, SubstructureHistory, Timings, WindowRecord
+from ..results.quantities import BOLT, INTERFACE, REACTION, SENSOR, SUBSTRUCTURE, Rows, fields_over_time
 from .loads import Curve, rule_of
 from .variables import HOLD, LINE
 
-INTERFACE_FIELDS: Final = (
-    "traction",
-    "velocity",
-    "gap",
-    "contact_status",
-    "friction_power",
-    "layer_energy",
-    "joint_power",
-)
-"""Fields of an ``InterfaceHistory`` over time."""
+INTERFACE_FIELDS: Final = fields_over_time(INTERFACE, InterfaceHistory)
 
 _JUMP: Final = 1e-7  # of a step: distance of the two times at which a jump is written
 
@@ -131,7 +123,9 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
     indicator = max(s.error_indicator for s in segments)
     return Outcome(
         time=_joined_arrays([s.time for s in segments]),
-        interfaces={name: _joined_interface([s.interfaces[name] for s in segments]) for name in first.interfaces},
+        interfaces={
+            name: _joined_fields([s.interfaces[name] for s in segments], INTERFACE) for name in first.interfaces
+        },
         substructures={
             name: _joined_substructure([s.substructures[name] for s in segments]) for name in first.substructures
         },
@@ -141,15 +135,9 @@ def joined(segments: Sequence[Segment], timings: Timings, warnings: tuple[str, .
         status=f"{len(segments)} accepted segment(s), largest error indicator {indicator:.3g}",
         passes=float("nan"),
         energy=_joined_energies([s.energy for s in segments]),
-        sensors={name: _joined_sensor([s.sensors[name] for s in segments]) for name in first.sensors},
-        reactions={
-            name: replace(first.reactions[name], force=_joined_arrays([s.reactions[name].force for s in segments]))
-            for name in first.reactions
-        },
-        bolts={
-            name: replace(first.bolts[name], force=_joined_arrays([s.bolts[name].force for s in segments]))
-            for name in first.bolts
-        },
+        sensors={name: _joined_fields([s.sensors[name] for s in segments], SENSOR) for name in first.sensors},
+        reactions={name: _joined_fields([s.reactions[name] for s in segments], REACTION) for name in first.reactions},
+        bolts={name: _joined_fields([s.bolts[name] for s in segments], BOLT) for name in first.bolts},
         timings=timings,
         warnings=warnings,
     )
@@ -160,10 +148,11 @@ def _joined_arrays(parts: Sequence[Array]) -> Array:
     return np.concatenate([part[(i > 0) :] for i, part in enumerate(parts)])
 
 
-def _joined_fields(parts: Sequence[Any], names: Sequence[str]) -> dict[str, Any]:
-    """The kept ones of some fields over the instants of all parts."""
-    kept = (name for name in names if getattr(parts[0], name) is not None)
-    return {name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept}
+def _joined_fields(parts: Sequence[Any], table: Rows) -> Any:
+    """A history over the instants of all parts: its stored fields over time, as far as they are kept."""
+    fields = fields_over_time(table, type(parts[0]))
+    kept = (name for name in fields if getattr(parts[0], name) is not None)
+    return replace(parts[0], **{name: _joined_arrays([getattr(part, name) for part in parts]) for name in kept})
 
 
 def _joined_energies(parts: Sequence[dict[str, Array] | None]) -> dict[str, Array] | None:
@@ -171,17 +160,10 @@ def _joined_energies(parts: Sequence[dict[str, Array] | None]) -> dict[str, Arra
     return {term: _joined_arrays([part[term] for part in terms]) for term in terms[0]} if terms else None
 
 
-def _joined_interface(parts: Sequence[InterfaceHistory]) -> InterfaceHistory:
-    return replace(parts[0], **_joined_fields(parts, INTERFACE_FIELDS))
-
-
 def _joined_substructure(parts: Sequence[SubstructureHistory]) -> SubstructureHistory:
-    fields = _joined_fields(parts, ("time", "displacement", "velocity", "stress"))
-    return replace(parts[0], energy=_joined_energies([part.energy for part in parts]), **fields)
-
-
-def _joined_sensor(parts: Sequence[SensorHistory]) -> SensorHistory:
-    return replace(parts[0], **_joined_fields(parts, ("displacement", "velocity", "acceleration")))
+    time, energy = _joined_arrays([part.time for part in parts]), _joined_energies([part.energy for part in parts])
+    joined_parts: SubstructureHistory = _joined_fields(parts, SUBSTRUCTURE)
+    return replace(joined_parts, time=time, energy=energy)
 
 
 def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:

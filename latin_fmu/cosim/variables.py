@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from ..results.quantities import ENERGY, SENSOR
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, TimeLaw
 from ..scene.ports import COMPONENTS, INPUTS, MOTIONS, REFLECTED, Port, indexed
@@ -36,17 +37,12 @@ EVENTS: Final[Mapping[str, tuple[str, str]]] = {
 }
 """Output that counts a contact event of an interface: output of its last instant, and what the interface becomes."""
 
+_TERMS: Final = ("kinetic", "elastic", "work_of_loads", "interface_work", "friction_dissipation", "damping_dissipation")
 ENERGIES: Final[Mapping[str, str]] = {
-    "kinetic": "kinetic energy",
-    "elastic": "elastic energy",
-    "work_of_loads": "work of the loads since the start",
-    "interface_work": "work of the interface tractions on the substructures since the start",
-    "friction_dissipation": "energy dissipated by friction since the start",
-    "damping_dissipation": "energy dissipated by material damping since the start",
-    "landing_dissipation": "energy dissipated by the viscosity of contact layers since the start",
-    "scheme_dissipation": "energy dissipated by the time scheme since the start",
-    "balance": "residual of the energy balance",
+    name: ENERGY[name].meaning.removesuffix(" of the run")
+    for name in (*_TERMS, "landing_dissipation", "scheme_dissipation", "balance")
 }
+"""Outputs of the energies of the assembly, with their meaning."""
 
 
 def inputs_of(scene: Scene) -> dict[str, InputLaw]:
@@ -111,8 +107,8 @@ def scalar_table(scene: Scene) -> tuple[Variable, ...]:
     for name in scene.sensor:
         sensor = scene.sensor[name]
         about = f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
-        rows += vector(f"sensor.{name}.displacement", "m", f"displacement {about}")
-        rows += vector(f"sensor.{name}.velocity", "m s-1", f"velocity {about}")
+        for motion in ("displacement", "velocity"):
+            rows += vector(f"sensor.{name}.{motion}", str(SENSOR[motion].unit), f"{motion} {about}")
     for name, port in scene.port.items():
         rows += _port(name, port, depends)
     for name, bolt in scene.bolt.items():

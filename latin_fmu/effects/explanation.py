@@ -1,22 +1,39 @@
-"""``explain``: effects, choices, predicted cost and suggestions of a scene, as text and as plain data."""
+"""``explain``: effects, choices, predicted cost and suggestions of a scene, as text and as plain data.
+
+Suggestions: settings of a scene that would cost less, with their predicted saving and what is lost by them.
+
+Nothing is changed. The saving is that of the whole run, set-up included. Where settings change the kind of a run, the
+changed scene is built before it is suggested, and an explicit march is suggested with a step that is stable.
+"""
 
 from __future__ import annotations
 
 import textwrap
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ..assembly.build import discretise
+from ..assembly.inactive_substructures import arrival_times, marched_share
+from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators
+from ..fem.elements import wave_speeds
+from ..interface.laws import FRICTION, coulomb_coefficient
+from ..latin.assembly import Array
+from ..propagator.explicit import ExplicitPropagator
 from ..remarks import Remark, remarks_of
 from ..results.summary import readable
+from ..scene.boundaries import Driven
+from ..scene.fields import GROUND, split_face
+from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
-from ..scene.settings import WHOLE, Anderson
-from .cost import Prediction
-from .scene_effects import EFFECTS, Effect
-from .suggestions import Suggestion, suggestions
+from ..scene.settings import WHOLE, AndersonTable
+from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
+from .scene_effects import EFFECTS, Effect, changed, without_friction
 
 SCHEMA_VERSION = "1.4"
 """Of ``Explanation.report``: the first number changes when a key changes or goes, the second when one is added."""
@@ -187,7 +204,7 @@ def choices(p: Prediction) -> dict[str, str]:
         direction += ": 1 / D_ii of one instant" if solver.window == 1 else ": rho c, or half the row value"
     factor = solver.search_direction.factor
     acceleration = "none (plain iteration)"
-    if isinstance(solver.acceleration, Anderson):
+    if isinstance(solver.acceleration, AndersonTable):
         acceleration = f"anderson, depth {solver.acceleration.depth}"
     if not p.discretised.units:
         window, direction, acceleration = "no interface: one linear march", "none", "none"
@@ -200,3 +217,278 @@ def choices(p: Prediction) -> dict[str, str]:
         "interfaces": _interfaces(p),
         "propagator": f"{run.propagator.kind}, scheme {p.discretised.scheme_in_words}",
     }
+
+
+TINY_FRICTION = 1e-3
+STIFF = 1e3  # times the wave impedance of every neighbour
+UNRESOLVED = 0.2  # transit of a body over the step
+COSTLY = 0.2  # share of the time
+TENTH = 10  # instants between stored fields
+LATE = 0.7  # share of the instants at which substructures are marched
+SLOW = 10.0  # duration of the run over the longest transit
+CHEAP = 0.4  # cost of another propagator over that of the chosen one
+MORE_STEPS = 10.0  # most steps of an explicit march over those of the scene
+LUMPED = "with a lumped mass: contact forces change by some per cent on coarse meshes"
+LARGE = 2e6  # numbers of a factor that does not stay in the cache
+CLEARLY = 0.9  # cost with factors in single precision over that in double precision
+ROUNDED = "results move by 1e-8 to 1e-6, and forces and momentum balance to 1e-6 instead of round-off"
+TRUNCATED = "with some modes instead of the mesh: the response above them is lost, a warning of the run states how much"
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A change that is proposed, never made.
+
+    Attributes
+    ----------
+    what : a sentence. settings : what to write, as for ``--set``. factor : predicted cost of the whole run after over
+        before, None where the cost does not change or is not known. loss : what is lost, in words; empty where the
+        result stays the same to the tolerance.
+    """
+
+    what: str
+    settings: tuple[str, ...] = ()
+    factor: float | None = None
+    loss: str = ""
+
+    def report(self) -> dict[str, Any]:
+        """Suggestion as plain data, for JSON."""
+        factor = None if self.factor is None else round(self.factor, 4)
+        return {"what": self.what, "settings": list(self.settings), "cost_factor": factor, "loss": self.loss}
+
+    def lines(self, width: int) -> list[str]:
+        """Lines of text for a reader, at most ``width`` wide."""
+        sentence = self.what + (f" ({self.loss})" if self.loss else "")
+        lines = textwrap.wrap(f"* {sentence}", width, initial_indent="  ", subsequent_indent="    ")
+        if self.settings:
+            cost = "" if self.factor is None or self.factor > 0.995 else f"   (predicted cost x {self.factor:.2g})"
+            lines.append("    " + " ".join(f"--set {s}" for s in self.settings) + cost)
+        return lines
+
+
+Maker = Callable[[Prediction, list[Effect]], Iterator[Suggestion]]
+
+
+def suggestions(p: Prediction, effects: list[Effect]) -> list[Suggestion]:
+    """All suggestions for a scene with these effects."""
+    makers: tuple[Maker, ...] = (_friction, _open_gaps, _rigid, _stored, _slow, _late, _single, _propagator)
+    return [s for make in makers for s in make(p, effects)]
+
+
+def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Friction with a negligible coefficient."""
+    for unit in p.discretised.units:
+        mu = coulomb_coefficient(unit.behaviour) or 0.0
+        if 0 < mu < TINY_FRICTION:
+            yield Suggestion(
+                f"interface {unit.name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; "
+                f"without it {4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
+                (f"interface.{unit.name}.{FRICTION}=0",),
+                _factor(p, without_friction(p, [unit])),
+                f"tangential forces, up to {100 * mu:.2g} % of the normal ones",
+            )
+
+
+def _factor(p: Prediction, run: RunSize) -> float:
+    """Predicted cost of a changed run over the present one, both with their set-up."""
+    after = p.preparation + seconds(operator_counts(run)) + seconds(march_counts(run))
+    return after / (p.preparation + p.operators + p.march)
+
+
+def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Gaps that nothing in the scene can close before the end."""
+    travel, length = p.scene.time.end * _fastest(p), p.scene.unit_system["m"]
+    for unit in p.discretised.units if np.isfinite(travel) else ():
+        gap = float(unit.geometry.gap.min())
+        if unit.behaviour.opens and not unit.behaviour.compliant and gap > travel:
+            yield Suggestion(
+                f"interface {unit.name}: its gap of {gap:.4g} {length} cannot close before the end (the bodies move "
+                f"less than {travel:.2g} {length}): it costs a check per instant and may be left out"
+            )
+
+
+def _fastest(p: Prediction) -> float:
+    """Bound on the closing speed of two faces, m s-1; infinite where the scene has none."""
+    scene, bodies = p.scene, p.discretised.bodies
+    driven = any(isinstance(b, Driven) for b in scene.boundary.values())
+    driven |= bool(scene.port) or any(i.ground_velocity is not None for i in scene.interface.values())
+    driven |= any(s.rigid or set(s.motion_keys) - {"initial_velocity"} for s in scene.substructure.values())
+    laws = scene.force_laws
+    if driven or laws.keys() != scene.load.keys() or any(isinstance(law, InputLaw) for law in laws.values()):
+        return float("inf")
+    speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
+    for load in scene.load.values():
+        name, face = split_face(load.face)
+        body = bodies[name]
+        size = load.size(float(body.face(face).areas.sum()))
+        amplitude = float(np.abs(load.law.sample(p.discretised.time)).max())
+        # a face is driven at 2 p / rho c at most; every transit back and forth may add as much again
+        shortest = float(body.mesh.extent().min())
+        transits = 1 + scene.time.end * body.shape.impedances[0] / body.shape.material.density / shortest
+        speed += 2 * size * amplitude / min(body.shape.impedances) * transits
+    return 2 * speed
+
+
+def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
+    static = p.run.static or p.run.increments > 0
+    for name, body in p.discretised.bodies.items() if not static else ():
+        if body.rigid:
+            continue
+        transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]
+        pairs = [[split_face(side)[0] for side in u.sides if side != GROUND] for u in p.discretised.units]
+        others = [p.discretised.bodies[n] for pair in pairs if name in pair for n in pair if n != name]
+        soft = max((o.shape.impedances[0] for o in others if not o.rigid), default=0.0)
+        stiff = bool(soft) and body.shape.impedances[0] > STIFF * soft
+        if not stiff and transit > UNRESOLVED * p.discretised.dt:
+            continue
+        why = f"a wave crosses it in {transit / p.discretised.dt:.2g} of a step"
+        if stiff:
+            why = f"its wave impedance is {body.shape.impedances[0] / soft:.2g} times that of its neighbours"
+        settings = (f"substructure.{name}.rigid=true",)
+        if changed(p, settings) is None:
+            continue
+        place = next(i for i, c in enumerate(p.discretised.classes) if name in [m.name for m in c.members])
+        own = p.run.classes[place]
+        yield Suggestion(
+            f"substructure {name}: {why}; as a rigid body it has 6 unknowns instead of {own.size.unknowns}",
+            settings,
+            _factor(p, _rigidified(p, own)),
+            "waves and stresses in it, and its part in the stiffness of the contact",
+        )
+
+
+def _rigidified(p: Prediction, one: RunClass) -> RunSize:
+    """The run with one substructure of a class without elasticity."""
+    rest = [c for c in p.run.classes if c is not one]
+    if one.size.members > 1:
+        rest.append(replace(one, size=replace(one.size, members=one.size.members - 1)))
+    rigid = replace(one.size, members=1, stiffness=0, mass=36, factor=0.0, unknowns=6)
+    return replace(p.run, classes=(*rest, replace(one, size=rigid)))
+
+
+def _stored(p: Prediction, effects: list[Effect]) -> Iterator[Suggestion]:
+    """Output that takes a good part of the time."""
+    cost = {e.name: e.cost / p.instant for e in effects}
+    kept = [name for name in ("interior history", "stress") if cost.get(name, 0.0) > COSTLY]
+    if kept and p.run.every == 1 and p.run.n_instant >= 2 * TENTH:
+        share = sum(cost[name] for name in kept)
+        verb = "take" if len(kept) > 1 else "takes"
+        yield Suggestion(
+            f"{' and '.join(kept)} {verb} {100 * share:.0f} % of every instant",
+            (f"output.every={TENTH}",),
+            _factor(p, replace(p.run, every=TENTH)),
+            f"fields and stresses between every {TENTH}th instant; forces and the motion stay as they are",
+        )
+    if cost.get("energy balance", 0.0) > COSTLY:
+        yield Suggestion(
+            f"energy balance takes {100 * cost['energy balance']:.0f} % of every instant",
+            ("output.energy=false",),
+            _factor(p, replace(p.run, energy=False)),
+            "the energies of the results; the motion stays as it is",
+        )
+
+
+def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Loads that are slow against the waves."""
+    scene = p.scene
+    moving = any(s.motion_keys for s in scene.substructure.values())
+    laws = list(scene.force_laws.values())
+    laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
+    laws += [port.law(c) for port in scene.port.values() for c in port.components]
+    sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
+    transit = _longest_transit(p)
+    if p.run.static or moving or sudden or not laws or transit == 0.0:  # 0: rigid bodies alone
+        return
+    ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
+    if not SLOW <= ratio < np.inf:
+        return
+    n = min(p.run.n_instant, 50)
+    settings = ("time.quasi_static=true", f"time.{'step' if scene.time.step is not None else 'instants'}=")
+    settings = (settings[0], settings[1] + (f"{scene.time.end / n!r}" if settings[1].endswith("step=") else str(n)))
+    if changed(p, settings) is None:
+        return
+    iterations = replace(p.run, static=True, window=1, iterations=STATIC, n_instant=n, increments=0, unbalanced=False)
+    yield Suggestion(
+        f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static run "
+        f"in {n} increments follows them",
+        settings,
+        _factor(p, iterations),
+        "waves and vibrations",
+    )
+
+
+def _pace(amplitude: Array, dt: float) -> float:
+    """Time in which a sampled law changes by its largest value, s."""
+    steepest = float(np.abs(np.diff(amplitude)).max(initial=0.0))
+    return float("inf") if steepest == 0.0 else float(np.abs(amplitude).max()) * dt / steepest
+
+
+def _longest_transit(p: Prediction) -> float:
+    """Across the whole assembly at the slowest shear speed, s."""
+    nodes = np.concatenate([b.mesh.nodes for b in p.discretised.bodies.values()])
+    materials = [b.shape.material for b in p.discretised.bodies.values() if not b.rigid]
+    slowest = min((wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf)
+    return float(np.ptp(nodes, axis=0).max() / slowest)
+
+
+def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Bodies that waves reach late or not at all."""
+    scene, discretised = p.scene, p.discretised
+    if scene.solver.skip_at_rest == "tolerance" or p.run.static or not discretised.units:
+        return
+    arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
+    share = float(np.mean([marched_share(t, discretised.time) for t in arrival.values()]))
+    if share <= LATE:
+        never = sum(t >= scene.time.end for t in arrival.values())
+        fewer = replace(p.run, classes=tuple(replace(c, marched=share) for c in p.run.classes))
+        yield Suggestion(
+            f"{never} of {len(arrival)} substructures are not reached by a wave before the end, others late: "
+            f"without those at rest (to a hundredth of the tolerance) {100 * share:.0f} % of all instants are marched",
+            ("solver.skip_at_rest=tolerance",),
+            _factor(p, fewer),
+        )
+
+
+def _single(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Factors larger than the cache in single precision: half of them is read."""
+    settings, marched = ("solver.precision=float32",), p.run.propagator
+    largest = max((c.size.factor for c in p.run.classes), default=0.0)
+    if marched.kind != "direct" or marched.precision != "float64" or largest < LARGE:
+        return
+    factor = _factor(p, replace(p.run, propagator=replace(marched, precision="float32")))
+    if factor < CLEARLY and changed(p, settings) is not None:
+        size = f"{8e-6 * largest:.0f} MB"
+        what = f"the largest factor has {size}, more than a cache holds; in single precision half of it is read"
+        yield Suggestion(what, settings, factor, ROUNDED)
+
+
+def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
+    """Propagators with another result at much less cost."""
+    if p.run.static or p.run.propagator.kind == "explicit":
+        return
+    reduced = replace(p.run, propagator=replace(p.run.propagator, kind="reduced"))
+    settings: tuple[str, ...] = ("solver.propagator=reduced",)
+    if p.run.propagator.kind != "reduced" and _factor(p, reduced) < CHEAP and changed(p, settings) is not None:
+        yield Suggestion("the reduced propagator costs less", settings, _factor(p, reduced), TRUNCATED)
+    explicit = replace(p.run, propagator=replace(p.run.propagator, kind="explicit"))
+    if _factor(p, explicit) >= CHEAP:
+        return
+    settings = ("solver.propagator=explicit", "time.scheme=central_difference")
+    marched = changed(p, settings)
+    if marched is None:
+        return
+    steps = max(1.0, p.discretised.dt / _stable_step(marched))
+    if steps > 1.0:
+        n = int(np.ceil(p.run.n_instant * steps))
+        step = p.scene.time.step is not None
+        settings += (f"time.step={p.scene.time.end / n!r}" if step else f"time.instants={n}",)
+        explicit = replace(explicit, n_instant=n)
+    if steps <= MORE_STEPS and _factor(p, explicit) < CHEAP and changed(p, settings) is not None:
+        yield Suggestion("the explicit propagator costs less", settings, _factor(p, explicit), LUMPED)
+
+
+def _stable_step(explicit: DiscretisedProblem) -> float:
+    """Longest stable step of an explicit problem, s."""
+    made = (ExplicitPropagator(c.members, explicit.scheme, explicit.dt, energy=False) for c in explicit.classes)
+    return min(propagator.stability.longest for propagator in made)

@@ -13,10 +13,9 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
-from .faces import Face
+from .faces import Face, Surface
 from .mesh import Array, CellBlock, Index, Mesh, boundary
 from .reference_cells import N_CORNER, cell_functions
-from .surface import Surface
 
 _MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
 _STEPS, _SMALL = 30, 1e-13  # of Newton's method; change of the reference coordinates

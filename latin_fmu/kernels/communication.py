@@ -37,14 +37,14 @@ with an amplitude of input i for which the initial state of the image does not h
 @kernel
 def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
-    negative status. Row i of the outputs is that after i time steps; row 0, that before the first. A communication step
-    of none ends before the next instant. Where fewer converged than n, and always where the caller solves the windows
-    (``by_caller``), the histories of the others are there: the caller solves the next ones, and has each end
-    (``conclude``)."""
+    negative status. Row i of the outputs is that after i time steps; row 0, that before the first. None: the
+    communication step ends after those made, at its own end before the next instant where ``whole`` is 0. Where fewer
+    converged than n, and always where the caller solves the windows (``by_caller``), the histories of the others are
+    there: the caller solves the next ones, and has each end (``conclude``)."""
     run, moving = pools.run[0], pools.moving
     made = int(moving[run.progress])
-    if n == 0 and whole == 0:
-        keep_inputs(pools, 0, rule)
+    if n == 0:
+        keep_inputs(pools, before, whole, rule)
     if n < 1 or n >= run.n_time or before + n > whole:
         return 0
     if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
@@ -80,7 +80,7 @@ def conclude(pools: Any, row: int, before: int, whole: int, rule: int) -> None:
     move(pools, run.output + row * run.n_output, run.present, run.n_output)
     move(pools, run.drive + row * run.n_drive, run.motion_state, run.n_motion_state)
     if before + 1 == whole:
-        keep_inputs(pools, whole, rule)
+        keep_inputs(pools, whole, whole, rule)
 
 
 @kernel
@@ -120,14 +120,14 @@ def given_of(pools: Any) -> tuple[Any, Any]:
 
 
 @kernel
-def keep_inputs(pools: Any, whole: int, rule: int) -> None:
-    """End a communication step: what the next one goes on from."""
+def keep_inputs(pools: Any, done: int, whole: int, rule: int) -> None:
+    """End a communication step after ``done`` of its time steps: what the next one goes on from."""
     run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
     at = run.progress
     begin, rest, span = moving[at + 7], moving[at + 8], moving[at + 3]
-    moving[at + 3] = keep(given_of(pools), memory, kinds, span, whole, whole, begin, rest, rule, run.dt)
-    moving[at + 7], moving[at + 8] = rest, 0.0
+    moving[at + 3] = keep(given_of(pools), memory, kinds, span, done, whole, begin, rest, rule, run.dt)
+    moving[at + 7], moving[at + 8] = rest if done == whole else 0.0, 0.0
 
 
 @kernel

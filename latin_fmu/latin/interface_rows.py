@@ -11,6 +11,7 @@ from ..interface.laws import SEPARATION, as_layer, coulomb_coefficient
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .outcome import InterfaceHistory, PointFields
+from .part import Part
 from .probes import Probes
 
 NO_CONTACT = 1e-6  # pressure that does not count as contact, over the traction the loads can bring
@@ -161,6 +162,31 @@ class InterfaceStream:
     def close(self) -> None:
         """Close the file: the histories can be read no more."""
         self._file.close()
+
+
+def joined_rows(own: InterfaceRows, part: Part) -> InterfaceRows:
+    """Rows of all interfaces from those of the processes. Tractions, velocities and gaps are those of the owner of an
+    interface, what slides along a side has the process of the side."""
+    processes, n_row = part.processes, len(own.table)
+    width, wide = InterfaceRows.width_of(part.assembly), InterfaceRows.width_of(part.whole)
+    here, there = (InterfaceRows(a, np.arange(float(n))[None]) for a, n in ((part.assembly, width), (part.whole, wide)))
+    picked, into = [np.zeros(0)], [np.zeros(0)]
+    for number, i in enumerate(part.interfaces):
+        owned = number < part.n_owned
+        if owned:
+            picked += here.columns(number)
+            into += there.columns(i)
+        for side, process in enumerate(part.sides[i] if i in there.slide else ()):
+            if process == part.rank or (process < 0 and owned):
+                picked.append(here.slide[number][0, side].ravel())
+                into.append(there.slide[i][0, side].ravel())
+    columns = processes.collect(np.concatenate(into).astype(np.int64))
+    ends = np.cumsum([0, *(n_row * len(c) for c in columns)]).tolist()
+    every = processes.gather(own.table[:, np.concatenate(picked).astype(np.int64)].ravel(), ends)
+    table = np.zeros((n_row, wide))
+    for c, first, last in zip(columns, ends, ends[1:], strict=False):
+        table[:, c] = every[first:last].reshape(n_row, -1)
+    return InterfaceRows(part.whole, table, own.every)
 
 
 def point_fields(

@@ -2,21 +2,63 @@
 the fields of small substructures where they are stored.
 
 The rows of all go into the image of the run, so that the march of many instants in one call keeps them too.
+
+A reaction is the resultant force of a support, from the equation of motion at the dofs that it holds. With e the sum
+over these dofs, component by component, and F the tractions of the interfaces,
+
+    R = e (M a + C v + K u) - e f - e T^T area F
+
+is the force that the support exerts on the body. u, v and a are those of the instants; in explicit schemes, whose
+accelerations and tractions are means over a step, K u, C v and f are means over it, too. Implicit schemes that weight
+the forces of two instants satisfy the equation of motion at an instant up to their own order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..propagator.image import Image
 from ..propagator.model import SubstructureModel
-from .assembly import Array, Assembly
-from .outcome import BoltHistory, SensorHistory
-from .reactions import Support, SupportProbes
+from .assembly import Array, Assembly, Index
+from .outcome import BoltHistory, ReactionHistory, SensorHistory
+
+SERIES: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
+    "motion": ("sensors", (3, 3)),  # displacement, velocity, acceleration
+    "force": ("supports", (2, 3)),  # of the reaction: what explicit schemes take as a mean over the step, and the rest
+    "tension": ("bolts", ()),
+}
+"""What is kept at every instant: field of the request with the places, and shape."""
+
+
+class Measured(Protocol):
+    """A place on a substructure whose rows of motions give a series."""
+
+    @property
+    def substructure(self) -> str:
+        """Name of the body."""
+
+    def full_rows(self, model: SubstructureModel, explicit: bool, /) -> sp.csr_array | Array:
+        """Rows (k, n_full), of all nodes where the model has shapes, of what is read from the motion of the body."""
+
+    def read(self, values: Array, of: Reading, /) -> Array:
+        """The series (n, ...) from the rows of displacements, velocities and accelerations (n, 3, k)."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Instants that are read: assembly, class and member of the body, instants, tractions (n, n_flat), Pa."""
+
+    assembly: Assembly
+    number: int
+    member: int
+    instants: slice
+    tractions: Array
 
 
 @dataclass(frozen=True)
@@ -35,76 +77,65 @@ class SensorPlace:
     point: Array
     face: str | None = None
 
+    def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
+        """Those of the place."""
+        return self.rows
 
-def nodes_of(model: SubstructureModel) -> sp.csr_array:
-    """Matrix (3 n_node, n_dof) from the dofs of a substructure to the vectors at its nodes."""
-    return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
+    def read(self, values: Array, _of: Reading, /) -> Array:
+        """The motion as it is."""
+        return values
 
 
-class SensorProbes:
-    """Motions of the sensors, read from the substructures.
+@dataclass(frozen=True)
+class Support:
+    """A boundary condition that holds or drives dofs of an elastic substructure.
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof) from the dofs of a member to its sensors, x y z of one after the other.
-    places : sensor, class, member and rows of each sensor. shapes : per class (n_row, n_motion) of prescribed motions.
-    massless : sensors on nodes without mass.
+    substructure, face : its body and face. dofs : held or driven full dofs, each in one support only.
+    model : of the substructure, with the matrices of its mesh.
+    parts : (3, n_full) sum of the parts of nodal vectors along the directions of the support, where they are no axes.
     """
 
-    def __init__(self, assembly: Assembly, places: Mapping[str, SensorPlace]) -> None:
-        self.places: list[tuple[str, int, int, slice]] = []  # sensor, class, member, rows
-        self.rows: list[sp.csr_array] = []
-        self.shapes: list[Array] = []  # per class (n_row, n_motion) of prescribed motions
-        self.massless: set[str] = set()
-        for c, propagator in enumerate(assembly.propagators):
-            model = propagator.members[0]
-            here = {name: place for name, place in places.items() if place.substructure in propagator.names}
-            n_node = (model.n_full if model.nodal is None else len(model.nodal)) // 3
-            blocks = [sp.csr_array((0, 3 * n_node)), *(place.rows for place in here.values())]
-            full = sp.csr_array(sp.vstack(blocks))
-            full = full if model.nodal is None else sp.csr_array(full @ model.nodal)
-            rows = sp.csr_array(full @ model.expansion)
-            without_mass = rows[:, propagator.operators.massless]
-            for i, (name, place) in enumerate(here.items()):
-                part = slice(3 * i, 3 * i + 3)
-                self.places.append((name, c, propagator.names.index(place.substructure), part))
-                if without_mass[part].nnz:
-                    self.massless.add(name)
-            self.rows.append(rows)
-            self.shapes.append(np.asarray(full @ model.imposed_pattern))
+    substructure: str
+    face: str
+    dofs: Index
+    model: SubstructureModel
+    parts: sp.csr_array | None = None
 
-    def read(
-        self, assembly: Assembly, sensed: Sequence[Array | None], instants: slice, motions: Mapping[str, Array]
-    ) -> None:
-        """Write the motions at these instants into ``motions``: (n_time, 3, 3) by sensor, displacement, velocity and
-        acceleration. ``sensed`` : per class (n, 3, n_row, n_member) those of ``rows``."""
-        for name, c, member, part in self.places:
-            kept = sensed[c]
-            assert kept is not None
-            values = kept[:, :, part, member]
-            imposed = assembly.propagators[c].forcing.motion_histories(member)
-            if imposed is not None:
-                shapes = self.shapes[c][part]
-                values = values + np.stack([field[instants] @ shapes.T for field in imposed], axis=1)
-            motions[name][instants] = values
+    @property
+    def sum(self) -> sp.csr_array:
+        """e (3, n_full): sum of the held dofs, component by component."""
+        if self.parts is not None:
+            return self.parts
+        entries = (np.ones(len(self.dofs)), (self.dofs % 3, self.dofs))
+        return sp.csr_array(sp.coo_array(entries, shape=(3, self.model.n_full)))
 
-    def histories(
-        self, assembly: Assembly, places: Mapping[str, SensorPlace], motions: Mapping[str, Array]
-    ) -> dict[str, SensorHistory]:
-        """Histories of the sensors from motions (n, 3, 3)."""
-        histories = {}
-        for name, place in places.items():
-            displacement, velocity, acceleration = motions[name].transpose(1, 0, 2)
-            remark = "mean over the step that ends at the instant" if assembly.scheme.explicit else ""
-            if assembly.quasi_static:
-                acceleration, remark = None, "quasi-static run: no inertia, time only orders the increments of load"
-            elif name in self.massless:
-                remark = "difference quotient of the velocity: nodes in contact have no mass in this time scheme"
-                acceleration = np.concatenate([acceleration[:1], np.diff(velocity, axis=0) / assembly.dt])
-            histories[name] = SensorHistory(
-                name, place.substructure, place.face, place.point, displacement, velocity, acceleration, remark
-            )
-        return histories
+    def full_rows(self, model: SubstructureModel, explicit: bool, /) -> sp.csr_array | Array:
+        """e K, e C, e M one below the other, (9, n_full); explicit schemes have the lumped mass of ``model``."""
+        mass = model.mass if explicit and model.nodal is None else self.model.mass
+        e, nothing = self.sum, sp.csr_array((3, self.model.n_full))
+        matrices = (self.model.stiffness, self.model.damping, mass)
+        return sp.csr_array(sp.vstack([nothing if matrix is None else e @ matrix for matrix in matrices]))
+
+    @cached_property
+    def loads(self) -> Array:
+        """Resultants on the held dofs for amplitude 1, (n_load, 3), N."""
+        return np.array([self.sum @ load.pattern for load in self.model.loads]).reshape(-1, 3)
+
+    @cached_property
+    def spread(self) -> Array:
+        """Resultants on the held dofs of unit tractions on the channels, (n_channel, 3), m2."""
+        return np.asarray(self.model.channel_area[:, None] * (self.model.trace @ self.sum.T.toarray()))
+
+    def read(self, values: Array, of: Reading, /) -> Array:
+        """The two parts of the reaction (n, 2, 3), N: K u + C v - f, and M a less the tractions."""
+        static = values[:, 0, :3] + values[:, 1, 3:6]
+        amplitudes = of.assembly.propagators[of.number].forcing.amplitudes[of.member]
+        for amplitude, load in zip(amplitudes, self.loads, strict=True):
+            static = static - amplitude[of.instants, None] * load
+        channels = of.assembly.channels[of.number][:, of.member]
+        return np.stack([static, values[:, 2, 6:] - of.tractions[:, channels] @ self.spread], axis=1)
 
 
 @dataclass(frozen=True)
@@ -123,126 +154,175 @@ class BoltPlace:
     stiffness: float
     description: BoltHistory
 
+    def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
+        """The pattern as one row."""
+        return self.pattern[None]
+
     def force(self, projection: Array) -> Array:
         """Tension, N, where pattern . u is ``projection``, N."""
         return np.asarray(self.stiffness * self.description.shortening - projection)
 
+    def read(self, values: Array, _of: Reading, /) -> Array:
+        """Tension (n,), N."""
+        return self.force(values[:, 0, 0])
 
-class BoltProbes:
-    """Tensions of the bolts, read from the displacements of their substructures.
 
-    Attributes
-    ----------
-    rows : per class (n_row, n_dof), one for each bolt. places : bolt, class, member, row, and (n_motion,) what
-        prescribed motions add.
+@dataclass(frozen=True)
+class OutputRequest:
+    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
+    motion of sensors, the reactions of supports and the tensions of bolts at every instant.
+
+    interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
+    peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
     """
 
-    def __init__(self, assembly: Assembly, bolts: Mapping[str, BoltPlace]) -> None:
-        self.rows: list[sp.csr_array] = []
-        self.places: list[tuple[str, int, int, int, Array]] = []  # bolt, class, member, row, shapes of motions
-        for c, propagator in enumerate(assembly.propagators):
-            model = propagator.members[0]
-            blocks = [np.zeros((0, model.n_full))]
-            for name, bolt in bolts.items():
-                if bolt.substructure in propagator.names:
-                    full = bolt.pattern if model.nodal is None else bolt.pattern @ model.nodal
-                    member = propagator.names.index(bolt.substructure)
-                    self.places.append((name, c, member, len(blocks) - 1, full @ model.imposed_pattern))
-                    blocks.append(full[None])
-            self.rows.append(sp.csr_array(sp.csr_array(np.concatenate(blocks)) @ model.expansion))
+    fields: bool = False
+    stress: bool = False
+    energy: bool = False
+    every: int = 1
+    sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
+    peak_duration: float | None = None
+    interfaces_every: int = 1
+    supports: Mapping[str, Support] = field(default_factory=dict)
+    bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
 
-    def read(
-        self,
-        assembly: Assembly,
-        sensed: Sequence[Array | None],
-        instants: slice,
-        bolts: Mapping[str, BoltPlace],
-        tensions: Mapping[str, Array],
-    ) -> None:
-        """Write the tensions at these instants into ``tensions``, (n_time,) by bolt; ``sensed`` : as for
-        ``SensorProbes.read``."""
-        for name, c, member, row, shapes in self.places:
-            kept = sensed[c]
-            assert kept is not None
-            values = kept[:, 0, row, member]
-            imposed = assembly.propagators[c].forcing.motion_histories(member)
-            if imposed is not None:
-                values = values + imposed[0][instants] @ shapes
-            tensions[name][instants] = bolts[name].force(values)
+    def places(self, key: str) -> Mapping[str, Measured]:
+        """Places of a kind of ``SERIES`` by name."""
+        places: Mapping[str, Measured] = getattr(self, SERIES[key][0])
+        return places
+
+    def series(self, n_time: int) -> dict[str, dict[str, Array]]:
+        """Room for what is kept at so many instants, by kind and name."""
+        return {k: {name: np.zeros((n_time, *shape)) for name in self.places(k)} for k, (_, shape) in SERIES.items()}
+
+
+def nodes_of(model: SubstructureModel) -> sp.csr_array:
+    """Matrix (3 n_node, n_dof) from the dofs of a substructure to the vectors at its nodes."""
+    return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
+
+
+@dataclass(frozen=True)
+class ProbePlace:
+    """A place among the classes: number of the class and of the member, rows among those of the class, and shapes
+    (k, n_motion) of prescribed motions."""
+
+    number: int
+    member: int
+    part: slice
+    shapes: Array
 
 
 class Probes:
-    """All kinds for one run.
+    """What is read of the substructures in one run.
 
     Parameters
     ----------
-    sliding : numbers of the interfaces without tangential unknowns. places : of the sensors. supports : whose reactions
-        are kept. bolts : whose tensions are kept. whole : whether all nodes are among the rows, for ``fields``.
+    sliding : numbers of the interfaces without tangential unknowns. request : sensors, supports and bolts. whole :
+        whether all nodes are among the rows, for ``fields``.
 
     Attributes
     ----------
-    rows : per class (n_row, n_dof) of sensors, supports and bolts whose motions the image keeps, None where there are
-        none.
+    rows : per class (n_row, n_dof) whose motions the image keeps, None where there are none: sensors, then supports,
+        bolts, and nodes.
+    places : by kind of ``SERIES`` and name. massless : sensors on nodes without mass.
     """
 
-    def __init__(
-        self,
-        assembly: Assembly,
-        sliding: Sequence[int],
-        places: Mapping[str, SensorPlace],
-        supports: Mapping[str, Support],
-        bolts: Mapping[str, BoltPlace],
-        whole: bool = False,
-    ) -> None:
+    def __init__(self, assembly: Assembly, sliding: Sequence[int], request: OutputRequest, whole: bool = False) -> None:
         self.slide = SlideProbes(assembly, sliding)
-        self.sensors, self.supports = SensorProbes(assembly, places), SupportProbes(assembly, supports)
-        self.bolts, self._bolts = BoltProbes(assembly, bolts), bolts
-        self._propagators, self.whole = assembly.propagators, whole
-        self._nodes = [nodes_of(p.members[0]) if whole else sp.csr_array((0, p.n_dof)) for p in self._propagators]
-        every = zip(self.sensors.rows, self.supports.rows, self.bolts.rows, self._nodes, strict=True)
-        stacked = [sp.csr_array(sp.vstack(rows)) for rows in every]
-        self.rows = [rows if rows.shape[0] else None for rows in stacked]
+        self._propagators, self._request, self.whole = assembly.propagators, request, whole
+        self.places: dict[str, dict[str, ProbePlace]] = {key: {} for key in SERIES}
+        self.massless: set[str] = set()
+        self.rows: list[sp.csr_array | None] = []
+        self._nodes: list[int] = []
+        for c, propagator in enumerate(assembly.propagators):
+            model, at = propagator.members[0], 0
+            blocks = []
+            for key in SERIES:
+                for name, place in request.places(key).items():
+                    if place.substructure not in propagator.names:
+                        continue
+                    full = place.full_rows(model, assembly.scheme.explicit)
+                    full = full if model.nodal is None else full @ model.nodal
+                    own = sp.csr_array(sp.csr_array(full) @ model.expansion)
+                    member, part = propagator.names.index(place.substructure), slice(at, at + own.shape[0])
+                    self.places[key][name] = ProbePlace(c, member, part, np.asarray(full @ model.imposed_pattern))
+                    if key == "motion" and own[:, propagator.operators.massless].nnz:
+                        self.massless.add(name)
+                    blocks.append(own)
+                    at = part.stop
+            blocks += [nodes_of(model)] if whole else []
+            self._nodes.append(blocks[-1].shape[0] if whole else 0)
+            self.rows.append(sp.csr_array(sp.vstack(blocks)) if blocks else None)
+
+    def _sensed(self, image: Image, c: int, rows: slice) -> Array | None:
+        """Displacements, velocities and accelerations of the rows of a class, (n, 3, n_row, n_member)."""
+        matrix = self.rows[c]
+        if matrix is None:
+            return None
+        kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
+        return kept.reshape(len(kept), 3, matrix.shape[0], -1)
 
     def read(
-        self,
-        assembly: Assembly,
-        image: Image,
-        instants: slice,
-        rows: slice,
-        motions: Mapping[str, Array],
-        forces: Mapping[str, Array],
-        tensions: Mapping[str, Array],
+        self, assembly: Assembly, image: Image, instants: slice, rows: slice, series: Mapping[str, Mapping[str, Array]]
     ) -> None:
-        """Write the ``motions`` of the sensors, the parts of the reaction ``forces`` and the ``tensions`` of the bolts
-        at these instants, ``rows`` of the output of the image."""
-        own: list[Array | None] = [None] * len(self.rows)
-        others: list[Array | None] = [None] * len(self.rows)
-        last: list[Array | None] = [None] * len(self.rows)
-        for c, matrix in enumerate(self.rows):
-            if matrix is not None:
-                kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
-                kept = kept.reshape(len(kept), 3, matrix.shape[0], -1)
-                ends = np.cumsum([part.rows[c].shape[0] for part in (self.sensors, self.supports, self.bolts)])
-                own[c], others[c], last[c], _ = np.split(kept, ends, axis=2)
-        self.sensors.read(assembly, own, instants, motions)
-        self.bolts.read(assembly, last, instants, self._bolts, tensions)
-        if forces:
-            tractions = image.field("history_f", image.rows, image.n_flat)[rows]
-            self.supports.read(assembly, others, tractions, instants, forces)
+        """Write the ``series`` of all places at these instants, ``rows`` of the output of the image."""
+        sensed = [self._sensed(image, c, rows) for c in range(len(self.rows))]
+        tractions = image.field("history_f", image.rows, image.n_flat)[rows]
+        for key, places in self.places.items():
+            for name, place in places.items():
+                kept = sensed[place.number]
+                assert kept is not None
+                values = kept[:, :, place.part, place.member]
+                imposed = assembly.propagators[place.number].forcing.motion_histories(place.member)
+                if imposed is not None:
+                    moved = [motion[instants] @ place.shapes.T for motion in imposed]
+                    values = values + np.stack(moved, axis=1)
+                of = Reading(assembly, place.number, place.member, instants, tractions)
+                series[key][name][instants] = self._request.places(key)[name].read(values, of)
 
     def fields(self, image: Image, c: int, member: int, kind: int, rows: slice, instants: Sequence[int]) -> Array:
         """Displacements (``kind`` 0, m) or velocities (1, m s-1) of all nodes of a member, (n, n_node, 3), in ``rows``
         of the output, those at ``instants``; where they are kept ``whole``."""
-        propagator, matrix = self._propagators[c], self.rows[c]
-        assert matrix is not None
-        kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
-        nodes = self._nodes[c].shape[0]
-        values = kept.reshape(len(kept), 3, matrix.shape[0], -1)[:, kind, -nodes:, member]
-        values = values.copy().reshape(len(kept), -1, 3)  # the next call of the kernels writes there
+        propagator, sensed = self._propagators[c], self._sensed(image, c, rows)
+        assert sensed is not None
+        values = sensed[:, kind, -self._nodes[c] :, member]
+        values = values.copy().reshape(len(values), -1, 3)  # the next call of the kernels writes there
         if not propagator.forcing.moves:
             return values
         imposed = (propagator.forcing.imposed_u, propagator.forcing.imposed_v)[kind]
         return values + np.stack([propagator.members[member].node_values(imposed(t)[:, member]) for t in instants])
+
+
+def sensor_histories(
+    assembly: Assembly, places: Mapping[str, SensorPlace], motions: Mapping[str, Array], massless: set[str]
+) -> dict[str, SensorHistory]:
+    """Histories of the sensors from motions (n, 3, 3)."""
+    histories = {}
+    for name, place in places.items():
+        displacement, velocity, acceleration = motions[name].transpose(1, 0, 2)
+        remark = "mean over the step that ends at the instant" if assembly.scheme.explicit else ""
+        if assembly.quasi_static:
+            acceleration, remark = None, "quasi-static run: no inertia, time only orders the increments of load"
+        elif name in massless:
+            remark = "difference quotient of the velocity: nodes in contact have no mass in this time scheme"
+            acceleration = np.concatenate([acceleration[:1], np.diff(velocity, axis=0) / assembly.dt])
+        histories[name] = SensorHistory(
+            name, place.substructure, place.face, place.point, displacement, velocity, acceleration, remark
+        )
+    return histories
+
+
+def reaction_histories(
+    assembly: Assembly, supports: Mapping[str, Support], forces: Mapping[str, Array]
+) -> dict[str, ReactionHistory]:
+    """Reactions from their two parts (n, 2, 3)."""
+    histories = {}
+    for name, support in supports.items():
+        static, inertia = forces[name].transpose(1, 0, 2)
+        if assembly.scheme.explicit:
+            static = np.concatenate([static[:1], 0.5 * (static[1:] + static[:-1])])
+        histories[name] = ReactionHistory(name, support.substructure, support.face, static + inertia)
+    return histories
 
 
 class SlideProbes:

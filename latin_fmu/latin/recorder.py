@@ -6,8 +6,8 @@ instants n-1, n, n+1, as the energy balances of the substructures do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, Final
 
 import numpy as np
@@ -15,33 +15,12 @@ import numpy as np
 from ..kernels.energy_parts import TERMS
 from ..propagator.image import Image
 from .assembly import Array, Assembly
-from .interface_rows import InterfaceRows, InterfaceStream
+from .interface_rows import InterfaceRows, InterfaceStream, joined_rows
 from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory, SensorHistory, SubstructureHistory
 from .part import Part
-from .probes import BoltPlace, Probes, SensorPlace, nodes_of
-from .reactions import Support, reaction_histories
+from .probes import SERIES, OutputRequest, Probes, nodes_of, reaction_histories, sensor_histories
 
 _SMALL: Final = 2000  # dofs of all nodes up to which the kernels keep the fields of many instants
-
-
-@dataclass(frozen=True)
-class OutputRequest:
-    """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
-    motion of sensors, the reactions of supports and the tensions of bolts at every instant.
-
-    interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
-    peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
-    """
-
-    fields: bool = False
-    stress: bool = False
-    energy: bool = False
-    every: int = 1
-    sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
-    peak_duration: float | None = None
-    interfaces_every: int = 1
-    supports: Mapping[str, Support] = field(default_factory=dict)
-    bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -53,6 +32,72 @@ class SubstructureInfo:
     cells: np.ndarray
     cell_type: str
     stress: Callable[[Array], Array] | None
+
+
+class StoredFields:
+    """Fields of the substructures at the instants that are stored.
+
+    Attributes
+    ----------
+    times : of these instants, s. fields : lists of arrays by substructure and name.
+    """
+
+    def __init__(self, request: OutputRequest, info: Mapping[str, SubstructureInfo], names: Sequence[str]) -> None:
+        self._request, self._info = request, info
+        self.times: list[float] = []
+        self.fields: dict[str, dict[str, list[Array]]] = {name: {} for name in names}
+
+    @property
+    def wanted(self) -> bool:
+        """Whether any are stored."""
+        return self._request.fields or self._request.stress
+
+    def keep(self, assembly: Assembly, image: Image, whole: Probes | None, now: slice, row: int) -> None:
+        """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
+        output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
+        every = self._request.every
+        first = now.stop - 1 if whole is None else now.start
+        instants = range(-(-first // every) * every, now.stop, every)
+        if not instants:
+            return
+        self.times += assembly.time[instants].tolist()
+        rows = slice(row + instants[0] - now.start, row + now.stop - now.start, every)
+        for c, propagator in enumerate(assembly.propagators):
+            for member, name in enumerate(propagator.names):
+                if whole is None:
+                    motion: list[Any] = [[propagator.full_displacement(member)], [propagator.full_velocity(member)]]
+                else:
+                    motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
+                recover, made = self._info[name].stress, dict[str, Any]()
+                if self._request.fields:
+                    made = {"displacement": motion[0], "velocity": motion[1]}
+                if self._request.stress and recover is not None:
+                    made["stress"] = map(recover, motion[0])
+                for key, values in made.items():
+                    self.fields[name].setdefault(key, []).extend(values)
+
+    def part(self, first: int) -> dict[str, Any]:
+        """Those from the stored instant ``first`` on, as plain arrays."""
+        return {
+            "times": np.array(self.times[first:]),
+            "fields": {
+                name: {key: np.array(values[first:]) for key, values in fields.items()}
+                for name, fields in self.fields.items()
+            },
+        }
+
+    def append(self, part: Mapping[str, Any]) -> None:
+        """Put a ``part`` behind what has been kept."""
+        self.times += part["times"].tolist()
+        for name, fields in part["fields"].items():
+            for key, values in fields.items():
+                self.fields[name].setdefault(key, []).extend(values)
+
+    def history(self, name: str, energy: dict[str, Array] | None) -> SubstructureHistory:
+        """History of a substructure."""
+        fields, info = {key: np.stack(values) for key, values in self.fields[name].items()}, self._info[name]
+        motion = fields.get("displacement"), fields.get("velocity"), fields.get("stress")
+        return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, np.array(self.times), *motion, energy)
 
 
 class Recorder:
@@ -74,23 +119,21 @@ class Recorder:
         file: BinaryIO | None = None,
         in_memory: int = 1,
     ) -> None:
-        self._request, self._info = request, substructures
-        self._stores = request.fields or request.stress
+        self.request, self._info = request, substructures
         n_time = len(assembly.time)
         every = thinned if file is None else in_memory
         table = np.zeros((len(range(0, n_time, every)), InterfaceRows.width_of(assembly)))
         self.rows = InterfaceRows(assembly, table, every)
         self.stream = None if file is None else InterfaceStream(assembly, file, thinned, request.peak_duration)
-        self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
-        self._fields: dict[str, dict[str, list[Array]]] = {name: {} for name in self._places}
-        self._field_times: list[float] = []
-        self._energy = [np.zeros((n_time * request.energy, len(TERMS), len(p.members))) for p in assembly.propagators]
-        self._drift_work = np.zeros(n_time * request.energy)
-        self._motions = {name: np.zeros((n_time, 3, 3)) for name in request.sensors}
-        self._forces = {name: np.zeros((n_time, 2, 3)) for name in request.supports}
-        self._tensions = {name: np.zeros(n_time) for name in request.bolts}
+        self._places = _places(assembly)
+        self._stored = StoredFields(request, substructures, list(self._places))
+        self._series: dict[str, dict[Any, Array]] = {**request.series(n_time), "energy": {}}
+        if request.energy:
+            terms = {c: np.zeros((n_time, len(TERMS), len(p.members))) for c, p in enumerate(assembly.propagators)}
+            self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self._probes: Probes | None = None
+        self._whole: Probes | None = None  # those of all nodes, where they are kept at every instant
         self.n_kept = 0
         """Instants kept so far, t = 0 included."""
 
@@ -102,27 +145,11 @@ class Recorder:
     def probes(self, assembly: Assembly, fields: bool) -> Probes | None:
         """What an image keeps of the substructures for this recorder beside their energies, None where that is nothing;
         ``fields`` : those that are stored, too, where the substructures are small."""
-        request = self._request
-        whole = fields and self._stores
+        whole = fields and self._stored.wanted
         whole = whole and sum(nodes_of(p.members[0]).shape[0] * len(p.members) for p in assembly.propagators) <= _SMALL
-        if not (whole or self.rows.slide or request.sensors or request.supports or request.bolts):
+        if not (whole or self.rows.slide or any(self._series[key] for key in SERIES)):
             return None
-        return Probes(assembly, self.sliding, request.sensors, request.supports, request.bolts, whole)
-
-    @property
-    def places(self) -> Mapping[str, SensorPlace]:
-        """Places of the sensors."""
-        return self._request.sensors
-
-    @property
-    def supports(self) -> Mapping[str, Support]:
-        """Supports whose reactions are kept."""
-        return self._request.supports
-
-    @property
-    def bolts(self) -> Mapping[str, BoltPlace]:
-        """Bolts whose tensions are kept."""
-        return self._request.bolts
+        return Probes(assembly, self.sliding, self.request, whole)
 
     def keep(self, assembly: Assembly, image: Image, probes: Probes | None, n: int, row: int = 0) -> None:
         """Keep the next n instants, rows of the image's output from ``row`` on; the first ones are t = 0."""
@@ -131,75 +158,40 @@ class Recorder:
         if self.stream is not None:
             self.stream.keep(image, probes, self.n_kept, n, row)
         if probes is not None:
-            probes.read(assembly, image, now, rows, self._motions, self._forces, self._tensions)
-        self._probes = probes
-        if self._request.energy:
-            for c, kept in enumerate(self._energy):
-                kept[now] = image.output(c, "energies", len(TERMS))[rows]
-            self._drift_work[now] = image.field("history_works", image.rows)[rows]
+            probes.read(assembly, image, now, rows, self._series)
+        self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
+        for key, kept in self._series["energy"].items():
+            drift = key == "drift"
+            own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
+            kept[now] = own[rows]
         self.n_kept += n
-        if self._stores:
-            self._keep_fields(assembly, image, now, row)
+        if self._stored.wanted:
+            self._stored.keep(assembly, image, self._whole, now, row)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
-        if self._stores and not (self._probes is not None and self._probes.whole):
-            return self._request.every - (self.n_kept - 1) % self._request.every
+        if self._stored.wanted and self._whole is None:
+            return self.request.every - (self.n_kept - 1) % self.request.every
         return self.rows.every * len(self.rows.table)
-
-    def _keep_fields(self, assembly: Assembly, image: Image, now: slice, row: int) -> None:
-        """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
-        output from ``row`` on, else of the present state, that of the last of them."""
-        every, whole = self._request.every, self._probes if self._probes is not None and self._probes.whole else None
-        first = now.stop - 1 if whole is None else now.start
-        instants = range(-(-first // every) * every, now.stop, every)
-        if not instants:
-            return
-        self._field_times += assembly.time[instants].tolist()
-        rows = slice(row + instants[0] - now.start, row + now.stop - now.start, every)
-        for name, (c, member) in self._places.items():
-            propagator, kept = assembly.propagators[c], self._fields[name]
-            if whole is None:
-                motion: list[Any] = [[propagator.full_displacement(member)], [propagator.full_velocity(member)]]
-            else:
-                motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
-            if self._request.fields:
-                kept.setdefault("displacement", []).extend(motion[0])
-                kept.setdefault("velocity", []).extend(motion[1])
-            recover = self._info[name].stress
-            if self._request.stress and recover is not None:
-                kept.setdefault("stress", []).extend(map(recover, motion[0]))
 
     # -- parts of the histories -------------------------------------------------------------------------------------
     def _views(self, first: int) -> dict[str, Array]:
         """What is kept in memory from the instant ``first`` on, time first, by name."""
-        energy: dict[Any, Array] = {}
-        if self._request.energy:
-            energy = {**dict(enumerate(self._energy)), "drift": self._drift_work}
-        tables: dict[str, Mapping[Any, Array]] = {
-            "motion": self._motions,
-            "force": self._forces,
-            "tension": self._tensions,
-            "energy": energy,
-        }
         views = {
-            f"{name} {key}": values[first : self.n_kept]
-            for name, table in tables.items()
+            f"{kind} {key}": values[first : self.n_kept]
+            for kind, table in self._series.items()
             for key, values in table.items()
         }
         return views | {"interfaces": self.rows.table[self.rows.row(first) : self.rows.row(self.n_kept)]}
 
     def part(self, first: int, n_fields: int) -> dict[str, Any]:
         """What has been kept from the instant ``first`` and the stored fields ``n_fields`` on, as plain arrays."""
+        stream = self.stream
         return {
             "n_kept": self.n_kept,
             "rows": self._views(first),
-            "stream": None if self.stream is None else self.stream.rows(self._streamed(first), self.stream.n_row),
-            "times": np.array(self._field_times[n_fields:]),
-            "fields": {
-                name: {key: np.array(values[n_fields:]) for key, values in fields.items()}
-                for name, fields in self._fields.items()
-            },
+            "stream": None if stream is None else stream.rows(-(-first // stream.every), stream.n_row),
+            **self._stored.part(n_fields),
         }
 
     def append(self, part: Mapping[str, Any], first: int) -> None:
@@ -209,73 +201,39 @@ class Recorder:
             values[:] = part["rows"][name]
         if self.stream is not None:
             self.stream.append(part["stream"])
-        self._field_times += part["times"].tolist()
-        for name, fields in part["fields"].items():
-            for key, values in fields.items():
-                self._fields[name].setdefault(key, []).extend(values)
-
-    def _streamed(self, instant: int) -> int:
-        """Row of the stream of the first instant from ``instant`` on."""
-        return 0 if self.stream is None else -(-instant // self.stream.every)
+        self._stored.append(part)
 
     @property
     def n_fields(self) -> int:
         """Instants whose fields have been kept."""
-        return len(self._field_times)
+        return len(self._stored.times)
 
     # -- parts of other processes ---------------------------------------------------------------------------------
     def join(self, part: Part) -> None:
         """Complete what the processes of a run have kept of their own substructures and interfaces."""
         processes, assembly = part.processes, part.whole
-        self._join_rows(part)
-        for table in (self._motions, self._forces, self._tensions, {"drift": self._drift_work}):
+        self.rows = joined_rows(self.rows, part)
+        own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
+        energy = self._series["energy"]
+        drift = {key: energy.pop(key) for key in ("drift",) if key in energy}
+        for table in (*(self._series[key] for key in SERIES), drift):
             for values in table.values():
                 processes.add(values)
-        own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
-        energy: dict[int, Array] = {}
-        for kept in processes.collect((dict(zip(own, self._energy, strict=True)), self._fields, self._massless())):
-            energy |= kept[0]
-            self._fields |= kept[1]
-            self._massless().update(kept[2])
-        self._energy = [energy[c] for c in range(len(assembly.propagators))]
-        self._places = {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
-
-    def _join_rows(self, part: Part) -> None:
-        """Rows of all interfaces. Tractions, velocities and gaps are those of the owner of an interface, what slides
-        along a side has the process of the side."""
-        processes, n_row = part.processes, len(self.rows.table)
-        width, wide = InterfaceRows.width_of(part.assembly), InterfaceRows.width_of(part.whole)
-        here, there = (
-            InterfaceRows(a, np.arange(float(n))[None]) for a, n in ((part.assembly, width), (part.whole, wide))
-        )
-        own, into = [np.zeros(0)], [np.zeros(0)]
-        for number, i in enumerate(part.interfaces):
-            owned = number < part.n_owned
-            if owned:
-                own += here.columns(number)
-                into += there.columns(i)
-            for side, process in enumerate(part.sides[i] if i in there.slide else ()):
-                if process == part.rank or (process < 0 and owned):
-                    own.append(here.slide[number][0, side].ravel())
-                    into.append(there.slide[i][0, side].ravel())
-        picked = np.concatenate(own).astype(np.int64)
-        columns = processes.collect(np.concatenate(into).astype(np.int64))
-        ends = np.cumsum([0, *(n_row * len(c) for c in columns)]).tolist()
-        every = processes.gather(self.rows.table[:, picked].ravel(), ends)
-        table = np.zeros((n_row, wide))
-        for c, first, last in zip(columns, ends, ends[1:], strict=False):
-            table[:, c] = every[first:last].reshape(n_row, -1)
-        self.rows = InterfaceRows(part.whole, table, self.rows.every)
-
-    def _massless(self) -> set[str]:
-        return set() if self._probes is None else self._probes.sensors.massless
+        massless = set() if self._probes is None else self._probes.massless
+        terms: dict[Any, Array] = {}
+        for kept in processes.collect((dict(zip(own, energy.values(), strict=False)), self._stored.fields, massless)):
+            terms |= kept[0]
+            self._stored.fields |= kept[1]
+            massless.update(kept[2])
+        self._series["energy"] = dict(sorted(terms.items())) | drift
+        self._places = _places(assembly)
 
     # -- histories --------------------------------------------------------------------------------------------
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Interface histories over the kept instants."""
         if self._histories[0] != self.n_kept:
             row = self.rows.row(self.n_kept)
-            self._histories = self.n_kept, self.rows.histories(row, self._request.peak_duration)
+            self._histories = self.n_kept, self.rows.histories(row, self.request.peak_duration)
         return self._histories[1]
 
     def points(self) -> dict[str, PointFields]:
@@ -285,110 +243,45 @@ class Recorder:
             return self.rows.fields(self.rows.row(self.n_kept))
         return {name: h.points_over_time for name, h in histories.items()}
 
+    def _kept(self, kind: str) -> dict[str, Array]:
+        """Series of a kind over the kept instants by name."""
+        return {name: values[: self.n_kept] for name, values in self._series[kind].items()}
+
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
-        """Histories of the sensors over the kept instants."""
-        return self._measured(assembly, ports=False)
+        """Histories of the sensors over the kept instants; names with a dot are those of ports."""
+        places = {name: place for name, place in self.request.sensors.items() if "." not in name}
+        massless = set() if self._probes is None else self._probes.massless
+        return sensor_histories(assembly, places, self._kept("motion"), massless)
 
-    def port_motions(self, assembly: Assembly) -> dict[str, SensorHistory]:
-        """Measured motions of ports over the kept instants; their names have a dot, which those of sensors have not."""
-        return self._measured(assembly, ports=True)
-
-    def _measured(self, assembly: Assembly, ports: bool) -> dict[str, SensorHistory]:
-        places = {name: place for name, place in self.places.items() if ("." in name) is ports}
-        kept = {name: self._motions[name][: self.n_kept] for name in places}
-        return {} if self._probes is None else self._probes.sensors.histories(assembly, places, kept)
-
-    def reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
-        """Reactions of the supports over the kept instants."""
-        return self._reactions(assembly, ports=False)
-
-    def port_reactions(self, assembly: Assembly) -> dict[str, ReactionHistory]:
-        """Reactions of the faces that ports move over the kept instants; names as for ``port_motions``."""
-        return self._reactions(assembly, ports=True)
-
-    def _reactions(self, assembly: Assembly, ports: bool) -> dict[str, ReactionHistory]:
-        supports = {name: support for name, support in self.supports.items() if ("." in name) is ports}
-        kept = {name: self._forces[name][: self.n_kept] for name in supports}
-        return reaction_histories(assembly, supports, kept) if kept else {}
+    def reactions(self, assembly: Assembly, ports: bool = False) -> dict[str, ReactionHistory]:
+        """Reactions of the supports over the kept instants, or of faces that ``ports`` move, by names with a dot."""
+        supports = {name: support for name, support in self.request.supports.items() if ("." in name) is ports}
+        return reaction_histories(assembly, supports, self._kept("force"))
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""
-        return {
-            name: replace(bolt.description, force=self._tensions[name][: self.n_kept])
-            for name, bolt in self.bolts.items()
-        }
+        kept = self._kept("tension")
+        return {name: replace(bolt.description, force=kept[name]) for name, bolt in self.request.bolts.items()}
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""
-        if not (self._stores or self._request.energy):
-            return {}
-        time = np.array(self._field_times)
-        histories = {}
-        for name, info in self._info.items():
-            fields = {key: np.stack(values) for key, values in self._fields[name].items()}
-            energy = None
-            if self._request.energy:
-                energy = dict(zip(TERMS, self._energy_terms(name).T, strict=True))
-            histories[name] = SubstructureHistory(
-                name,
-                info.nodes,
-                info.cells,
-                info.cell_type,
-                time,
-                fields.get("displacement"),
-                fields.get("velocity"),
-                fields.get("stress"),
-                energy,
-            )
-        return histories
+        terms, wanted = self._terms(), self._stored.wanted or self.request.energy
+        made = {name: dict(zip(TERMS, table.T, strict=True)) for name, table in terms.items()}
+        return {name: self._stored.history(name, made.get(name)) for name in (self._info if wanted else ())}
 
-    def _energy_terms(self, name: str) -> Array:
-        """Terms (n_time, terms) of a substructure, J."""
-        c, member = self._places[name]
-        return self._energy[c][: self.n_kept, :, member]
+    def _terms(self) -> dict[str, Array]:
+        """Energies (n_time, terms) of the substructures, J, where requested."""
+        places = self._places if self.request.energy else {}
+        return {name: self._series["energy"][c][: self.n_kept, :, member] for name, (c, member) in places.items()}
 
     def assembly_energy(self, assembly: Assembly) -> dict[str, Array] | None:
-        """Sums over the substructures, dissipation of the interfaces, balance; None unless requested.
-
-        balance = change of (kinetic + elastic) + damping + landing + scheme - work of loads - interface work. The
-        interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy
-        + drift work, but for the different weights of the instants in these terms (friction takes the end of each
-        instant, so that it never decreases) and for the normal part of the drift work, which is a part of the contact
-        dissipation too. The drift work is what the iteration, which stops at a tolerance, does against the laws.
-        """
-        if not self._request.energy:
+        """Energies of the assembly (``energy_balance``), each (n_time,), J; None unless requested."""
+        if not self.request.energy:
             return None
-        n = self.n_kept
-        tables = [self._energy_terms(name) for name in self._places]
-        total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
-        series, dt = self._series(assembly), assembly.dt
-        total["friction_dissipation"] = np.zeros(n)
-        for power in (s["friction_power"] for s in series if "friction_power" in s):
-            total["friction_dissipation"][1:] += np.cumsum(power[1:]) * dt
-        total["contact_dissipation"] = sum((_running(s["loss"][1:]) for s in series if "loss" in s), np.zeros(n))
-        total["drift_work"] = self._drift_work[:n].copy()
-        if layers := [s["layer_energy"] for s in series if "layer_energy" in s]:
-            total["layer_energy"] = np.sum(layers, axis=0)
-        if joints := [s["joint_power"] for s in series if "joint_power" in s]:
-            power = np.sum(joints, axis=0)
-            total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
-        if any(g.any() for g in assembly.ground.values()):
-            weights = assembly.scheme.traction_weights()
-            works = [ground_work(series[i]["force"], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
-            total["ground_work"] = sum(works, np.zeros(n))
-        stored = total["kinetic"] + total["elastic"]
-        total["balance"] = (
-            stored
-            - stored[0]
-            + total["damping_dissipation"]
-            + total["landing_dissipation"]
-            + total["scheme_dissipation"]
-            - total["work_of_loads"]
-            - total["interface_work"]
-        )
-        return total
+        drift = self._series["energy"]["drift"][: self.n_kept]
+        return energy_balance(assembly, list(self._terms().values()), drift, self._interface_series(assembly))
 
-    def _series(self, assembly: Assembly) -> list[dict[str, Array]]:
+    def _interface_series(self, assembly: Assembly) -> list[dict[str, Array]]:
         """``energy_series`` of every interface over the kept instants; block by block where they are in a file."""
         weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
 
@@ -406,7 +299,55 @@ class Recorder:
         ]
 
 
-# -- energies of interfaces -------------------------------------------------------------------------------------
+def _places(assembly: Assembly) -> dict[str, tuple[int, int]]:
+    """Class and member of every substructure."""
+    return {name: (c, m) for c, p in enumerate(assembly.propagators) for m, name in enumerate(p.names)}
+
+
+# -- energies ---------------------------------------------------------------------------------------------------
+def energy_balance(
+    assembly: Assembly, tables: Sequence[Array], drift: Array, series: Sequence[Mapping[str, Array]]
+) -> dict[str, Array]:
+    """Sums over the substructures, dissipation of the interfaces, balance, each (n_time,), J.
+
+    balance = change of (kinetic + elastic) + damping + landing + scheme - work of loads - interface work. The
+    interface work is - friction - contact dissipation + ground work - joint dissipation - change of layer energy
+    + drift work, but for the different weights of the instants in these terms (friction takes the end of each
+    instant, so that it never decreases) and for the normal part of the drift work, which is a part of the contact
+    dissipation too. The drift work is what the iteration, which stops at a tolerance, does against the laws.
+
+    tables : (n_time, terms) of the substructures. drift : (n_time,) drift work. series : ``energy_series`` of every
+    interface.
+    """
+    n, dt = len(drift), assembly.dt
+    total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
+    total["friction_dissipation"] = np.zeros(n)
+    for power in (s["friction_power"] for s in series if "friction_power" in s):
+        total["friction_dissipation"][1:] += np.cumsum(power[1:]) * dt
+    total["contact_dissipation"] = sum((_running(s["loss"][1:]) for s in series if "loss" in s), np.zeros(n))
+    total["drift_work"] = drift.copy()
+    if layers := [s["layer_energy"] for s in series if "layer_energy" in s]:
+        total["layer_energy"] = np.sum(layers, axis=0)
+    if joints := [s["joint_power"] for s in series if "joint_power" in s]:
+        power = np.sum(joints, axis=0)
+        total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
+    if any(g.any() for g in assembly.ground.values()):
+        weights = assembly.scheme.traction_weights()
+        works = [ground_work(series[i]["force"], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
+        total["ground_work"] = sum(works, np.zeros(n))
+    stored = total["kinetic"] + total["elastic"]
+    total["balance"] = (
+        stored
+        - stored[0]
+        + total["damping_dissipation"]
+        + total["landing_dissipation"]
+        + total["scheme_dissipation"]
+        - total["work_of_loads"]
+        - total["interface_work"]
+    )
+    return total
+
+
 def energy_series(
     history: InterfaceHistory, weights: tuple[float, float, float], offset: float, force: bool
 ) -> dict[str, Array]:

@@ -1,8 +1,8 @@
 """Meshes of Abaqus and CalculiX decks: parts and instances, element and node sets, surfaces of element faces.
 
 Several ``*NODE`` and ``*ELEMENT`` blocks, sets (lists, ``GENERATE``, sets of sets), ``*SURFACE`` of element faces
-(labels S1 ... S6) or nodes, ``*PART`` / ``*INSTANCE`` with translation and rotation, ``*INCLUDE``. Names are
-compared without regard to case and keep the spelling of their first use. What else the deck says: ``deck_model``.
+(labels S1 ... S6) or nodes, ``*PART`` / ``*INSTANCE`` with translation and rotation, ``*INCLUDE``. Names are compared
+without regard to case and keep the spelling of their first use. What else the deck says: ``content.DeckModel``.
 """
 
 from __future__ import annotations
@@ -16,8 +16,20 @@ from typing import Final
 import numpy as np
 
 from ..errors import listed
-from .content import CORNERS, FLAT, NO_ROWS, SHELLS, SOLIDS, Array, FileProblems, Include, Index, MeshContent, rows_of
-from .deck_model import DeckModel
+from .content import (
+    CORNERS,
+    FLAT,
+    NO_ROWS,
+    SHELLS,
+    SOLIDS,
+    Array,
+    DeckModel,
+    FileProblems,
+    Include,
+    Index,
+    MeshContent,
+    rows_of,
+)
 
 SOLID_FACES: Final = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),

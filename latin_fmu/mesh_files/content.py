@@ -1,19 +1,135 @@
-"""The content of a mesh file in one form for all formats, and what the readers of formats share."""
+"""The content of a mesh file in one form for all formats, what the readers of formats share, and the tables that an
+Abaqus deck with several parts gives a scene.
+
+A deck says beyond its mesh: materials, tied surfaces, fixed sets; keywords of which nothing is used.
+
+``*MATERIAL`` with ``*ELASTIC`` (isotropic) and ``*DENSITY`` at one temperature, by ``*SOLID SECTION``; ``*TIE``;
+``*BOUNDARY`` of node sets held at zero (components 1 to 3, ENCASTRE, PINNED). Numbers are in the units of the deck.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
+from ..scene.raw_scene import given, named_tables
+from ..scene.substructures import part_name
+from ..scene.units import SI, system_named
 
-if TYPE_CHECKING:
-    from .deck_model import DeckModel
+_MESH: Final = frozenset(
+    {
+        "HEADING",
+        "PREPRINT",
+        "NODE",
+        "ELEMENT",
+        "NSET",
+        "ELSET",
+        "SURFACE",
+        "SOLID SECTION",
+        "PART",
+        "END PART",
+        "ASSEMBLY",
+        "END ASSEMBLY",
+        "INSTANCE",
+        "END INSTANCE",
+        "END STEP",
+    }
+)
+_KEYS: Final = ("young_modulus", "poisson_ratio", "density")
+_AXES: Final = "xyz"
+_NAMED: Final = {"ENCASTRE": (1, 3), "PINNED": (1, 3)}  # first and last component of displacement
+
+
+@dataclass
+class DeckModel:
+    """Materials, ties and supports of a deck.
+
+    Attributes
+    ----------
+    materials : constants ``young_modulus``, ``poisson_ratio``, ``density`` by the name of the material in capitals.
+    sections : (element set, material), both in capitals. ties : (name, slave surface, master surface).
+    fixed : (node set, components out of "xyz"), held at zero. unused : number of the keywords that are not read.
+    """
+
+    materials: dict[str, dict[str, float]] = field(default_factory=dict)
+    sections: list[tuple[str, str]] = field(default_factory=list)
+    ties: list[tuple[str, str, str]] = field(default_factory=list)
+    fixed: list[tuple[str, str]] = field(default_factory=list)
+    unused: Counter[str] = field(default_factory=Counter)
+    _material: str = ""
+
+    def take(self, keyword: str, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
+        """Add what a card says: its keyword and parameters, in capitals, and the fields of its data lines."""
+        name = parameters.get("NAME", "")
+        if keyword == "SOLID SECTION":
+            self.sections.append((parameters.get("ELSET", "").upper(), parameters.get("MATERIAL", "").upper()))
+        elif keyword == "MATERIAL":
+            self._material = name.upper()
+            self.materials.setdefault(self._material, {})
+        elif keyword == "ELASTIC" and parameters.get("TYPE", "").upper() in ("", "ISOTROPIC", "ISO"):
+            self._constants(keyword, rows, _KEYS[:2])
+        elif keyword == "DENSITY":
+            self._constants(keyword, rows, _KEYS[2:])
+        elif keyword == "TIE":
+            for names in rows:
+                if len(names) > 1:
+                    stem, known = name or "tie", {tie[0] for tie in self.ties}
+                    own = stem if stem not in known else f"{stem}_{len(known) + 1}"
+                    self.ties.append((own, names[0], names[1]))
+        elif keyword == "BOUNDARY" and "TYPE" not in parameters:
+            for fields in rows:
+                if not self._fix(fields):
+                    self.unused["BOUNDARY"] += 1
+        elif keyword not in _MESH:
+            self.unused[keyword] += 1
+
+    def _constants(self, keyword: str, rows: Sequence[Sequence[str]], keys: tuple[str, ...]) -> None:
+        """Numbers of the first data line, of a material that does not depend on temperature."""
+        try:
+            values = [float(text.upper().replace("D", "E")) for text in rows[0][: len(keys)]]
+        except (ValueError, IndexError):
+            values = []
+        if len(rows) == 1 and len(values) == len(keys) and self._material:
+            self.materials[self._material].update(zip(keys, values, strict=True))
+        else:
+            self.unused[keyword] += 1
+
+    def _fix(self, fields: Sequence[str]) -> bool:
+        """Add a set that is held at zero; False for anything else."""
+        try:
+            name, first, *rest = fields
+            if first.upper() in _NAMED:
+                low, high = _NAMED[first.upper()]
+            else:
+                low = int(first)
+                high = int(rest[0]) if rest and rest[0] else low
+            still = len(rest) < 2 or not rest[1] or float(rest[1]) == 0.0
+        except ValueError:
+            return False
+        if not still or not 1 <= low <= high <= 6 or low > 3 or name.rpartition(".")[2].isdigit():
+            return False
+        self.fixed.append((name, _AXES[low - 1 : min(high, 3)]))
+        return True
+
+    def material_of(self, sections: list[str]) -> tuple[str, dict[str, float]] | None:
+        """Name and constants of the one material of these element sets (in capitals); None where it is not whole."""
+        names = {material for elset, material in self.sections if elset in sections}
+        if len(names) != 1:
+            return None
+        constants = self.materials.get(name := names.pop(), {})
+        return (name, constants) if set(constants) == set(_KEYS) else None
+
+    def unused_words(self) -> list[str]:
+        """Keywords that are not used, with their number, as they stand in the deck."""
+        return [f"*{keyword}" + (f" ({count})" if count > 1 else "") for keyword, count in sorted(self.unused.items())]
+
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -212,3 +328,109 @@ def rows_of(labels: Index, some: Index) -> tuple[Index, NDArray[np.bool_]]:
     place = np.minimum(np.searchsorted(labels, some, sorter=order), len(labels) - 1)
     rows = order[place]
     return rows, labels[rows] == some
+
+
+_UNITS: Final = {1.0: (1.0, 1.0), 1e-3: (1e6, 1e12)}
+"""Factors of moduli and densities by the scale: units of the scene, and mm, t, s, MPa in a scene in SI."""
+
+
+def with_deck(raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float) -> dict[str, Any]:
+    """The scene with what the deck says and the scene does not.
+
+    A part without a material takes that of its section. A tie becomes a perfect interface, unless the scene has one
+    between these parts; a set held at zero becomes a fixed boundary, unless the scene has one on that face.
+
+    Parameters
+    ----------
+    parts : names of substructures by volume group. scale : length of a unit of the deck in that of the scene; where it
+        is 1, materials are in the units of the scene, where it is 1e-3 of a metre, in mm, t, s, MPa. Else they are
+        left out.
+    """
+    deck, whole = content.deck, dict(raw)
+    assert deck is not None
+    if scale in _UNITS and (scale == 1.0 or system_named(raw.get("units")) is SI):
+        whole = _with_materials(whole, content, parts, _UNITS[scale])
+    interfaces = {part_name(name): table for name, table in _ties(content, parts)}
+    joined = [_parts_of(table) for table in named_tables(raw, "interface").values()]
+    new = {
+        n: t for n, t in interfaces.items() if _parts_of(t) not in joined and n not in named_tables(raw, "interface")
+    }
+    if new:
+        whole["interface"] = {**(raw.get("interface") or {}), **new}
+    held = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
+    supports = {part_name(name): table for name, table in _supports(content, parts) if table["face"] not in held}
+    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
+    if supports:
+        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
+    return whole
+
+
+def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list[str]:
+    """Keywords of a deck that a scene does not use, and its ties and supports that are in none of its tables.
+
+    parts : names of substructures by volume group. scene : read (``Scene``).
+    """
+    deck = content.deck
+    if deck is None:
+        return []
+    pairs = [frozenset(side.partition(".")[0] for side in i.sides) for i in scene.interface.values()]
+    made = {name for name, table in _ties(content, parts) if _parts_of(table) in pairs}
+    lost = [f"*TIE {name}" for name in dict.fromkeys(name for name, *_ in deck.ties) if name not in made]
+    held = {b.face for b in scene.boundary.values() if hasattr(b, "face")}
+    used = {name for name, table in _supports(content, parts) if table["face"] in held}
+    lost += [f"*BOUNDARY {name}" for name, _ in deck.fixed if not any(u.startswith(_short(name)) for u in used)]
+    return [*deck.unused_words(), *lost]
+
+
+def _with_materials(
+    raw: dict[str, Any], content: MeshContent, parts: Mapping[str, str], factors: tuple[float, float]
+) -> dict[str, Any]:
+    assert content.deck is not None
+    materials, bodies = dict(raw.get("material") or {}), dict(raw["substructure"])
+    for group, part in parts.items():
+        table, known = bodies.get(part), content.deck.material_of(content.sections.get(group, []))
+        if known is None or not isinstance(table, Mapping) or given(table, "material"):
+            continue
+        name, values = part_name(known[0]), known[1]
+        stiffness, density = factors
+        constants = {**values, "young_modulus": stiffness * values["young_modulus"]}
+        materials.setdefault(name, {**constants, "density": density * values["density"]})
+        bodies[part] = {"material": name, **table}
+    return {**raw, "material": materials, "substructure": bodies} if materials else raw
+
+
+def _ties(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Perfect interfaces between surfaces that belong to one part each."""
+    assert content.deck is not None
+    for name, *surfaces in content.deck.ties:
+        sides = [_faces(content, parts, surface) for surface in surfaces]
+        if all(len(side) == 1 for side in sides) and sides[0][0].split(".")[0] != sides[1][0].split(".")[0]:
+            yield name, {"sides": [side[0] for side in sides], "behaviour": "perfect"}
+
+
+def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Fixed faces of the parts that a held set has whole facets of."""
+    assert content.deck is not None
+    for name, components in content.deck.fixed:
+        for face in _faces(content, parts, name):
+            yield f"{_short(name)}_{face.split('.')[0]}", {"type": "fixed", "face": face, "components": [*components]}
+
+
+def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
+    """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
+    owner, short = name.rpartition(".")[0].upper(), _short(name).upper()
+    spelled = next((n for n in (*content.facets, *content.node_sets) if n.upper() == short), None)
+    if spelled is None:
+        return []
+    chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
+    return [f"{part}.{spelled}" for group, part in chosen.items() if content.touching(group, spelled)]
+
+
+def _short(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _parts_of(table: Mapping[str, Any]) -> frozenset[str]:
+    """Substructures that an interface joins."""
+    sides = table.get("sides")
+    return frozenset(str(side).partition(".")[0] for side in sides) if isinstance(sides, list | tuple) else frozenset()

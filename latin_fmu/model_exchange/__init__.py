@@ -17,10 +17,10 @@ It does not resolve wave fronts, pressures at points, nor motion after many boun
 are too coarse for the bending of a body (``punched_plates``: a punch on the middle of a plate).
 
 ============  =====================================================================================
-bodies        bonded substructures as bodies, patches and bonds of interfaces, Ritz coordinates
-reduce        scene -> ``ReducedSystem``, static check of the patches; names, units, value references
-system        arrays of a reduced model and names of its variables, as bytes and back
-equations     laws over time, regularised contact and friction, event indicators, right-hand side, outputs
+reduce        scene -> ``ReducedSystem``: bodies, patches, bonds, Ritz coordinates, static check of the patches; names
+              and units of the variables, their references
+equations     ``ReducedSystem`` and ``Names``, as bytes and back; laws over time, regularised contact and friction,
+              event indicators, right-hand side, outputs
 fmi_instance  variables by reference, time, states and events for an adapter; no exception leaves it
 ============  =====================================================================================
 """

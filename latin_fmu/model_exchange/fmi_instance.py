@@ -14,8 +14,19 @@ from typing import NamedTuple
 from ..cosim.variable import Variable, input_of, variable_of
 from ..cosim.variable_store import ERROR, Log, VariableStore, exception_barrier
 from ..latin.state_serialization import check_like, decode, encode, opened, sealed, unlike
-from .equations import Equations, Evaluation, GivenLoads, Modes, Outputs, Regularisation
-from .system import DAMPING, SLIDING, STIFFNESS, Names, ReducedSystem
+from .equations import (
+    DAMPING,
+    SLIDING,
+    STIFFNESS,
+    Equations,
+    Evaluation,
+    GivenLoads,
+    Modes,
+    Names,
+    Outputs,
+    ReducedSystem,
+    Regularisation,
+)
 
 _STATE = "state of a reduced model"
 

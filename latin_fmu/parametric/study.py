@@ -36,21 +36,34 @@ import xarray as xr
 
 from ..accuracy.runs import Log
 from ..assembly.build import discretise
-from ..effects.cost import Prediction
-from ..effects.memory import amount, memory_need
+from ..effects.cost import Prediction, amount, memory_need
 from ..errors import InputError, LatinError, SceneError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
 from ..machine import memory_room, provenance
 from ..reader import read_tables
 from ..results.checkpoint import scene_digest
-from ..results.dataset import AXES
 from ..results.files import write_netcdf
 from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
+from ..results.quantities import AXES
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.overrides import apply_overrides
 from ..scene.schema import Scene
-from .grid import Grid, Index, Parameter, parameters_of, value_text
-from .point import CONVERGED, FAILED, QUANTITIES, STATES, Plan, Quantity, Record, failed, solve_point
+from .point import (
+    CONVERGED,
+    FAILED,
+    QUANTITIES,
+    STATES,
+    Grid,
+    Index,
+    Parameter,
+    Plan,
+    Quantity,
+    Record,
+    failed,
+    parameters_of,
+    solve_point,
+    value_text,
+)
 
 _KIND: Final = "points of a study"
 _HEAD: Final = "study"  # name of the file that identifies the study of the points in a folder

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
 
 from ..latin.outcome import Array
 from ..scene.units import SI, UnitSystem
-from .groups import Group, Variable
+from .groups import StoredGroup
+from .quantities import rows
 from .quantities_of_interest import FLOOR, definition_of
 from .summary import aligned, finite, percent, readable
 
@@ -51,15 +53,26 @@ class QuantityEstimate:
         return max(self.error, FLOOR)
 
 
-_COLUMNS: Final = (
-    ("value", "value", None, "value of the quantity, in its unit"),
-    ("relative_error", "relative_error", "1", "estimated relative error"),
-    ("observed_order", "order", "1", "observed order of convergence"),
-    ("expected_order", "expected_order", "1", "expected order of convergence"),
-    ("change_with_mesh", "mesh", "1", "relative change when the mesh is coarser under shorter steps"),
-    ("change_with_time_step", "time", "1", "relative change when the step alone is longer"),
+_OWN: Final = {"observed_order": "order", "change_with_mesh": "mesh", "change_with_time_step": "time"}
+_NUMBERS: Final = rows(
+    """
+    value                 | - | quantity | value of the quantity, in its unit
+    relative_error        | 1 | quantity | estimated relative error
+    observed_order        | 1 | quantity | observed order of convergence
+    expected_order        | 1 | quantity | expected order of convergence
+    change_with_mesh      | 1 | quantity | relative change when the mesh is coarser under shorter steps
+    change_with_time_step | 1 | quantity | relative change when the step alone is longer
+    """,
+    {name: attrgetter(own) for name, own in _OWN.items()},
 )
-"""Name, attribute of ``QuantityEstimate``, unit and long name of the numbers that are stored."""
+"""Of a ``QuantityEstimate``."""
+_TEXTS: Final = rows(
+    """
+    quantity      | - | quantity | name of the quantity
+    quantity_unit | - | quantity | unit of the quantity
+    bound_only    | - | quantity | whether the estimate is only a bound | | estimate bound_only
+    """
+)
 
 
 @dataclass(frozen=True)
@@ -89,36 +102,30 @@ class ErrorEstimate:
         """Plain data for strict JSON."""
         quantities = {
             q.quantity: {"unit": units.label(q.unit), "bound_only": q.bound_only}
-            | {name: finite(getattr(q, attribute)) for name, attribute, _, _ in _COLUMNS}
+            | {name: finite(row.of(q)) for name, row in _NUMBERS.items()}
             for q in self.quantities
         }
         return {"quantities": quantities, "cpu_seconds": self.cpu, "remarks": list(self.remarks)}
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """Text of one row a quantity, then the remarks."""
-        rows = [("estimated error", "value", "error", "order (expected)"), *(_row(q, units) for q in self.quantities)]
+        head = "estimated error", "value", "error", "order (expected)"
         notes = ["", *("  only a bound" if q.bound_only and q.error > FLOOR else "" for q in self.quantities)]
-        table = [f"{line.strip()}{note}" for line, note in zip(aligned(rows), notes, strict=True)]
+        table = [
+            f"{line.strip()}{note}"
+            for line, note in zip(aligned([head, *(_row(q, units) for q in self.quantities)]), notes, strict=True)
+        ]
         return table + [f"  note: {remark}" for remark in self.remarks]
 
-    def group(self, units: UnitSystem = SI) -> Group:
+    def group(self, units: UnitSystem = SI) -> StoredGroup:
         """Group ``accuracy``: one entry a quantity."""
-        dims = ("quantity",)
         names = np.array([q.quantity for q in self.quantities], dtype=np.str_)
         own = np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_)
-        variables = {
-            "quantity": Variable(dims, names, {"long_name": "name of the quantity"}),
-            "quantity_unit": Variable(dims, own, {"long_name": "unit of the quantity"}),
-        }
-        for name, attribute, unit, long_name in _COLUMNS:
-            values = np.array([getattr(q, attribute) for q in self.quantities], dtype=float)
-            attributes = {"long_name": long_name} | ({} if unit is None else {"units": unit})
-            variables[name] = Variable(dims, values, attributes)
-        flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "estimate bound_only"}
         bounds = np.array([q.bound_only for q in self.quantities], dtype=np.int8)
-        variables["bound_only"] = Variable(dims, bounds, {"long_name": "whether the estimate is only a bound", **flags})
+        stored = [(row, np.array([row.of(q) for q in self.quantities], dtype=float)) for row in _NUMBERS.values()]
+        texts = [(_TEXTS["quantity_unit"], own), *stored, (_TEXTS["bound_only"], bounds)]
         attrs = {"remarks": "\n".join(self.remarks), "cpu_seconds": self.cpu}
-        return Group(variables, frozenset(dims), attrs)
+        return StoredGroup.of(texts, [(_TEXTS["quantity"], names)], attrs)
 
 
 def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:

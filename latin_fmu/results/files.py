@@ -14,14 +14,14 @@ import numpy as np
 
 from ..errors import LatinError, Problem, ResultsError
 from ..file_digest import add_digest, is_damaged
-from .groups import SCHEMA_VERSION, Group, Variable, with_labels
+from .groups import SCHEMA_VERSION, StoredGroup, StoredVariable, with_labels
 from .writing import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-Blocks = Callable[[], Iterable[Mapping[str, Group]]]
+Blocks = Callable[[], Iterable[Mapping[str, StoredGroup]]]
 """Gives groups by path, instants after instants; called once per attempt to write."""
 
 _GROWING: Final = ("time", "window")
@@ -40,10 +40,10 @@ _SINGLE_PRECISION = (
 
 def write_netcdf(tree: xr.DataTree, path: str | Path) -> None:
     """Write a DataTree as ``write_groups`` does."""
-    write_groups({node.path: Group.of_dataset(node.to_dataset(inherit=False)) for node in tree.subtree}, path)
+    write_groups({node.path: StoredGroup.of_dataset(node.to_dataset(inherit=False)) for node in tree.subtree}, path)
 
 
-def write_groups(groups: Mapping[str, Group], path: str | Path, blocks: Blocks | None = None) -> None:
+def write_groups(groups: Mapping[str, StoredGroup], path: str | Path, blocks: Blocks | None = None) -> None:
     """Write ``groups`` (by path) to the file ``path``, atomically: an existing file is replaced only by a complete one.
 
     Interface fields keep double precision, substructure fields single precision; both are compressed, and
@@ -74,7 +74,7 @@ def write_groups(groups: Mapping[str, Group], path: str | Path, blocks: Blocks |
     write_whole(path, write)
 
 
-def _append(place: Any, group: Group) -> None:
+def _append(place: Any, group: StoredGroup) -> None:
     """Write the variables over instants or windows behind those that are there, and single numbers anew."""
     sizes = {dim: len(place.dimensions[dim]) for dim in _GROWING if dim in place.dimensions}
     for name, variable in group.variables.items():
@@ -86,7 +86,7 @@ def _append(place: Any, group: Group) -> None:
             place.variables[name][first : first + len(variable.values)] = variable.values
 
 
-def _write_group(place: Any, where: str, group: Group, grows: bool) -> None:
+def _write_group(place: Any, where: str, group: StoredGroup, grows: bool) -> None:
     """Dimensions, attributes and variables of one group; ``grows``: more of them follow."""
     place.setncatts(group.attrs)
     for name, size in group.sizes().items():
@@ -101,7 +101,7 @@ def _write_group(place: Any, where: str, group: Group, grows: bool) -> None:
             _write_array(place, where, name, variable, attrs, grows)
 
 
-def _labels_of(group: Group, variable: Variable) -> str:
+def _labels_of(group: StoredGroup, variable: StoredVariable) -> str:
     """CF's list of the coordinates of a variable that are no dimensions of their own."""
     return " ".join(
         name
@@ -110,7 +110,9 @@ def _labels_of(group: Group, variable: Variable) -> str:
     )
 
 
-def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: Mapping[str, Any], grows: bool) -> None:
+def _write_array(
+    place: Any, where: str, name: str, variable: StoredVariable, attrs: Mapping[str, Any], grows: bool
+) -> None:
     values = variable.values
     kind: Any = str if values.dtype.kind == "O" else values.dtype
     storage: dict[str, Any] = {}
@@ -129,7 +131,7 @@ def _write_array(place: Any, where: str, name: str, variable: Variable, attrs: M
         made[...] = values
 
 
-def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, Any]) -> None:
+def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[str, Any]) -> None:
     """Text as bytes along a dimension of its own, which all netCDF readers support."""
     texts = np.char.encode(variable.values, "utf-8")
     width = max(1, texts.dtype.itemsize)
@@ -144,7 +146,7 @@ def _write_text(place: Any, name: str, variable: Variable, attrs: Mapping[str, A
         made[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
 
 
-def _storage(variable: Variable) -> dict[str, Any]:
+def _storage(variable: StoredVariable) -> dict[str, Any]:
     """Chunks, compression and checksums of an array, so that damage is an error when it is read; scalars have none."""
     shape = variable.values.shape
     if not shape:
@@ -166,7 +168,6 @@ def open_results(path: str | Path) -> xr.DataTree:
     ResultsError : no such file, not a netCDF-4 file, not written by this package, or written by a version
         whose layout this one does not know.
     """
-    import xarray as xr
 
     source = Path(path)
     if not source.is_file():
@@ -176,7 +177,7 @@ def open_results(path: str | Path) -> xr.DataTree:
     try:
         if is_damaged(source):
             raise _unreadable(source, damaged, remedy="take an intact copy, or run the scene again")
-        tree = xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+        tree = _opened(source)
     except ResultsError:
         raise
     except UnicodeEncodeError as error:
@@ -202,6 +203,43 @@ def open_results(path: str | Path) -> xr.DataTree:
             f"{SCHEMA_VERSION.split('.')[0]}.x",
             "open it with the version of latin_fmu that wrote it",
         )
+    return tree
+
+
+def _opened(source: Path) -> xr.DataTree:
+    """A file of a run, with groups, or of a compiled FMU: netCDF-3 has none, and ``interfaces.crush.traction`` is the
+    variable ``traction`` of the group ``interfaces/crush``."""
+    import xarray as xr
+
+    with source.open("rb") as file:
+        flat = file.read(3) == b"CDF"
+    if not flat:
+        return xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    content = xr.open_dataset(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
+    groups: dict[str, xr.Dataset] = {
+        "/": xr.Dataset(attrs={k: v for k, v in content.attrs.items() if "." not in k and k != "coordinates"})
+    }
+    for full, variable in content.variables.items():
+        path, _, name = str(full).rpartition(".")
+        labels = content.attrs.get(f"{path}.coordinates".lstrip("."), "").split()
+        group = groups.setdefault("/" + path.replace(".", "/"), xr.Dataset())
+        dims = [str(dim).rpartition(".")[2] for dim in variable.dims]
+        own = xr.Variable(dims, variable._data, variable.attrs, variable.encoding)
+        if name in labels:
+            group.coords[name] = own
+        else:
+            group[name] = own
+    for full, value in content.attrs.items():
+        path, _, name = str(full).rpartition(".")
+        if path and name != "coordinates":
+            groups["/" + path.replace(".", "/")].attrs[name] = value
+    time = groups["/"].coords["time"]
+    groups["/"] = groups["/"].drop_vars("time")
+    for group in groups.values():
+        if "time" in group.dims:
+            group.coords["time"] = time
+    tree = xr.DataTree.from_dict(groups)
+    tree.set_close(content.close)
     return tree
 
 

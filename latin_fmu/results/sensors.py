@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
-from .groups import BOLT, REACTION, SENSOR, Columns, Group, annotated
+from .groups import StoredGroup
+from .quantities import AXES, BOLT, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, columns, named
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, readable, readable_vector
-
-MOTIONS: Final = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
-"""What a sensor measures, with units."""
-
-
-def motions_of(history: SensorHistory) -> dict[str, Array]:
-    """Displacement, velocity and, where there is one, acceleration of a sensor, (n_time, 3) each."""
-    every = {name: getattr(history, name) for name in MOTIONS}
-    return {name: values for name, values in every.items() if values is not None}
 
 
 def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Array:
@@ -44,26 +36,24 @@ def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Arra
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=beyond))
 
 
-def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None = None) -> Group:
+def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None = None) -> StoredGroup:
     """Group ``sensors/<name>``: motions (time, component), behind a filter too where one is given, and the place of the
     sensor."""
-    motions = motions_of(history)
+    motions = columns(SENSOR, history)
     if chosen is not None and (step := uniform_step(time)) and not list(filter_problems("", chosen, step, time[-1])):
-        motions |= {f"{name}_filtered": low_pass(values, chosen, step) for name, values in motions.items()}
-    columns: Columns = {name: (("time", "component"), values) for name, values in motions.items()}
-    labels: dict[str, object] = {"time": time, "component": ["x", "y", "z"]}
-    labels |= {axis: ((), float(history.point[i])) for i, axis in enumerate("xyz")}
+        motions += [(FILTERED[row.name], low_pass(values, chosen, step)) for row, values in motions]
     attrs: dict[str, object] = {"substructure": history.substructure}
     if history.face is not None:
         attrs["face"] = history.face
     if history.acceleration is None:
         attrs["acceleration"] = f"none: {history.remark}"
-    group = annotated(Group.of(columns, labels, attrs), SENSOR)
-    for name in columns:
-        if chosen is not None and name.endswith("_filtered"):
-            group.variables[name].attrs["filter"] = chosen.label
+    place = [*named(LABELS, {"time": time, "component": AXES}), *columns(SENSOR_PLACE, history)]
+    group = StoredGroup.of(motions, place, attrs)
+    for row, _ in motions:
+        if chosen is not None and row.name.endswith("_filtered"):
+            group.variables[row.name].attrs["filter"] = chosen.label
         if history.face is not None:
-            group.variables[name].attrs["cell_methods"] = "area: mean"
+            group.variables[row.name].attrs["cell_methods"] = "area: mean"
     if history.acceleration is not None and history.remark:
         group.variables["acceleration"].attrs["comment"] = history.remark
     return group
@@ -90,7 +80,7 @@ def spectra_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, Sh
 
 def sensor_groups(
     outcome: Outcome, requests: Mapping[str, Sensor], errors: Mapping[str, Array] | None = None
-) -> dict[str, Group]:
+) -> dict[str, StoredGroup]:
     """Groups of all sensors of a run by path; ``requests``: their tables in the scene; ``errors`` of their spectra."""
     groups = {}
     for name, history in outcome.sensors.items():
@@ -101,15 +91,15 @@ def sensor_groups(
     return groups
 
 
-def reaction_groups(outcome: Outcome) -> dict[str, Group]:
+def reaction_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     """Groups ``reactions/<boundary>`` of the supports of a run by path."""
-    groups = {}
-    for name, history in outcome.reactions.items():
-        labels: dict[str, object] = {"time": outcome.time, "component": ["x", "y", "z"]}
-        attrs: dict[str, object] = {"substructure": history.substructure, "face": history.face}
-        group = Group.of({"force": (("time", "component"), history.force)}, labels, attrs)
-        groups[f"/reactions/{name}"] = annotated(group, REACTION)
-    return groups
+    along = named(LABELS, {"time": outcome.time, "component": AXES})
+    return {
+        f"/reactions/{name}": StoredGroup.of(
+            columns(REACTION, history), along, {"substructure": history.substructure, "face": history.face}
+        )
+        for name, history in outcome.reactions.items()
+    }
 
 
 def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
@@ -135,21 +125,14 @@ def reaction_report(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def bolt_groups(outcome: Outcome) -> dict[str, Group]:
+def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     """Groups ``bolts/<name>`` of the bolts of a run by path."""
     groups = {}
     for name, bolt in outcome.bolts.items():
-        columns: Columns = {
-            "force": ("time", bolt.force),
-            "mean_stress": ("time", bolt.force / bolt.area),
-            "shortening": ((), bolt.shortening),
-            "section_area": ((), bolt.area),
-            "tightening_force": ("order", np.array(bolt.tightening)),
-        }
-        labels: dict[str, object] = {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)}
+        along = named(LABELS, {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)})
         attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
         attrs |= {} if bolt.target is None else {"target_force": bolt.target}
-        groups[f"/bolts/{name}"] = annotated(Group.of(columns, labels, attrs), BOLT)
+        groups[f"/bolts/{name}"] = StoredGroup.of(columns(BOLT, bolt), along, attrs)
     return groups
 
 
@@ -199,12 +182,12 @@ def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:
 
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
-    rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in MOTIONS), "at")]
+    rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in SENSOR), "at")]
     for name, history in outcome.sensors.items():
-        largest = [_largest(getattr(history, motion), outcome.time) for motion in MOTIONS]
+        largest = [_largest(row.of(history), outcome.time) for row in SENSOR.values()]
         cells = [
-            readable(None if pair is None else pair[0], units.label(unit))
-            for pair, unit in zip(largest, MOTIONS.values(), strict=True)
+            readable(None if pair is None else pair[0], units.label(str(row.unit)))
+            for pair, row in zip(largest, SENSOR.values(), strict=True)
         ]
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
@@ -230,8 +213,8 @@ def sensor_report(outcome: Outcome) -> dict[str, Any]:
         name: {"substructure": history.substructure, "face": history.face, "point": [float(x) for x in history.point]}
         | {
             f"largest_{motion}": None if pair is None else finite(pair[0])
-            for motion in MOTIONS
-            for pair in [_largest(getattr(history, motion), outcome.time)]
+            for motion, row in SENSOR.items()
+            for pair in [_largest(row.of(history), outcome.time)]
         }
         for name, history in outcome.sensors.items()
     }

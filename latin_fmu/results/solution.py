@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from ..latin.outcome import (
-    Array,
-    BoltHistory,
-    InterfaceHistory,
-    Outcome,
-    ReactionHistory,
-    SensorHistory,
-    SubstructureHistory,
-    Timings,
-    WindowRecord,
-)
+from ..latin.outcome import Outcome
 from ..machine import provenance
 from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
-from .dataset import Recovered, datatree, result_blocks, result_groups
+from .dataset import Recovered, datatree, result_blocks, result_groups, root_group
 from .estimates import ErrorEstimate
 from .files import write_groups
-from .groups import Group, in_units
+from .groups import StoredGroup, in_units
 from .sensors import (
     bolt_lines,
     bolt_report,
@@ -42,6 +32,19 @@ from .summary import report, summary
 
 if TYPE_CHECKING:
     import xarray as xr
+
+T = TypeVar("T", covariant=True)
+
+
+class _Part(Protocol[T]):
+    """A property whose values have the type T."""
+
+    def __get__(self, instance: Any, owner: type | None = None, /) -> T: ...
+
+
+def _of(read: Callable[[Outcome], T], doc: str) -> _Part[T]:
+    """Property of a solution that reads its outcome."""
+    return cast("_Part[T]", property(lambda solution: read(solution.outcome), doc=doc))
 
 
 @dataclass(frozen=True)
@@ -71,110 +74,58 @@ class Solution:
     surfaces: bool = False
     units: UnitSystem = SI
 
-    @property
-    def status(self) -> str:
-        """One sentence, with a remedy where the run did not converge."""
-        return self.outcome.status
-
-    @property
-    def converged(self) -> bool:
-        """Whether every window reached the tolerance; whether the end can be trusted, ``trustworthy`` says."""
-        return self.outcome.converged
-
-    @property
-    def trustworthy(self) -> bool:
-        """Whether the run has converged, its balance of energies closes, no closed point has sunk and no body has
-        turned too far (``run_checks``); ``status`` says what does not hold."""
-        return self.outcome.trustworthy
-
-    @property
-    def complete(self) -> bool:
-        """Whether the run reached the end of its interval."""
-        return self.outcome.complete
-
-    @property
-    def interrupted(self) -> str:
-        """What stopped the run before its end, a signal or its limit of CPU time; empty where nothing did."""
-        return self.outcome.interrupted
-
-    @property
-    def time(self) -> Array:
-        """Instants of the run, (n_time,), s."""
-        return self.outcome.time
-
-    @property
-    def interfaces(self) -> dict[str, InterfaceHistory]:
-        """Local-stage fields by interface name."""
-        return self.outcome.interfaces
-
-    @property
-    def substructures(self) -> dict[str, SubstructureHistory]:
-        """Linear-stage fields by substructure name; those not requested are None."""
-        return self.outcome.substructures
-
-    @property
-    def sensors(self) -> dict[str, SensorHistory]:
-        """Displacement, velocity and acceleration of the sensors by name."""
-        return self.outcome.sensors
-
-    @property
-    def reactions(self) -> dict[str, ReactionHistory]:
-        """Forces of the supports on their bodies by boundary, where the scene requests them."""
-        return self.outcome.reactions
-
-    @property
-    def bolts(self) -> dict[str, BoltHistory]:
-        """Tensions of the bolts by name."""
-        return self.outcome.bolts
+    status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
+    converged = _of(
+        lambda o: o.converged,
+        "Whether every window reached the tolerance; whether the end can be trusted, ``trustworthy`` says.",
+    )
+    trustworthy = _of(
+        lambda o: o.trustworthy,
+        "Whether the run has converged, its balance of energies closes, no closed point has sunk and no body has "
+        "turned too far (``run_checks``); ``status`` says what does not hold.",
+    )
+    complete = _of(lambda o: o.complete, "Whether the run reached the end of its interval.")
+    interrupted = _of(
+        lambda o: o.interrupted,
+        "What stopped the run before its end, a signal or its limit of CPU time; empty where nothing did.",
+    )
+    time = _of(lambda o: o.time, "Instants of the run, (n_time,), s.")
+    interfaces = _of(lambda o: o.interfaces, "Local-stage fields by interface name.")
+    substructures = _of(
+        lambda o: o.substructures, "Linear-stage fields by substructure name; those not requested are None."
+    )
+    sensors = _of(lambda o: o.sensors, "Displacement, velocity and acceleration of the sensors by name.")
+    reactions = _of(
+        lambda o: o.reactions, "Forces of the supports on their bodies by boundary, where the scene requests them."
+    )
+    bolts = _of(lambda o: o.bolts, "Tensions of the bolts by name.")
+    windows = _of(lambda o: o.windows, "Record of the iteration of each window.")
+    error_indicator = _of(
+        lambda o: o.error_indicator, "The amplitude sqrt(eta) at the end of the windows, the largest of them."
+    )
+    passes = _of(lambda o: o.passes, "Substructure-instants solved / (substructures x instants).")
+    energy = _of(lambda o: o.energy, "Energy terms of the assembly, each (n_time,), J; None unless requested.")
+    timings = _of(lambda o: o.timings, "CPU seconds by part and peak memory.")
+    warnings = _of(lambda o: o.warnings, "Remarks about the scene and the run.")
 
     @cached_property
     def spectra(self) -> dict[str, ShockSpectrum]:
         """Shock response spectra of the sensors that request one, by name."""
         return spectra_of(self.outcome, self.sensor_tables)
 
-    @property
-    def windows(self) -> Sequence[WindowRecord]:
-        """Record of the iteration of each window."""
-        return self.outcome.windows
-
-    @property
-    def error_indicator(self) -> float:
-        """The amplitude sqrt(eta) at the end of the windows, the largest of them."""
-        return self.outcome.error_indicator
-
-    @property
-    def passes(self) -> float:
-        """Substructure-instants solved / (substructures x instants)."""
-        return self.outcome.passes
-
-    @property
-    def energy(self) -> dict[str, Array] | None:
-        """Energy terms of the assembly, each (n_time,), J; None unless requested."""
-        return self.outcome.energy
-
-    @property
-    def timings(self) -> Timings:
-        """CPU seconds by part and peak memory."""
-        return self.outcome.timings
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Remarks about the scene and the run."""
-        return self.outcome.warnings
-
     def to_datatree(self) -> xr.DataTree:
         """Everything as an xarray DataTree; the layout is in the docstring of ``results.dataset``."""
         return datatree(self._groups(), self.scene_name)
 
-    def _groups(self, streamed: bool = False) -> dict[str, Group]:
+    def _groups(self, streamed: bool = False) -> dict[str, StoredGroup]:
         errors = None if self.estimate is None else self.estimate.spectra
-        given = self.outcome, self.scene_name, self.scene_text, self.provenance, self.recovered, self.sensor_tables
-        groups = result_groups(*given, errors, self.surfaces, streamed)
+        groups = {"/": root_group(self.outcome, self.scene_name, self.scene_text, self.provenance)}
+        groups |= result_groups(self.outcome, self.recovered, self.sensor_tables, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group(self.units)
         return in_units(groups, self.units)
 
-    def _blocks(self) -> Iterator[dict[str, Group]]:
+    def _blocks(self) -> Iterator[dict[str, StoredGroup]]:
         """Groups of a streamed run, block by block."""
         return (in_units(block, self.units) for block in result_blocks(self.outcome, self.surfaces))
 

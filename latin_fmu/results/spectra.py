@@ -32,7 +32,8 @@ from ..errors import InputError, Problem
 from ..latin.outcome import Array, SensorHistory
 from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
-from .groups import SPECTRUM, Columns, Group, annotated
+from .groups import StoredGroup
+from .quantities import AXES, LABELS, SPECTRUM, named
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -203,22 +204,20 @@ def sensor_spectrum(history: SensorHistory, time: Array, request: Spectrum) -> S
     return shock_response_spectrum(history.acceleration, step, frequencies, request.quality)
 
 
-def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> Group:
+def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> StoredGroup:
     """Group ``sensors/<name>/spectrum``; ``error`` (3, n, 3): estimated relative error (``spectrum_error``)."""
-    dims = ("response", "frequency", "component")
-    columns: Columns = {
-        "acceleration": (dims, spectrum.acceleration),
-        "pseudo_velocity": (dims, spectrum.pseudo_velocity),
+    given = {
+        "acceleration": spectrum.acceleration,
+        "pseudo_velocity": spectrum.pseudo_velocity,
+        "relative_error": error,
     }
-    if error is not None:
-        columns["relative_error"] = (dims, error)
-    labels = {"response": list(RESPONSES), "frequency": spectrum.frequency, "component": ["x", "y", "z"]}
+    along = {"response": list(RESPONSES), "frequency": spectrum.frequency, "component": AXES}
     attrs = {
         "quality": spectrum.quality,
         "damping_ratio": 0.5 / spectrum.quality,
         "references": "Smallwood (1981), ISO 18431-4:2007: ramp-invariant filter",
     }
-    return annotated(Group.of(columns, labels, attrs), SPECTRUM)
+    return StoredGroup.of(named(SPECTRUM, given), named(LABELS, along), attrs)
 
 
 def stored_spectrum(node: Any) -> tuple[ShockSpectrum, Array | None]:
@@ -253,14 +252,13 @@ def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> 
 
 def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]], units: UnitSystem = SI) -> str:
     """Spectra of sensors on the same frequencies as comma-separated values, one row a frequency."""
-    axes, kinds = "xyz", {"acceleration": "m s-2", "pseudo_velocity": "m s-1"}
     head = ["frequency [Hz]"]
-    columns = [spectra[0][1].frequency]
+    table = [spectra[0][1].frequency]
     for name, spectrum in spectra:
-        for kind, unit in kinds.items():
-            values = getattr(spectrum, kind)
+        for kind in ("acceleration", "pseudo_velocity"):
+            values, unit = getattr(spectrum, kind), units.label(str(SPECTRUM[kind].unit))
             for r, response in enumerate(RESPONSES):
-                head += [f"{name} {response} {kind} {axis} [{units.label(unit)}]" for axis in axes]
-                columns += list(values[r].T)
-    rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(columns, axis=1)]
+                head += [f"{name} {response} {kind} {axis} [{unit}]" for axis in AXES]
+                table += list(values[r].T)
+    rows = [",".join(f"{value:.9g}" for value in row) for row in np.stack(table, axis=1)]
     return "\n".join([",".join(head), *rows]) + "\n"

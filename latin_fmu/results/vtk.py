@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..fem.mesh import cell_blocks
 from ..latin.outcome import Array
-from .sensors import MOTIONS
+from .quantities import SENSOR
 from .writing import check_folder, unwritable, write_whole
 
 _VTK_TENSOR: Final = ["xx", "yy", "zz", "xy", "yz", "xz"]
@@ -175,7 +175,7 @@ def _interface_cells(instant: xr.Dataset) -> list[tuple[str, NDArray[np.int64]]]
 
 def _sensor_piece(instant: xr.Dataset) -> _Piece:
     points = np.stack([instant[axis].values for axis in "xyz"], axis=1)
-    point_data: dict[str, NDArray[Any]] = {name: _plain(instant[name]) for name in MOTIONS if name in instant}
+    point_data: dict[str, NDArray[Any]] = {name: _plain(instant[name]) for name in SENSOR if name in instant}
     return _Piece(points, [("vertex", np.arange(len(points))[:, None])], point_data, {})
 
 

@@ -2,11 +2,10 @@
 
 ===================================  ================================================================================
 schema                               `Scene`, the whole description, and its TOML text
-substructures, interfaces,           its tables, one class each; checks between the keys of one table stand there, too
+substructures, interfaces,           its tables, one class each; checks of their keys and with other tables beside them
 boundaries, laws, settings
 fields                               types of the keys: strict numbers, names, faces; description, unit and range
-relations                            checks between tables: unknown names, contradictions
-raw_scene                            the scene as it was written, for these checks
+raw_scene                            the scene as it was written, for checks with other tables
 describe                             kinds, ranges and units of the keys as text; from a failed check to a message
 overrides                            settings ``a.b.c=value`` on top of a file, and the lines on which keys stand
 reference                            the printed reference and the JSON schema, both made from the tables

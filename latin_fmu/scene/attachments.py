@@ -6,15 +6,15 @@ from typing import Annotated, Any, ClassVar, Final, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import Problem
-from .fields import GROUND, Direction, Face, Flag, Name, Real, Table, Vector, _as_list, about, refusal, split_face
+from .fields import GROUND, Direction, Face, Flag, Name, Real, SceneTable, Vector, _as_list, about, refusal, split_face
 from .interfaces import Interface
-from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, unknown_name
+from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, reference_problems
 
 VISCOSITY: Final = "_viscosity"
 """What the name of a spring gets for the interface of its viscosity, where it has a stiffness, too."""
 
 
-class Place(Table):
+class Place(SceneTable):
     """A point of a substructure, or a face: its mean motion by area, translation and rotation, as a least-squares fit.
 
     A `face` alone stands for its centre; with `point`, for that point, joined to the mean motion of the face by a rigid
@@ -105,7 +105,7 @@ Ends = Annotated[tuple[OneEnd, OneEnd], BeforeValidator(_as_list)]
 OneOrTwoEnds = Annotated[tuple[OneEnd, ...], BeforeValidator(_as_list)]
 
 
-class Spring(Table):
+class Spring(SceneTable):
     """A linear spring, a dashpot, or both side by side, without mass, between two places.
 
     It acts along one direction, and by `lateral_stiffness` and `lateral_viscosity` equally across it. Its force is
@@ -165,7 +165,7 @@ class Spring(Table):
         return made
 
 
-class Coupling(Table):
+class CouplingTable(SceneTable):
     """Two places that move as one, or a face that moves as a rigid body.
 
     Distributing: the mean motions of both places are those of one rigid body; force and moment spread over the faces,
@@ -254,8 +254,5 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
 
 def _place_problems(raw: Any, where: str, place: RawTable) -> Iterator[Problem]:
     """Unknown names in a place."""
-    substructures, body = named_tables(raw, "substructure"), place.get("substructure")
-    if substructures and isinstance(body, str) and body not in substructures:
-        yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
-    if isinstance(place.get("face"), str):
-        yield from face_problems(raw, f"{where}.face", place["face"])
+    yield from reference_problems(raw, f"{where}.substructure", "substructure", place.get("substructure"))
+    yield from face_problems(raw, f"{where}.face", place.get("face"))

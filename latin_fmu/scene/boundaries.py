@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from ..errors import Problem, shown
-from .fields import BOX_FACES, Face, Series, Table, _as_list, about, refusal
+from .fields import BOX_FACES, Face, SceneTable, Series, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, is_box, named_tables, parsed_face, text_list
 from .substructures import LocalAxes
@@ -27,7 +27,7 @@ _FACE = 'the face, "substructure.face"'
 _AXES = "axes of the components; the global ones where left out"
 
 
-class Fixed(Table):
+class Fixed(SceneTable):
     """No displacement along the components."""
 
     type: Literal["fixed"] = "fixed"
@@ -36,55 +36,52 @@ class Fixed(Table):
     axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class Symmetry(Table):
+class Symmetry(SceneTable):
     """Plane of symmetry: no displacement along the normal of a plane face, however inclined."""
 
     type: Literal["symmetry"] = "symmetry"
     face: Annotated[Face, about(_FACE)]
 
 
-class PrescribedVelocity(Table):
+class _Prescribed(SceneTable):
+    type: str
+    face: Annotated[Face, about(_FACE)]
+    components: Annotated[Axes, about("components driven")]
+    value: Series
+    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
+    axes: Annotated[LocalAxes | None, about(_AXES)] = None
+
+
+class PrescribedVelocity(_Prescribed):
     """Velocity history value * law(t) along the components."""
 
     type: Literal["velocity"] = "velocity"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-1")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedDisplacement(Table):
+class PrescribedDisplacement(_Prescribed):
     """Displacement history value * law(t) along the components."""
 
     type: Literal["displacement"] = "displacement"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class PrescribedAcceleration(Table):
+class PrescribedAcceleration(_Prescribed):
     """Acceleration history value * law(t) along the components, from rest; the time scheme integrates it as it does the
     motion of a free body, so that no velocity or path is left over that the history does not hold."""
 
     type: Literal["acceleration"] = "acceleration"
-    face: Annotated[Face, about(_FACE)]
-    components: Annotated[Axes, about("components driven")]
     value: Annotated[Series, about("one number per component", "m s-2")]
-    law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-    axes: Annotated[LocalAxes | None, about(_AXES)] = None
 
 
-class Absorbing(Table):
+class Absorbing(SceneTable):
     """Lets waves out: dashpots rho c_p (normal) and rho c_s (tangential) per unit area."""
 
     type: Literal["absorbing"] = "absorbing"
     face: Annotated[Face, about(_FACE)]
 
 
-class Periodic(Table):
+class Periodic(SceneTable):
     """Two opposite faces of one substructure move together."""
 
     type: Literal["periodic"] = "periodic"
@@ -104,9 +101,7 @@ def boundary_problems(raw: Any) -> Iterator[Problem]:
     imposed: dict[tuple[str, str], str] = {}
     for name, table in named_tables(raw, "boundary").items():
         where, kind = f"boundary.{name}", table.get("type")
-        face = table.get("face")
-        if isinstance(face, str):
-            yield from face_problems(raw, f"{where}.face", face)
+        yield from face_problems(raw, f"{where}.face", table.get("face"))
         if kind == "periodic":
             yield from _periodic_problems(raw, where, table)
         if kind in _DRIVEN:

@@ -171,7 +171,7 @@ def _one_item(kind: re.Match[str]) -> str:
     return f"list {kind[2]}" if kind[2] else kind[4]
 
 
-def field_problems(root: type[BaseModel], error: ValidationError, raw: Any) -> list[Problem]:
+def validation_problems(root: type[BaseModel], error: ValidationError, raw: Any) -> list[Problem]:
     """One problem per wrong field; `raw` is what was validated."""
     problems = [_problem(root, detail, raw) for detail in error.errors(include_url=False)]
     return list(dict.fromkeys(problems))

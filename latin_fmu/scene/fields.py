@@ -20,13 +20,20 @@ NAME_RULE = "a letter, then letters, digits or underscores, 100 in all at most"
 FACE_RULE = 'written "substructure.face"'
 
 
-class Table(BaseModel):
+class SceneTable(BaseModel):
     """A table of the scene file: immutable, and an unknown key is an error.
 
     Modules with tables do without ``from __future__ import annotations``: pydantic would evaluate every text again.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        validate_default=True,
+        defer_build=True,
+        model_title_generator=lambda table: table.__name__.removesuffix("Table"),
+    )
 
 
 def about(

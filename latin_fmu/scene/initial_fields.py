@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Self
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from ..errors import Problem, shown
-from .fields import BodyName, Real, Table, Text, Vector, _as_list, about, refusal
+from .fields import BodyName, Real, SceneTable, Text, Vector, _as_list, about, refusal
 from .laws import base_dir_of, units_in
 from .number_files import Column, LengthUnit, SpeedUnit, factor, is_column, read_columns
 from .raw_scene import RawTable, chosen_type, given, named_tables, single_table
@@ -18,7 +18,7 @@ VELOCITY_FIELDS: Final = ("initial_velocity_gradient", "initial_velocity_field")
 DISPLACEMENT_FIELDS: Final = ("initial_displacement_gradient", "initial_displacement_field")
 
 
-class _FieldFile(Table):
+class _FieldFile(SceneTable):
     """Points and values read from a file with six columns: x, y, z and the components of the field along x, y, z.
 
     Every node takes the values of the point nearest to it, which has to lie on it. The points are kept with the scene
@@ -72,7 +72,7 @@ class _FieldFile(Table):
         return self
 
 
-class InitialState(Table):
+class InitialStateTable(SceneTable):
     """Displacements and velocities of bodies at t = 0 from an instant of a results file with fields.
 
     The effective scene has them as `initial_displacement_field` and `initial_velocity_field` of the substructures. The

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, create_model
 
 from ..errors import Problem, did_you_mean, shown
-from .fields import GROUND, Direction, Name, Real, Side, Table, Text, Vector, _as_list, about, refusal
+from .fields import GROUND, Direction, Name, Real, SceneTable, Side, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
-from .raw_scene import RawTable, given, number
+from .raw_scene import RawTable, face_problems, given, named_tables, number, reference_problems, text_list
 
 # Keys of an interface that only some behaviours take. A parameter without a default value has to be given.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
@@ -110,7 +110,7 @@ Behaviour = Annotated[Text, AfterValidator(_check_behaviour)]
 Sides = Annotated[tuple[Side, Side], BeforeValidator(_as_list)]
 
 
-class GroundVelocity(Table):
+class GroundVelocity(SceneTable):
     """Translation of the rigid ground: velocity(t) = amplitude a(t) direction / |direction|."""
 
     direction: Annotated[Direction, about("direction of the motion (its length does not count)", "1")]
@@ -126,14 +126,14 @@ class GroundVelocity(Table):
         return (x / scale * factor, y / scale * factor, z / scale * factor)
 
 
-class GroundPlane(Table):
+class GroundPlane(SceneTable):
     """Rigid ground behind a plane."""
 
     point: Annotated[Vector, about("a point of the plane", "m")]
     normal: Annotated[Direction, about("normal of the plane, out of the ground (its length does not count)", "1")]
 
 
-class Interface(Table):
+class Interface(SceneTable):
     """Two faces that meet. The normal N points from the first side (E) to the second (E')."""
 
     sides: Annotated[Sides, about('two faces "substructure.face"; the second may be "ground" (rigid)')]
@@ -205,7 +205,7 @@ NamePairs = Annotated[tuple[NamePair, ...], BeforeValidator(_as_list)]
 Names = Annotated[tuple[Name, ...], BeforeValidator(_as_list)]
 
 
-class _ContactKeys(Table):
+class _ContactKeys(SceneTable):
     search: Annotated[Real, about("boundaries nearer than this along the normal become an interface", "m", gt=0)]
     parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
@@ -243,3 +243,63 @@ else:
         **{key: (field.annotation, field) for key, field in Interface.model_fields.items() if key in PARAMETERS},
         **{"except": (Annotated[NamePairs, about("pairs of substructures that are left out")], ())},
     )
+
+
+# -- checks with other tables ---
+def interface_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the interfaces of a scene as written."""
+    for name, table in named_tables(raw, "interface").items():
+        where = f"interface.{name}"
+        sides = text_list(table.get("sides"))
+        for index, side in enumerate(sides):
+            yield from face_problems(raw, f"{where}.sides[{index}]", side)
+        if len(sides) == 2:
+            yield from _pair_problems(where, table, sides)
+        behaviour = table.get("behaviour")
+        yield from key_problems(where, table, behaviour if isinstance(behaviour, str) else "contact")
+
+
+def _pair_problems(where: str, table: RawTable, sides: list[str]) -> Iterator[Problem]:
+    if sides[0] == GROUND:
+        remedy = "name the ground second" if sides[1] != GROUND else "name a face of a substructure first"
+        yield Problem(f"{where}.sides[0]", "the first side cannot be the ground", None, "a substructure face", remedy)
+    elif sides[0] == sides[1]:
+        yield Problem(f"{where}.sides", "a face cannot meet itself", shown(sides), "two different faces")
+    for key in ("ground_velocity", "ground"):
+        if given(table, key) and GROUND not in sides:
+            yield Problem(
+                f"{where}.{key}",
+                "there is no ground on this interface",
+                None,
+                f'only where the second side is "{GROUND}"',
+            )
+    for key in ("points_from", "search"):
+        if given(table, key) and table[key] != "automatic" and GROUND in sides:
+            yield Problem(
+                f"{where}.{key}",
+                "there is no second face on this interface",
+                shown(table[key]),
+                None,
+                f'remove it: the second side is "{GROUND}"',
+            )
+    if table.get("gap") in ("measured", "closed") and GROUND in sides and not given(table, "ground"):
+        yield Problem(
+            f"{where}.gap",
+            "the gap cannot be measured: the ground has no place",
+            shown(table["gap"]),
+            "a number >= 0 [m]",
+            "give the distance, or the place: ground = {point = [...], normal = [...]}",
+        )
+
+
+def contact_problems(raw: Any) -> Iterator[Problem]:
+    """Keys of a search that its behaviour does not take; names that no substructure has."""
+    for name, table in named_tables(raw, "contact").items():
+        where, behaviour = f"contact.{name}", table.get("behaviour", "contact")
+        if isinstance(behaviour, str):
+            yield from key_problems(where, table, behaviour)
+        pairs = table.get("except")
+        named = [("parts", part) for part in text_list(table.get("parts"))]
+        named += [("except", n) for pair in (pairs if isinstance(pairs, list | tuple) else ()) for n in text_list(pair)]
+        for key, part in named:
+            yield from reference_problems(raw, f"{where}.{key}", "substructure", part)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, Series, Table, Text, about, refusal, tagged
+from .fields import Real, SceneTable, Series, Text, about, refusal, tagged
 from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, factor, is_column, read_columns
 from .units import SI, UnitSystem
 
@@ -72,7 +72,7 @@ def _check_points(times: Points, values: Points) -> None:
         )
 
 
-class _Points(Table):
+class _PointsLaw(SceneTable):
     """Points in time, linear in between, held at both ends."""
 
     if TYPE_CHECKING:  # fields of the laws below, each with a description of its own
@@ -93,7 +93,7 @@ class _Points(Table):
         return _integral(t0, t1, self.times, self.values)
 
 
-class TableLaw(_Points):
+class TableLaw(_PointsLaw):
     """Given points, linear in between, held at both ends."""
 
     type: Literal["table"] = "table"
@@ -101,7 +101,7 @@ class TableLaw(_Points):
     values: Annotated[Series, about("a at these times", "1")]
 
 
-class CsvLaw(_Points):
+class CsvLaw(_PointsLaw):
     """Points read from a file with columns of times and values; linear in between, held at both ends.
 
     The points are kept with the scene in its units (`times`, `values`), which no longer needs the file afterwards.
@@ -164,7 +164,7 @@ def _is_after(times: Array, jump: float) -> NDArray[np.bool_]:
     return times - jump > _JUMP_ROUND_OFF * np.maximum(np.abs(times), abs(jump))
 
 
-class ConstantLaw(Table):
+class ConstantLaw(SceneTable):
     """a = 1 at all times, t = 0 included."""
 
     type: Literal["constant"] = "constant"
@@ -178,7 +178,7 @@ class ConstantLaw(Table):
         return t1 - t0
 
 
-class StepLaw(Table):
+class StepLaw(SceneTable):
     """a = 0 until `start`, 1 after it."""
 
     type: Literal["step"] = "step"
@@ -193,7 +193,7 @@ class StepLaw(Table):
         return max(0.0, t1 - max(t0, self.start))
 
 
-class RectangularPulseLaw(Table):
+class RectangularPulseLaw(SceneTable):
     """a = 1 for start < t <= start + duration, 0 elsewhere."""
 
     type: Literal["rectangular_pulse"] = "rectangular_pulse"
@@ -210,7 +210,7 @@ class RectangularPulseLaw(Table):
         return max(0.0, min(t1, self.start + self.duration) - max(t0, self.start))
 
 
-class HalfSineLaw(Table):
+class HalfSineLaw(SceneTable):
     """a = sin(pi (t - start) / duration) for start <= t <= start + duration, 0 elsewhere."""
 
     type: Literal["half_sine"] = "half_sine"
@@ -231,7 +231,7 @@ class HalfSineLaw(Table):
         return float(self.duration / np.pi * span)
 
 
-class InputLaw(Table):
+class InputLaw(SceneTable):
     """Set from outside while running (an FMU input); stays at `start_value` in a run without a host."""
 
     type: Literal["input"] = "input"

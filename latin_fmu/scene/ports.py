@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ..errors import Problem, shown
-from .fields import Face, Real, Table, _as_list, about, refusal, split_face
+from .fields import Face, Real, SceneTable, _as_list, about, refusal, split_face
 from .laws import InputLaw, Law
 from .raw_scene import RawTable, face_problems, is_explicit, named_tables, parsed_face, single_table, text_list
 from .substructures import Load
@@ -37,7 +37,7 @@ Components = Annotated[tuple[Component, ...], BeforeValidator(_as_list), AfterVa
 Impedances = Annotated[tuple[Annotated[Real, about("impedance", gt=0)], ...], BeforeValidator(_as_list)]
 
 
-class Port(Table):
+class Port(SceneTable):
     """A face that another model is connected to, by the mean motion of the face: translation and rotation of its
     centre, as a least-squares fit by area. Everything is in SI units along the global axes.
 
@@ -53,7 +53,8 @@ class Port(Table):
         Components, about("connected components: forces along x, y, z, moments about them (rx, ry, rz)")
     ] = TRANSLATIONS
     impedance: Annotated[
-        Impedances | None, about("Z of each component of a wave port; of rotations in N m s", "N s m-1")
+        Impedances | None,
+        about("list of Z, one number for each component of a wave port; of rotations in N m s", "N s m-1"),
     ] = None
     laws: Annotated[
         dict[Component, Law],
@@ -116,9 +117,8 @@ def _unit(component: Component) -> dict[str, Any]:
 def port_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the ports of a scene as written with its other tables."""
     for name, table in named_tables(raw, "port").items():
-        where, face = f"port.{name}", table.get("face")
-        if isinstance(face, str):
-            yield from face_problems(raw, f"{where}.face", face)
+        where = f"port.{name}"
+        yield from face_problems(raw, f"{where}.face", table.get("face"))
         if table.get("causality") == "wave":
             yield from _wave_problems(raw, where, table)
         if table.get("causality") == "motion_in":

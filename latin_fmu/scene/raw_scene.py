@@ -110,7 +110,14 @@ def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> Prob
     return Problem(where, f"no {kind} of this name", shown(name), listed, did_you_mean(name, names))
 
 
-def face_problems(raw: Any, where: str, face: str) -> Iterator[Problem]:
+def reference_problems(raw: Any, where: str, kind: str, name: Any) -> Iterator[Problem]:
+    """A name that no table of this kind has, where there are any."""
+    known = named_tables(raw, kind)
+    if known and isinstance(name, str) and name not in known:
+        yield unknown_name(where, kind, name, known)
+
+
+def face_problems(raw: Any, where: str, face: Any) -> Iterator[Problem]:
     """What is wrong with the face ``"substructure.face"``; faces of mesh files are checked with the mesh."""
     parsed = parsed_face(face)
     substructures = named_tables(raw, "substructure")
@@ -140,3 +147,18 @@ def is_box(raw: Any, substructure: str) -> bool:
     """True for a substructure written as a box only."""
     table = named_tables(raw, "substructure").get(substructure, {})
     return given(table, "box") and not given(table, "mesh")
+
+
+def exactly_one(table: RawTable, where: str, *keys: str) -> Iterator[Problem]:
+    """Several of these keys given, or none of them."""
+    known, named = [f"{key!r}" for key in keys if given(table, key)], [f"{key!r}" for key in keys]
+    if len(known) != 1:
+        what = f"neither {' nor '.join(named)} is given"
+        if known:
+            what = f"both {known[0]} and {known[1]} are given"
+        yield Problem(where, what, None, f"exactly one of {', '.join(named[:-1])} and {named[-1]}")
+
+
+def moves(value: object) -> bool:
+    """Whether a list has a number that is not zero."""
+    return isinstance(value, list | tuple) and any(isinstance(v, int | float) and v != 0 for v in value)

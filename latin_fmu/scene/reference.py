@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import PydanticUndefined
 
 from .describe import allowed_text, is_named, tables_in, tag_of
@@ -227,9 +228,17 @@ def reference_text() -> str:
     return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
 
+class _Schema(GenerateJsonSchema):
+    """The schema of pydantic, with the names of tables that their titles have."""
+
+    def normalize_name(self, name: str) -> str:
+        """A name of a definition."""
+        return super().normalize_name(name.removesuffix("Table"))
+
+
 def reference_schema() -> dict[str, Any]:
     """JSON schema of a scene (units under "unit"); it does not hold the checks between tables."""
-    return Scene.model_json_schema()
+    return Scene.model_json_schema(schema_generator=_Schema)
 
 
 def _title(text: str) -> str:

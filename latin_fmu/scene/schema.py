@@ -3,24 +3,45 @@
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
-from ..errors import Problem, SceneError
-from .attachments import Coupling, PointMass, Spring, joints_of
-from .boundaries import Boundary, Periodic
-from .describe import field_problems, path_text
-from .fields import BodyName, Name, Table, Text, about, split_face
-from .initial_fields import InitialState
-from .interfaces import MEANINGLESS, ContactSearch, Interface
+from ..errors import Problem, SceneError, shown
+from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
+from .boundaries import Boundary, Periodic, boundary_problems
+from .describe import path_text, validation_problems
+from .fields import BodyName, Name, SceneTable, Text, about, split_face
+from .initial_fields import InitialStateTable, field_problems
+from .interfaces import MEANINGLESS, ContactSearch, Interface, contact_problems, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
-from .ports import Port
-from .raw_scene import named_tables, oversized_integers, plain
-from .relations import relation_problems, with_defaults
-from .sensors import Sensor
-from .settings import Accuracy, Output, Solver, Time
-from .substructures import Bolt, Gravity, Load, Material, MeshParts, Substructure
+from .number_files import QUANTITIES, UNITS, si_unit
+from .ports import Port, port_laws, port_problems
+from .raw_scene import given, named_tables, oversized_integers, plain, single_table
+from .sensors import Sensor, sensor_problems
+from .settings import (
+    Accuracy,
+    Output,
+    Solver,
+    Time,
+    accuracy_problems,
+    output_problems,
+    propagator_problems,
+    static_problems,
+    time_problems,
+    with_defaults,
+)
+from .substructures import (
+    Bolt,
+    Gravity,
+    Load,
+    MaterialTable,
+    MeshParts,
+    Substructure,
+    bolt_problems,
+    load_problems,
+    substructure_problems,
+)
 from .units import SystemName, UnitSystem, system_named
 
 
@@ -104,12 +125,70 @@ def _units_named(raw: Any, where: str = "") -> Iterator[str]:
             yield f"{where}{key}"
 
 
+_UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}  # by type of boundary
+
+
+def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
+    """Place of every law, the law as written, and the unit of what it multiplies."""
+    for name, load in named_tables(raw, "load").items():
+        yield f"load.{name}.law", load.get("law"), "N" if given(load, "force") else "Pa"
+    for name, boundary in named_tables(raw, "boundary").items():
+        yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
+    yield from port_laws(raw)
+    for name, body in named_tables(raw, "substructure").items():
+        yield f"substructure.{name}.body_force_law", body.get("body_force_law"), "N m-3"
+    for name, interface in named_tables(raw, "interface").items():
+        ground = single_table(interface, "ground_velocity")
+        yield f"interface.{name}.ground_velocity.law", ground.get("law"), "m s-1"
+    yield "gravity.law", single_table(raw, "gravity").get("law"), "m s-2"
+
+
+def _unit_problems(raw: Any) -> Iterator[Problem]:
+    """Units of laws that are not those of what the law multiplies."""
+    for where, law, unit in _laws(raw):
+        name = law.get("value_unit") if isinstance(law, Mapping) else None
+        own = si_unit(name) if isinstance(name, str) else None
+        if own not in (None, "1") and not system_named(raw.get("units")).measurable:
+            yield Problem(
+                f"{where}.value_unit", "the numbers of the scene have no units", shown(name), "1, or a factor"
+            )
+            continue
+        if own is not None and unit is not None and own not in (unit, "1"):
+            what = f"{QUANTITIES[own]}, but the law multiplies {QUANTITIES[unit]}"
+            yield Problem(f"{where}.value_unit", what, shown(name), ", ".join((*UNITS[unit], *UNITS["1"])))
+
+
+_CHECKS: Final = (
+    interface_problems,
+    contact_problems,
+    boundary_problems,
+    load_problems,
+    bolt_problems,
+    _unit_problems,
+    sensor_problems,
+    port_problems,
+    attachment_problems,
+    time_problems,
+    propagator_problems,
+    accuracy_problems,
+    static_problems,
+    field_problems,
+    output_problems,
+)
+
+
+def _relation_problems(raw: Any, base_dir: Path) -> list[Problem]:
+    """All problems between keys and tables of a scene as written, so that one message lists everything, beside those of
+    single fields: a value that is wrong by itself is ignored here."""
+    return [*substructure_problems(raw, base_dir), *(problem for check in _CHECKS for problem in check(raw))]
+
+
 def faces_of(boundary: Boundary) -> tuple[str, ...]:
     """Faces that a boundary condition names."""
     return tuple(boundary.faces) if isinstance(boundary, Periodic) else (boundary.face,)
 
 
-class Scene(Table):
+class Scene(SceneTable):
     """A scene; building one, from a file or in Python, raises `SceneError` listing every problem found.
 
     The named tables are dictionaries by name. Files named in it are relative to `base_dir`.
@@ -118,7 +197,7 @@ class Scene(Table):
     name: Annotated[Name, about("name of the scene")]
     description: Annotated[Text, about("free text")] = ""
     units: Annotated[SystemName, about("system of units of all numbers: labels results, scales checks")] = "SI"
-    material: Annotated[dict[Name, Material], about("materials by name"), Field(min_length=1)]
+    material: Annotated[dict[Name, MaterialTable], about("materials by name"), Field(min_length=1)]
     mesh: Annotated[
         dict[Name, MeshParts],
         about("mesh files with several parts; the effective scene has them as substructures"),
@@ -139,12 +218,12 @@ class Scene(Table):
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
     bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
-    coupling: Annotated[dict[Name, Coupling], about("couplings by name"), Field(default_factory=dict)]
+    coupling: Annotated[dict[Name, CouplingTable], about("couplings by name"), Field(default_factory=dict)]
     sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
     port: Annotated[
         dict[Name, Port], about("faces that other models are connected to, by name"), Field(default_factory=dict)
     ]
-    initial_state: Annotated[InitialState | None, about("state of an earlier run that bodies start from")] = None
+    initial_state: Annotated[InitialStateTable | None, about("state of an earlier run that bodies start from")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
@@ -166,13 +245,13 @@ class Scene(Table):
             completed = with_defaults(written)
             scene = handler(data if completed is raw else completed)
         except ValidationError as error:
-            problems = field_problems(cls, error, written)
+            problems = validation_problems(cls, error, written)
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
                 problems = [p for p in problems if not _of_parts(p)] + unreadable
             else:
-                problems += relation_problems(written, base_dir) + unreadable
+                problems += _relation_problems(written, base_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
-        if problems := unreadable or relation_problems(written, base_dir):
+        if problems := unreadable or _relation_problems(written, base_dir):
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
         return scene

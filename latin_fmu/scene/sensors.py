@@ -7,15 +7,15 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import Problem, shown
-from .fields import Count, Face, Name, Real, Table, Vector, about, by_type, refusal, split_face
-from .raw_scene import RawTable, face_problems, given, named_tables, number, single_table, unknown_name
+from .fields import Count, Face, Name, Real, SceneTable, Vector, about, by_type, refusal, split_face
+from .raw_scene import RawTable, face_problems, given, named_tables, number, reference_problems, single_table
 
 CFC_RATE: Final = 10.0
 """Least sampling rate of SAE J211-1 over the number of the channel frequency class, in Hz."""
 MAX_FREQUENCIES: Final = 10_000
 
 
-class ChannelClass(Table):
+class ChannelClass(SceneTable):
     """Channel frequency class of SAE J211-1 (ISO 6487): Butterworth with two poles, run forwards and backwards, so that
     the phase stays."""
 
@@ -33,7 +33,7 @@ class ChannelClass(Table):
         return f"SAE J211 CFC {self.channel_class}, phaseless"
 
 
-class LowPass(Table):
+class LowPass(SceneTable):
     """Butterworth low pass; forwards and backwards (`phaseless`) its order counts twice, and the cut-off is that of
     both passes."""
 
@@ -52,7 +52,7 @@ _Filter = ChannelClass | LowPass
 Filter = Annotated[Annotated[_Filter, Field(discriminator="type")], by_type(_Filter, "cfc")]
 
 
-class Spectrum(Table):
+class Spectrum(SceneTable):
     """Shock response spectrum of the acceleration of a sensor: largest response of oscillators on it."""
 
     lowest: Annotated[
@@ -82,7 +82,7 @@ class Spectrum(Table):
         return (*made, last) if short else made
 
 
-class Sensor(Table):
+class Sensor(SceneTable):
     """Displacement, velocity and acceleration of a point of a substructure, or their mean over a face.
 
     It has `point` with `substructure`; or `face`, and then `point` is one that follows the mean motion of the face,
@@ -151,7 +151,7 @@ def filter_problems(where: str, chosen: ChannelClass | LowPass, step: float, dur
 
 def sensor_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the sensors of a scene as written, with other tables too."""
-    substructures, time = named_tables(raw, "substructure"), single_table(raw, "time")
+    time = single_table(raw, "time")
     for name, table in named_tables(raw, "sensor").items():
         where, body = f"sensor.{name}", table.get("substructure")
         if not given(table, "point") and not given(table, "face"):
@@ -162,10 +162,8 @@ def sensor_problems(raw: Any) -> Iterator[Problem]:
             yield Problem(f"{where}.substructure", "a point needs its body", None, allowed)
         if given(table, "face") and given(table, "substructure"):
             yield Problem(f"{where}.substructure", "the face names the body already", shown(body), None, "remove it")
-        if isinstance(table.get("face"), str):
-            yield from face_problems(raw, f"{where}.face", table["face"])
-        if substructures and isinstance(body, str) and body not in substructures:
-            yield unknown_name(f"{where}.substructure", "substructure", body, substructures)
+        yield from face_problems(raw, f"{where}.face", table.get("face"))
+        yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
         yield from _processing_problems(where, table, time)
 
 

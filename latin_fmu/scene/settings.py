@@ -3,32 +3,48 @@
 The LATIN iteration does not change the converged result.
 """
 
-from collections.abc import Mapping
-from typing import Annotated, Final, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
-from ..errors import did_you_mean
-from .fields import Count, Flag, Real, Table, Text, about, by_type, refusal
+from ..errors import Problem, did_you_mean, shown
+from .fields import Count, Flag, Real, SceneTable, Text, about, by_type, refusal
+from .raw_scene import (
+    CENTRAL,
+    RawTable,
+    chosen_type,
+    exactly_one,
+    given,
+    moves,
+    named_tables,
+    number,
+    single_table,
+    unknown_name,
+)
+from .substructures import DAMPING_KEYS
 
 MAX_INSTANTS = 10_000_000
+_REDUCIBLE = ("hht", "newmark")  # schemes that the reduced propagator can march
+_SHORTEST, _LONGEST = 1e-60, 1e60  # s; squares of steps, and what they divide, are numbers
+_STEP_ROUND_OFF = 1e-6
 
 
-class AutomaticScheme(Table):
+class AutomaticScheme(SceneTable):
     """generalized_alpha where bodies land (a gap, or sides that approach each other), all of them elastic and thick
     enough for a contact layer (at most a quarter of the elements); else hht."""
 
     type: Literal["automatic"] = "automatic"
 
 
-class HHT(Table):
+class HHTTable(SceneTable):
     """Hilber-Hughes-Taylor: gamma = 1/2 - alpha, beta = (1 - alpha)^2 / 4; damps what the mesh does not resolve."""
 
     type: Literal["hht"] = "hht"
     alpha: Annotated[Real, about("0 is undamped, -1/3 damps most", "1", ge=-1 / 3, le=0)] = -0.1
 
 
-class Newmark(Table):
+class NewmarkTable(SceneTable):
     """Newmark's family; damped where gamma > 1/2, best with beta = (gamma + 1/2)^2 / 4."""
 
     type: Literal["newmark"] = "newmark"
@@ -36,7 +52,7 @@ class Newmark(Table):
     gamma: Annotated[Real, about("weight of the new acceleration in the velocity", "1", ge=0.5, le=1)] = 0.5
 
 
-class GeneralizedAlpha(Table):
+class GeneralizedAlphaTable(SceneTable):
     """For bodies that land and fronts through closed joints: massless contact nodes, and a viscous layer of elements at
     faces that may open; stable at any step."""
 
@@ -57,13 +73,13 @@ class GeneralizedAlpha(Table):
     ] = 0.6
 
 
-class MasslessContact(Table):
+class MasslessContactTable(SceneTable):
     """Undamped, with massless contact nodes: keeps the energy of bouncing bodies; Courant number at most 0.8."""
 
     type: Literal["massless_contact"] = "massless_contact"
 
 
-class CentralDifference(Table):
+class CentralDifferenceTable(SceneTable):
     """Explicit, with a lumped mass: the scheme of the explicit propagator; only small steps are stable."""
 
     type: Literal["central_difference"] = "central_difference"
@@ -76,19 +92,21 @@ def _of_its_keys(value: object) -> object:
     return value
 
 
-_Scheme = AutomaticScheme | HHT | Newmark | GeneralizedAlpha | MasslessContact | CentralDifference
+_Scheme = (
+    AutomaticScheme | HHTTable | NewmarkTable | GeneralizedAlphaTable | MasslessContactTable | CentralDifferenceTable
+)
 Scheme = Annotated[
     Annotated[_Scheme, Field(discriminator="type")], BeforeValidator(_of_its_keys), by_type(_Scheme, "hht")
 ]
 
 
-class GivenStart(Table):
+class GivenStart(SceneTable):
     """The initial displacements and velocities of the substructures, with no stress but that of preloads."""
 
     type: Literal["given"] = "given"
 
 
-class StaticStart(Table):
+class StaticStart(SceneTable):
     """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
     over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
@@ -104,7 +122,7 @@ _Start = GivenStart | StaticStart
 Start = Annotated[Annotated[_Start, Field(discriminator="type")], by_type(_Start, "static")]
 
 
-class Time(Table):
+class Time(SceneTable):
     """The interval [0, end], cut into equal steps. It has exactly one of `step` and `instants`."""
 
     end: Annotated[Real, about("last instant", "s", gt=0)]
@@ -140,7 +158,7 @@ class Time(Table):
         return self.end / self.n_step
 
 
-class Output(Table):
+class Output(SceneTable):
     """Interface histories and convergence are always kept; the rest costs memory and is kept on request."""
 
     fields: Annotated[Flag, about("displacement and velocity history of the substructures")] = False
@@ -216,7 +234,7 @@ def _check_quantity(quantity: str) -> str:
 Quantity = Annotated[Text, AfterValidator(_check_quantity)]
 
 
-class Accuracy(Table):
+class Accuracy(SceneTable):
     """Whether `latin-fmu run` estimates its error, and the error that `--accuracy` has to reach."""
 
     estimate: Annotated[Flag, about("coarser runs give the estimated error of each quantity (`latin-fmu run`)")] = True
@@ -231,19 +249,19 @@ class Accuracy(Table):
     ] = None
 
 
-class AutomaticPropagator(Table):
+class AutomaticPropagator(SceneTable):
     """The one that suits the time scheme: explicit for central differences, else direct."""
 
     type: Literal["automatic"] = "automatic"
 
 
-class DirectPropagator(Table):
+class DirectPropagatorTable(SceneTable):
     """Implicit, factorised once: one forward and one backward substitution per instant."""
 
     type: Literal["direct"] = "direct"
 
 
-class ExplicitPropagator(Table):
+class ExplicitPropagatorTable(SceneTable):
     """Central differences with a lumped mass: no factorisation, cheap contact. The time step must be below the limit of
     stability (about the smallest element over the wave speed; an error states the limit). Its time scheme is
     "central_difference"; gaps are those half a step after the instants. Because of the lumped mass it is less accurate
@@ -252,7 +270,7 @@ class ExplicitPropagator(Table):
     type: Literal["explicit"] = "explicit"
 
 
-class ReducedPropagator(Table):
+class ReducedPropagatorTable(SceneTable):
     """A few vibration modes of each substructure and its exact static response to interface tractions and loads: small
     dense matrices. The modes cost more than one linear run, so that this propagator suits repeated substructures,
     parameter studies, long runs and FMUs. The response above the modes is lost; a warning states how much that is."""
@@ -261,13 +279,15 @@ class ReducedPropagator(Table):
     modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
 
 
-class CgPropagator(Table):
+class CgPropagatorTable(SceneTable):
     """As direct, by conjugate gradients instead of factors, for models whose factors exceed the memory. Slower."""
 
     type: Literal["cg"] = "cg"
 
 
-_Propagator = AutomaticPropagator | DirectPropagator | ExplicitPropagator | ReducedPropagator | CgPropagator
+_Propagator = (
+    AutomaticPropagator | DirectPropagatorTable | ExplicitPropagatorTable | ReducedPropagatorTable | CgPropagatorTable
+)
 Propagator = Annotated[Annotated[_Propagator, Field(discriminator="type")], by_type(_Propagator, "automatic")]
 
 
@@ -277,21 +297,24 @@ WHOLE: Literal["whole"] = "whole"
 _FACTOR = "factor on k; it changes the number of iterations, not the converged result"
 
 
-class Automatic(Table):
+class _Scaled(SceneTable):
+    type: str
+    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
+
+
+class Automatic(_Scaled):
     """Own wave impedance where the step resolves the wave, the discrete admittance where it does not."""
 
     type: Literal["automatic"] = "automatic"
-    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Impedance(Table):
+class Impedance(_Scaled):
     """Wave impedance of each side's own material: rho c_p (normal), rho c_s (tangential)."""
 
     type: Literal["impedance"] = "impedance"
-    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Uniform(Table):
+class Uniform(SceneTable):
     """The same k on every interface."""
 
     type: Literal["uniform"] = "uniform"
@@ -300,28 +323,26 @@ class Uniform(Table):
     factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Diagonal(Table):
+class Diagonal(_Scaled):
     """Inverse of the diagonal of the discrete admittance of one instant."""
 
     type: Literal["diagonal"] = "diagonal"
-    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Row(Table):
+class RowTable(_Scaled):
     """Discrete resistance of a face to a uniform velocity, spread by area."""
 
     type: Literal["row"] = "row"
-    factor: Annotated[Real, about(_FACTOR, "1", gt=0)] = 1.0
 
 
-class Anderson(Table):
+class AndersonTable(SceneTable):
     """Anderson acceleration on the incoming quantity F + k W."""
 
     type: Literal["anderson"] = "anderson"
     depth: Annotated[Count, about("number of former iterations combined", "1", ge=1, le=100)] = 6
 
 
-class NoAcceleration(Table):
+class NoAcceleration(SceneTable):
     """The plain iteration of the paper."""
 
     type: Literal["none"] = "none"
@@ -336,7 +357,7 @@ def _check_window(value: object) -> object:
     raise refusal("not a window", value=value, allowed=f'a whole number >= 1, or "{WHOLE}"', remedy=remedy)
 
 
-class OperatorFolder(Table):
+class OperatorFolder(SceneTable):
     """Folder in which factors and dense matrices of interfaces are kept: a run of the same bodies, steps and search
     directions reads them, whatever its loads, friction, gaps and bolt forces are. Results are the same to the last
     bit. It may be shared by runs at the same time; an entry that is damaged, or of another version, is made anew."""
@@ -345,9 +366,9 @@ class OperatorFolder(Table):
     limit: Annotated[Real, about("size of all entries; the ones used longest ago are removed", "GB", gt=0)] = 10.0
 
 
-_Direction = Automatic | Impedance | Uniform | Diagonal | Row
+_Direction = Automatic | Impedance | Uniform | Diagonal | RowTable
 SearchDirection = Annotated[Annotated[_Direction, Field(discriminator="type")], by_type(_Direction, "automatic")]
-_Acceleration = Anderson | NoAcceleration
+_Acceleration = AndersonTable | NoAcceleration
 Acceleration = Annotated[Annotated[_Acceleration, Field(discriminator="type")], by_type(_Acceleration, "anderson")]
 Window = Annotated[
     int | Literal["whole"],
@@ -355,7 +376,7 @@ Window = Annotated[
 ]
 
 
-class Solver(Table):
+class Solver(SceneTable):
     """Settings of the iteration; the defaults suit most scenes."""
 
     tolerance: Annotated[
@@ -367,7 +388,7 @@ class Solver(Table):
     ] = None
     max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
-    acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = Anderson()
+    acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = AndersonTable()
     relaxation: Annotated[Real, about("1: none; 1/2: the most robust", "1", gt=0, le=1)] = 1.0
     window: Annotated[
         Window, about('instants solved together: a whole number >= 1, or "whole" for the interval in one piece', "1")
@@ -438,3 +459,189 @@ class Solver(Table):
             "1",
         ),
     ] = 1
+
+
+# -- checks of these tables with each other and with others ---
+def output_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of [output] as written."""
+    output = single_table(raw, "output")
+    every = number(output, "interfaces_every")
+    if output.get("energy") is True and every is not None and every > 1:
+        yield Problem(
+            "output.interfaces_every",
+            "the energies of the interfaces need every instant (output.energy = true)",
+            f"{every:g}",
+            "1",
+            "leave one of the two out",
+        )
+
+
+def accuracy_problems(raw: Any) -> Iterator[Problem]:
+    """The owner of the quantity aimed at must exist."""
+    quantity = single_table(raw, "accuracy").get("quantity")
+    owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
+    kind = "sensor" if key == "displacement" else "interface"
+    owners = named_tables(raw, kind)
+    if kind == "interface" and named_tables(raw, "contact"):
+        return  # interfaces are found on the meshes
+    if owner and owner not in owners:
+        yield unknown_name("accuracy.quantity", kind, owner, owners)
+
+
+def time_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the interval and its steps as written."""
+    time = single_table(raw, "time")
+    if not time:
+        return
+    yield from exactly_one(time, "time", "step", "instants")
+    end, step, instants = number(time, "end"), number(time, "step"), number(time, "instants")
+    if end is not None and instants is not None and end > 0.0 and instants > 0.0:
+        yield from _length_problems("time.end", end, end / instants)
+    if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:
+        return
+    ratio = end / step
+    if not ratio <= MAX_INSTANTS:
+        yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
+        return
+    yield from _length_problems("time.step", step, step)
+    n_step = max(1, round(ratio))
+    if abs(ratio - n_step) > _STEP_ROUND_OFF:
+        yield Problem(
+            "time.end",
+            f"not a whole number of steps ({ratio:.9g} of them)",
+            shown(end),
+            f"a multiple of step = {step:.12g}",
+            f"nearest: end = {n_step * step:.12g}, or instants = {n_step} instead of step",
+        )
+
+
+def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]:
+    if not _SHORTEST <= step <= _LONGEST:
+        allowed = f"steps of {_SHORTEST:g} to {_LONGEST:g} s"
+        yield Problem(where, "a step of a length that cannot be computed with", shown(value), allowed)
+
+
+def with_defaults(raw: Any) -> Any:
+    """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
+    most of the time there; with the explicit propagator its time scheme; with bolts a static start."""
+    if named_tables(raw, "bolt") and (time := single_table(raw, "time")) and not given(time, "start"):
+        raw = {**raw, "time": {**time, "start": {"type": "static"}}}
+    time, solver = single_table(raw, "time"), single_table(raw, "solver")
+    if is_static(raw) and not given(solver, "tolerance"):
+        return {**raw, "solver": {**solver, "tolerance": STATIC_TOLERANCE}}
+    own = given(time, "scheme") and chosen_type(time, "scheme") != "automatic"
+    if chosen_type(single_table(raw, "solver"), "propagator") != "explicit" or not time or own:
+        return raw
+    return {**raw, "time": {**time, "scheme": CENTRAL}}
+
+
+def is_static(raw: Any) -> bool:
+    """Whether a readable scene is without inertia."""
+    readable = isinstance(raw, Mapping) and isinstance(raw.get("solver", {}), Mapping)
+    return readable and single_table(raw, "time").get("quasi_static") is True
+
+
+def propagator_problems(raw: Any) -> Iterator[Problem]:
+    """Propagators and time schemes that exclude each other."""
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    scheme = chosen_type(single_table(raw, "time"), "scheme")
+    if kind == "explicit" and scheme not in (None, "automatic", CENTRAL):
+        yield Problem(
+            "solver.propagator",
+            "the explicit propagator has its own time scheme",
+            shown(scheme),
+            f'time.scheme = "{CENTRAL}", or none',
+            "leave out time.scheme, or choose another propagator",
+        )
+    if kind == "reduced" and scheme not in (None, "automatic", CENTRAL, *_REDUCIBLE):
+        yield Problem(
+            "solver.propagator",
+            "the reduced propagator needs a scheme in which every node has mass",
+            shown(scheme),
+            " or ".join(f'time.scheme = "{name}"' for name in _REDUCIBLE),
+            "choose another time scheme or propagator",
+        )
+    precision = single_table(raw, "solver").get("precision")
+    if precision == "float32" and (scheme == CENTRAL or kind in ("explicit", "reduced", "cg")):
+        yield Problem(
+            "solver.precision",
+            "this is the precision of factors, which only the direct propagator has",
+            shown(precision),
+            'solver.propagator = "direct" or "automatic"',
+            "leave out solver.precision",
+        )
+    form, window = (single_table(raw, "solver").get(name) for name in ("interface_operator", "window"))
+    if form == "sparse" and (window not in (None, 1) or is_static(raw)):
+        what = "a force reaches the points around it only within an instant, and not without inertia"
+        remedy = 'use solver.interface_operator = "exact" or "automatic"'
+        yield Problem("solver.interface_operator", what, shown(form), "solver.window = 1, with inertia", remedy)
+    if form in ("exact", "sparse") and (scheme == CENTRAL or kind in ("explicit", "reduced", "cg")):
+        yield Problem(
+            "solver.interface_operator",
+            "interfaces are solved with by substitution through factors, which only the direct propagator has",
+            shown(form),
+            'solver.propagator = "direct" or "automatic"',
+            "leave out solver.interface_operator",
+        )
+    if scheme == CENTRAL and kind not in (None, "automatic", "explicit"):
+        yield Problem(
+            "time.scheme",
+            "central differences need the explicit propagator",
+            shown(kind),
+            'solver.propagator = "explicit" or "automatic"',
+            "choose another time scheme, or that propagator",
+        )
+
+
+def static_problems(raw: Any) -> Iterator[Problem]:
+    """All contradictions of a scene as written with ``time.quasi_static``."""
+    time = single_table(raw, "time")
+    if time.get("quasi_static") is not True:
+        return
+    scheme = time.get("scheme")
+    if scheme is not None and chosen_type(time, "scheme") != "automatic":  # but for the default
+        yield _refused("time.scheme", "a time scheme integrates inertia", scheme, "leave the scheme out")
+    start = time.get("start")
+    requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
+    if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
+        yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
+    for name, table in named_tables(raw, "substructure").items():
+        for key in ("initial_velocity", "initial_spin"):
+            if moves(table.get(key)):
+                yield _refused(f"substructure.{name}.{key}", "a velocity needs inertia", table[key], "remove it")
+    for name, table in named_tables(raw, "boundary").items():
+        if table.get("type") == "absorbing":
+            yield _refused(
+                f"boundary.{name}",
+                "an absorbing boundary acts on velocities only",
+                "absorbing",
+                "remove it, or hold the face",
+            )
+        elif table.get("type") == "acceleration":
+            what = "an acceleration needs inertia"
+            yield _refused(
+                f"boundary.{name}", what, "acceleration", "load the bodies by [gravity], or displace the face"
+            )
+    for name, table in named_tables(raw, "material").items():
+        for key in DAMPING_KEYS:
+            if table.get(key):
+                yield _refused(f"material.{name}.{key}", "damping acts on rates", table[key], "remove it")
+    yield from _solver_problems(single_table(raw, "solver"))
+
+
+def _solver_problems(solver: RawTable) -> Iterator[Problem]:
+    if given(solver, "window") and solver["window"] != 1:
+        yield _refused(
+            "solver.window", "increments of load are solved one by one", solver["window"], "leave the window out"
+        )
+    kind = chosen_type(solver, "propagator")
+    if kind not in (None, "automatic", "direct"):
+        yield _refused(
+            "solver.propagator", "static steps are solved by the direct propagator", kind, "leave the propagator out"
+        )
+
+
+def _refused(where: str, what: str, value: object, remedy: str) -> Problem:
+    return Problem(
+        where, f"{what}: not with quasi_static = true", shown(value), None, f"{remedy}, or leave quasi_static out"
+    )

@@ -2,11 +2,14 @@
 
 import math
 import re
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from ..errors import Problem, shown
 from .fields import (
     GROUND,
     Count,
@@ -17,7 +20,7 @@ from .fields import (
     Positive,
     PositiveCount,
     Real,
-    Table,
+    SceneTable,
     Text,
     Vector,
     _as_list,
@@ -26,9 +29,20 @@ from .fields import (
 )
 from .initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
 from .laws import ConstantLaw, Law
+from .raw_scene import (
+    RawTable,
+    chosen_type,
+    exactly_one,
+    face_problems,
+    given,
+    moves,
+    named_tables,
+    reference_problems,
+    single_table,
+)
 
 
-class DampingRatios(Table):
+class DampingRatios(SceneTable):
     """Damping ratios at two frequencies, from which the Rayleigh coefficients follow."""
 
     frequencies: Annotated[tuple[Positive, Positive], BeforeValidator(_as_list), about("two of them, ascending", "Hz")]
@@ -61,7 +75,7 @@ class DampingRatios(Table):
         return max(a, 0.0), max(b, 0.0)  # round-off at the ends of the range
 
 
-class Material(Table):
+class MaterialTable(SceneTable):
     """Homogeneous isotropic elastic material, with optional Rayleigh damping C = a M + b K.
 
     Both coefficients may be given; or `damping_ratios`; or `loss_factor` with `at_frequency`. A loss factor eta is that
@@ -132,7 +146,7 @@ Elements = Annotated[
 _SMALLEST, _LARGEST = 1e-60, 1e60  # m; products of several such lengths are still numbers
 
 
-class Box(Table):
+class BoxTable(SceneTable):
     """A box along the axes, cut into 8-node hexahedra; its faces are xmin xmax ymin ymax zmin zmax."""
 
     origin: Annotated[Vector, about("corner with the smallest coordinates", "m")] = (0.0, 0.0, 0.0)
@@ -171,7 +185,7 @@ Refinements = Annotated[
 ]
 
 
-class MeshFile(Table):
+class MeshFile(SceneTable):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, also mixed); its
     faces are the named surface groups of the file."""
 
@@ -181,7 +195,7 @@ class MeshFile(Table):
     refine: Refinements = 0
 
 
-class ModalDamping(Table):
+class ModalDampingTable(SceneTable):
     """Damping C = M Phi diag(2 zeta omega) Phi^T M of the elastic modes of a substructure, its interfaces free, held as
     its boundaries hold it; rigid motions and the motion of driven faces lose nothing.
 
@@ -194,11 +208,11 @@ class ModalDamping(Table):
     ] = None
 
 
-class Substructure(Table):
+class Substructure(SceneTable):
     """An elastic body, or a rigid one. It has exactly one of `box` and `mesh`."""
 
     material: Annotated[Name, about("name of a [material.NAME] table")]
-    box: Annotated[Box | None, about("a box meshed by the program")] = None
+    box: Annotated[BoxTable | None, about("a box meshed by the program")] = None
     mesh: Annotated[MeshFile | None, about("a mesh read from a file")] = None
     rigid: Annotated[
         Flag, about("undeformable: six unknowns (small rotations about the mass centre), no stiffness")
@@ -206,7 +220,9 @@ class Substructure(Table):
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
-    modal_damping: Annotated[ModalDamping | None, about("damping of the modes, with the reduced propagator")] = None
+    modal_damping: Annotated[ModalDampingTable | None, about("damping of the modes, with the reduced propagator")] = (
+        None
+    )
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
@@ -259,7 +275,7 @@ def _all_or_listed(value: object) -> object:
     return (ALL,) if value == ALL else _as_list(value)
 
 
-class MeshParts(Table):
+class MeshParts(SceneTable):
     """A mesh file with several parts: every volume group, or each group listed, becomes a substructure of its name."""
 
     file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
@@ -282,7 +298,7 @@ def part_name(group: str) -> str:
     return f"{name}_" if name == GROUND else name[:100]
 
 
-class Gravity(Table):
+class Gravity(SceneTable):
     """Acceleration that acts on every body by its density, times a law: weight, a tilting table, an earthquake.
 
     In a frame that moves with its base at the acceleration b(t), the bodies are loaded by the acceleration -b(t).
@@ -292,7 +308,7 @@ class Gravity(Table):
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
-class LocalAxes(Table):
+class LocalAxes(SceneTable):
     """Axes of a condition: x, then y made perpendicular to it in the plane of both, then z = x cross y."""
 
     x: Annotated[Direction, about("direction of the local x axis (its length does not count)", "1")]
@@ -328,7 +344,7 @@ def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     return (x / length, y / length, z / length)
 
 
-class Load(Table):
+class Load(SceneTable):
     """A load on a face, times a law. It has exactly one of `pressure`, `traction` and `force`; or a `moment`, alone or
     with `force`.
 
@@ -370,7 +386,7 @@ class Load(Table):
         return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 
-class Bolt(Table):
+class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force or by a shortening; then the shortening is kept.
 
     The shank is cut by a plane across the axis. Where the cut is in the shank does not matter.
@@ -385,3 +401,102 @@ class Bolt(Table):
         about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
     ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
+
+
+# -- checks of these tables with each other and with others ---
+def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
+    """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
+    for name, table in named_tables(raw, "substructure").items():
+        where = f"substructure.{name}"
+        yield from exactly_one(table, where, "box", "mesh")
+        yield from reference_problems(raw, f"{where}.material", "material", table.get("material"))
+        if table.get("rigid") is True and chosen_type(single_table(raw, "time"), "scheme") == "massless_contact":
+            yield Problem(
+                f"{where}.rigid",
+                "massless_contact takes the mass from contact nodes, which a rigid body does not have",
+                'time.scheme = "massless_contact"',
+                "hht or newmark",
+                "choose another scheme, or leave the body elastic",
+            )
+        if given(table, "modal_damping"):
+            yield from _modal_problems(raw, where, table)
+        mesh = table.get("mesh")
+        file = mesh.get("file") if isinstance(mesh, dict) else None
+        if isinstance(file, str) and not _is_file(base_dir, file):
+            yield Problem(
+                f"{where}.mesh.file", "no such file", shown(file), None, "file names are relative to the scene file"
+            )
+
+
+def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
+    """Modal damping of a body that has no modes in the run."""
+    if table.get("rigid") is True:
+        yield Problem(f"{where}.modal_damping", "a rigid body has no elastic modes", None, None, "remove it")
+    kind = chosen_type(single_table(raw, "solver"), "propagator")
+    if kind != "reduced":
+        yield Problem(
+            f"{where}.modal_damping",
+            "modes are known to the reduced propagator only",
+            f"solver.propagator = {shown(kind or 'automatic')}",
+            'solver.propagator = "reduced"',
+            "choose it, or damp the material by damping_ratios at two frequencies",
+        )
+
+
+def _is_file(base_dir: Path, name: str) -> bool:
+    try:
+        return (base_dir / name).is_file()
+    except (OSError, ValueError):  # a name the system refuses, e.g. too long or with a null character
+        return False
+
+
+def load_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the loads of a scene as written."""
+    for name, table in named_tables(raw, "load").items():
+        if not given(table, "moment"):
+            yield from exactly_one(table, f"load.{name}", "pressure", "traction", "force")
+        for key in ("moment", "point"):
+            others = [k for k in ("pressure", "traction") if given(table, k)]
+            if given(table, key) and others:
+                what = f"a {others[0]} has no {key}"
+                yield Problem(f"load.{name}.{key}", what, None, "with 'force'", f"leave out {key!r} or {others[0]!r}")
+        if given(table, "pressure") and given(table, "axes"):
+            what = "a pressure acts along the normal"
+            yield Problem(f"load.{name}.axes", what, None, "with 'traction' or 'force'", "leave the axes out")
+        yield from face_problems(raw, f"load.{name}.face", table.get("face"))
+
+
+def bolt_problems(raw: Any) -> Iterator[Problem]:
+    """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
+    substructures = named_tables(raw, "substructure")
+    for name, table in named_tables(raw, "bolt").items():
+        where, body = f"bolt.{name}", table.get("substructure")
+        yield from exactly_one(table, where, "force", "shortening")
+        yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
+        if not isinstance(body, str) or body not in substructures:
+            continue
+        if substructures[body].get("rigid") is True:
+            yield Problem(
+                f"{where}.substructure",
+                "a rigid body cannot be stretched",
+                shown(body),
+                "an elastic substructure",
+                f"leave out substructure.{body}.rigid",
+            )
+        for key in ("initial_velocity", "initial_spin"):
+            if moves(substructures[body].get(key)):
+                yield Problem(
+                    f"{where}.substructure",
+                    f"bolts are tightened at rest, before t = 0, and {body} has the {key} {substructures[body][key]}",
+                    shown(body),
+                    "a substructure that is at rest at t = 0",
+                    f"remove substructure.{body}.{key}, or the bolt",
+                )
+    if named_tables(raw, "bolt") and chosen_type(single_table(raw, "time"), "start") == "given":
+        yield Problem(
+            "time.start",
+            "bolts are tightened in the static equilibrium that a scene with bolts starts from",
+            "given",
+            '"static"',
+            "leave time.start out, or remove the bolts",
+        )

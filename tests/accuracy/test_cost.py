@@ -12,10 +12,8 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.quantities import Quantities
-from latin_fmu.accuracy.reference import Reference
 from latin_fmu.accuracy.resolution import Resolution
-from latin_fmu.accuracy.runs import Run, RunTimeFit, run_at
+from latin_fmu.accuracy.runs import Quantities, Run, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,
@@ -23,6 +21,7 @@ from latin_fmu.accuracy.study import (
     TIME,
     TOGETHER,
     TOLERANCE,
+    Reference,
     Row,
     Study,
     StudyRuns,
@@ -36,7 +35,7 @@ from latin_fmu.accuracy.study import (
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.reader import load_scene
-from latin_fmu.scene.settings import MasslessContact
+from latin_fmu.scene.settings import MasslessContactTable
 from latin_fmu.time_scheme import SCHEMES
 
 from ..verification.known_answers import MODELS, shipped
@@ -109,7 +108,7 @@ def test_every_scheme_of_the_registry_is_tried() -> None:
     scene = shipped("impact_bar")
     names = {v.name for v in variants_of(scene)} | {study_module.main_variant(scene).name}
     assert {name for name in SCHEMES if "static" not in name and "euler" not in name} <= names
-    assert MasslessContact().type in names
+    assert MasslessContactTable().type in names
 
 
 def test_run_time_fit_follows_two_runs() -> None:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import measure, of_force
-from latin_fmu.accuracy.reference import FILE, declared, physics_of
 from latin_fmu.accuracy.resolution import Resolution, at_resolution
-from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.runs import measure, measure_solution, of_force
+from latin_fmu.accuracy.study import FILE, declared, physics_of
 from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST, Force
 from latin_fmu.scene.settings import QUANTITY_KEYS
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.communication import CommunicationRun, read, write
 from latin_fmu.cosim.variable import Variable

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
 
-from latin_fmu.fem.elements import Elements, body_load, lame, mass, stiffness, wave_speeds
+from latin_fmu.fem.elements import Elements, MeanStress, body_load, lame, mass, stiffness, wave_speeds
 from latin_fmu.fem.mesh import Mesh
-from latin_fmu.fem.stress import MeanStress
 
 E, NU, RHO = 3.0, 0.3, 2.5
 VOLUME = 1.2

@@ -9,9 +9,20 @@ import pytest
 import scipy.sparse.linalg as spla
 
 from latin_fmu.fem import elements as elements_module
-from latin_fmu.fem.elements import Elements, body_load, element_stiffness, lame, lumped_mass, mass, stiffness
+from latin_fmu.fem.elements import (
+    Elements,
+    MeanStress,
+    Recovery,
+    body_load,
+    element_stiffness,
+    hooke,
+    lame,
+    lumped_mass,
+    mass,
+    principal,
+    stiffness,
+)
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
-from latin_fmu.fem.stress import MeanStress, Recovery, hooke, principal
 
 from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, inner_nodes, reference_cell, skewed, typed_box
 

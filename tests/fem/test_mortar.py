@@ -7,11 +7,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from latin_fmu.fem.common_part import areas, clip
-from latin_fmu.fem.faces import ALPHA, face_of, facet_change, shape, slopes, square_quadrature, triangle_quadrature
+from latin_fmu.fem.faces import (
+    ALPHA,
+    Surface,
+    face_of,
+    facet_change,
+    shape,
+    slopes,
+    square_quadrature,
+    triangle_quadrature,
+)
 from latin_fmu.fem.mesh import FacetSet
-from latin_fmu.fem.mortar import Mortar, mortar
-from latin_fmu.fem.surface import Surface
+from latin_fmu.fem.mortar import Mortar, areas, clip, mortar
 
 Array = np.ndarray
 KINDS = ("triangle", "quad", "triangle6", "quad8", "quad9")

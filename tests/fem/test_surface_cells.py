@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from latin_fmu.fem.faces import cells_between
+from latin_fmu.fem.faces import Surface, cells_between
 from latin_fmu.fem.mesh import FacetSet
-from latin_fmu.fem.surface import Surface
 
 from .meshes import TYPES, typed_box
 

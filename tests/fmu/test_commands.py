@@ -42,6 +42,23 @@ def test_build_and_simulate(scene_file, tmp_path, version, capsys):
     assert float(rows[-1]["interface.crush.force[3]"]) != 0.0
 
 
+def test_a_folder_of_scenes_and_one_that_cannot_be_made(tmp_path, capsys):
+    scenes, made = tmp_path / "scenes", tmp_path / "fmus"
+    (scenes / "pair").mkdir(parents=True)
+    (scenes / "pair" / "scene.toml").write_text(blocks().text())
+    (scenes / "pair" / "bad.toml").write_text("name = 1\n")
+    assert cli.main(["fmu", str(scenes), "-o", str(made), "--reference", "none"]) == 2
+    assert [path.name for path in made.iterdir()] == ["pair.fmu"]
+    said = capsys.readouterr()
+    assert "pair.fmu" in said.out
+    assert "bad.toml" in said.err
+    assert cli.main(["fmu", str(made), "-o", str(made)]) == 2
+    assert "holds no scene file" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert cli.main(["fmu", str(scenes), "-o", str(tmp_path / "file")]) == 2
+    assert "no folder for FMUs" in capsys.readouterr().err
+
+
 def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path, capsys, monkeypatch):
     """Within a factor of two of the matrices in the file; nothing of small ones."""
     target = tmp_path / "blocks.fmu"

@@ -15,13 +15,14 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+import xarray as xr
 from fmpy.fmi1 import FMICallException
 
 from fmu_build.bridge import zig
 from fmu_build.build import build_fmu, compiled_files
 from fmu_build.checks import validate
 from fmu_build.compiled import HEADER, checksum, libraries
-from latin_fmu import load_scene, solve
+from latin_fmu import load_scene, open_results, solve
 from latin_fmu.aot import linking
 from latin_fmu.cli import main
 from latin_fmu.compiled import library
@@ -107,7 +108,7 @@ def test_the_library_needs_the_c_library_alone(fmus, tmp_path):
         linking.check(content, linking.C_LIBRARY | linking.FUNCTIONS)
         assert needed(content) <= {"libc.so.6", "libm.so.6"}
     inside = sorted(path.name for path in (tmp_path / "resources").rglob("*"))
-    assert inside == ["image.bin", "variables.bin"]
+    assert inside == ["image.bin", "results.nc", "variables.bin"]
     assert (tmp_path / "modelDescription.xml").read_text().count('needsExecutionTool="false"') == 1
 
 
@@ -129,7 +130,8 @@ def test_it_is_valid(fmus, fmi):
 def test_the_same_scene_gives_the_same_bytes(fmus):
     files = compiled_files(scene(), "2")
     with zipfile.ZipFile(fmus["2"]) as archive:
-        assert {name: archive.read(name) for name in archive.namelist()} == files
+        inside = {name: archive.read(name) for name in archive.namelist() if "ls-ref" not in name}
+    assert inside == files
 
 
 def test_the_archive_of_the_crushing_is_small(tmp_path):
@@ -155,7 +157,9 @@ def test_the_command(tmp_path, capsys):
         assert "crush.peak_force" in archive.read("documentation/index.html").decode()
     assert main(["explain", str(tmp_path / "scene.toml"), "--json", "--fmu", "6"]) == 0
     predicted = json.loads(capsys.readouterr().out)["compiled_fmu_bytes"]
-    assert predicted == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
+    with zipfile.ZipFile(tmp_path / "b.fmu") as archive:  # the reference run is made with the FMU alone
+        reference = sum(member.compress_size for member in archive.infolist() if "ls-ref" in member.filename)
+    assert predicted + reference == pytest.approx((tmp_path / "b.fmu").stat().st_size, rel=0.02)
     assert main(["explain", str(tmp_path / "scene.toml"), "--fmu", "-3"]) != 0
     assert "1 or more" in capsys.readouterr().err
     assert main([*reduced[:4], "0", *reduced[5:]]) != 0
@@ -394,7 +398,8 @@ def test_what_cannot_be_is_refused_with_a_sentence(opened, fmi):
 
 
 def test_damaged_and_foreign_files_are_refused(fmus, tmp_path):
-    for name in ("image.bin", "variables.bin"):
+    """The beginning of the results is read where results are asked for, before the simulation."""
+    for name in ("image.bin", "results.nc", "variables.bin"):
         with zipfile.ZipFile(fmus["2"]) as archive:
             files = {member: archive.read(member) for member in archive.namelist()}
         content = bytearray(files[f"resources/{name}"])
@@ -403,6 +408,13 @@ def test_damaged_and_foreign_files_are_refused(fmus, tmp_path):
         with zipfile.ZipFile(broken, "w") as archive:
             for member, data in {**files, f"resources/{name}": bytes(content)}.items():
                 archive.writestr(member, data)
+        if name == "results.nc":
+            host = Host(broken, tmp_path / name)
+            host.set(resultsFile=str(tmp_path / "never.nc"))
+            host.prepare()
+            assert host.status(host.fmu.exitInitializationMode) == 3
+            assert f"{name} is damaged" in host.messages[-1][2]
+            continue
         with pytest.raises(RuntimeError, match=rf"{name} is damaged"):
             Host(broken, tmp_path / name)
 
@@ -511,3 +523,82 @@ def test_the_header_of_the_table_is_that_of_the_c_files():
     text = (Path(linking.__file__).parents[2] / "fmu_build" / "compiled" / "compiled.h").read_text()
     names = text.split("enum {")[1].split("}")[0].replace("\n", " ").split(",")
     assert [name.strip().removeprefix("T_").lower() for name in names] == [*HEADER, "header"]
+
+
+# -- results --------------------------------------------------------------------------------------------------------
+def same_results(path: Path, run: xr.DataTree) -> int:
+    """Compare a file of a compiled FMU with the results of the run, each against the largest of its unit in its group;
+    number of arrays over time."""
+    count = 0
+    with open_results(path) as tree:
+        assert tree.attrs["scene_name"] == run.attrs["scene_name"]
+        for group in tree.subtree:
+            largest: dict[str, float] = {}
+            for known in run[group.path].to_dataset().variables.values():
+                if known.dtype.kind == "f":
+                    unit = known.attrs.get("units", "")
+                    largest[unit] = max(largest.get(unit, 0.0), float(np.abs(known.values).max()))
+            for name, values in group.to_dataset(inherit=False).variables.items():
+                expected = run[group.path][name]
+                assert values.dims == expected.dims, (group.path, name)
+                assert values.attrs.get("units") == expected.attrs.get("units"), (group.path, name)
+                own, known = values.values, expected.values
+                if "time" in values.dims:
+                    count += 1
+                if own.dtype.kind == "f":
+                    unit = largest[values.attrs.get("units", "")]
+                    assert np.abs(own - known).max() <= LIMIT * unit, (group.path, name)
+                else:
+                    assert (own == known).all(), (group.path, name)
+    return count
+
+
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_the_results_are_those_of_the_run(fmi, tmp_path):
+    """In steps of several time steps with a rollback between, and of prescribed mode; same names, units and numbers."""
+    long = scene()
+    fmu = build_fmu(long, tmp_path / "blocks.fmu", fmi, compiled=True)
+    loaded = with_laws(long, {"press": TableLaw(times=(0.0, 1.0), values=(0.7, 0.7))})
+    solved = solve(loaded)
+    solved.save(tmp_path / "run.nc")
+    n = round(long.time.end / DT)
+    with open_results(tmp_path / "run.nc") as run:
+        for mode in (0, 1):
+            host, target = Host(fmu, tmp_path / str(mode)), tmp_path / f"results {mode} µ.nc"
+            host.set(mode=mode, resultsFile=str(target), load__press__value=0.7, endTime=long.time.end)
+            host.start()
+            assert host.step(0.0, 3 * DT), host.messages
+            state = host.save()
+            host.set(load__press__value=0.7 if mode else 0.1)
+            assert host.step(3 * DT, 4 * DT), host.messages
+            host.restore(state)
+            host.set(load__press__value=0.7)
+            t = 3 * DT
+            while t < long.time.end - 0.5 * DT:
+                h = min(7 * DT, long.time.end - t)
+                assert host.step(t, h), host.messages
+                t += h
+            host.fmu.terminate()
+            assert same_results(target, run) == 20
+            assert len(open_results(target)["energy/time"]) == n + 1
+            assert not list(tmp_path.glob("*.part"))
+
+
+def test_results_begin_where_a_state_of_another_instance_was_restored(opened, tmp_path):
+    """What lies before was not made by this instance; a folder that is not there is an error with a sentence."""
+    first, second = opened("3"), opened("3")
+    for host in (first, second):
+        host.set(resultsFile=str(tmp_path / "late.nc"), load__press__value=0.5)
+        host.start()
+    assert first.step(0.0, 5 * DT)
+    second.restore(second.from_bytes(first.to_bytes(first.save())))
+    assert second.step(5 * DT, 2 * DT), second.messages
+    second.fmu.terminate()
+    with open_results(tmp_path / "late.nc") as tree:
+        assert tree["energy/time"].values == pytest.approx(DT * np.arange(5, 8))
+    assert "late.nc begins at 1e-06 s" in second.messages[-1][2]
+    lost = opened("3")
+    lost.set(resultsFile=str(tmp_path / "nowhere" / "lost.nc"))
+    lost.prepare()
+    assert lost.status(lost.fmu.exitInitializationMode) == 3
+    assert "lost.nc cannot be written: give a path" in lost.messages[-1][2]

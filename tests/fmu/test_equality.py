@@ -11,12 +11,14 @@ from fmpy.fmi1 import FMICallException
 
 import latin_fmu
 from fmu_build.build import build_fmu
+from latin_fmu.compiled import library
 from latin_fmu.cosim import Session, Settings
 
 from .host import Host
 from .scenes import bar, blocks
 
 H = 0.6e-6
+NEEDS_LIBRARY = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")
 
 
 def test_windowed(opened, fmi):
@@ -253,10 +255,11 @@ def early_steps(fmu: Any, stop: float, h: float) -> list[tuple[bool, float]]:
     return ends
 
 
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=NEEDS_LIBRARY)])
 @pytest.mark.parametrize("mode", [0, 1])
-def test_a_step_ends_early_where_the_host_allows_it(tmp_path, mode):
+def test_a_step_ends_early_where_the_host_allows_it(tmp_path, mode, compiled):
     """The bar touches the wall at 0.05 s and leaves it: each time the step ends with its time step of 0.02 s."""
-    path = build_fmu(bar(), tmp_path / "bar.fmu", "3")
+    path = build_fmu(bar(), tmp_path / "bar.fmu", "3", compiled=compiled)
     host, refusing = Host(path, tmp_path / "early", early=True), Host(path, tmp_path / "plain")
     for h in (host, refusing):
         h.set(mode=mode)

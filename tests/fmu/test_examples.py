@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from pathlib import Path
 from types import ModuleType
 
@@ -29,6 +30,7 @@ def test_every_example_is_tested_here():
         "fmu_package",
         "fmu_model_exchange",
         "fmu_piston",
+        "fmu_stop",
     }
 
 
@@ -55,6 +57,22 @@ def test_piston(example, tmp_path):
     coupled, one_run = (numbers[f"peak contact force, {kind}, N"] for kind in ("coupled", "one run"))
     assert coupled == pytest.approx(one_run, rel=0.01)
     assert (tmp_path / "piston.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("example", ["fmu_stop"], indirect=True)
+def test_stop(example, tmp_path):
+    """The L2 error of the contact force is below the limits of both kinds of exchange, at dt and at 5 dt."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    limits = {("waves", 1): 0.02, ("waves", 5): 0.06, ("force and rate", 1): 0.002, ("force and rate", 5): 0.01}
+    for (kind, parts), limit in limits.items():
+        assert 0.0 < numbers[f"error, {kind}, {parts} dt"] < limit
+        assert numbers[f"error, waves, strip not taken off, {parts} dt"] > limit
+    if importlib.util.find_spec("libcosimpy"):
+        for parts in (1, 5):
+            ours, theirs = (numbers[f"error, {kind}, {parts} dt"] for kind in ("waves", "waves, libcosim"))
+            assert theirs == pytest.approx(ours, rel=1e-6)
+    assert numbers["peak of its second half over that of its first"] <= 1.0
+    assert (tmp_path / "stop.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("example", ["fmu_netcdf"], indirect=True)

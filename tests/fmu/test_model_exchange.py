@@ -147,7 +147,7 @@ def test_another_host_with_another_integrator(tmp_path):
     fmu = build_model_exchange(bar(time={"end": 1.2, "instants": 60}), tmp_path / "bar.fmu", 8)
     name = "interface.wall.impulse[3]"
     script = str(SCRIPTS / "with_pathsim_exchange.py")
-    command = [tool("pathsim", "python"), script, str(fmu), "1.2", name]
+    command = [tool("common", "python"), script, str(fmu), "1.2", name]
     value, events = json.loads(ran(command, tmp_path).splitlines()[-1])
     result, _ = integrate(fmu)
     assert value == pytest.approx(result[name][-1], rel=1e-3)
@@ -156,7 +156,7 @@ def test_another_host_with_another_integrator(tmp_path):
 
 @pytest.mark.slow
 def test_fmutool_finds_nothing(pressed, tmp_path):
-    output = ran([tool("toolbox", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
+    output = ran([tool("common", "fmutool"), "-input", str(pressed), "-check"], tmp_path)
     assert "compliant with FMI-3.0" in output
     assert "No semantic error" in output
 

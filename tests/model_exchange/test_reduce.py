@@ -8,10 +8,8 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
-from latin_fmu.model_exchange.bodies import Cut, bonded_bodies, patches
-from latin_fmu.model_exchange.equations import Equations
-from latin_fmu.model_exchange.reduce import deflections, reduced_system
-from latin_fmu.model_exchange.system import ReducedSystem
+from latin_fmu.model_exchange.equations import Equations, ReducedSystem
+from latin_fmu.model_exchange.reduce import Cut, bonded_bodies, deflections, patches, reduced_system
 
 from .scenes import SIZE, pair, rods, thrown
 

@@ -14,9 +14,9 @@ import pytest
 import xarray as xr
 
 from latin_fmu import InputError, SceneError, SolverError, api, cli, load_scene, scene_from_dict, solve, sweep
-from latin_fmu.assembly.kept_operators import KeptOperators
+from latin_fmu.assembly.models import KeptOperators
 from latin_fmu.parametric import study as study_module
-from latin_fmu.parametric.grid import parameters_of, read_parameter, to_and_fro
+from latin_fmu.parametric.point import parameters_of, read_parameter, to_and_fro
 from latin_fmu.propagator import direct
 from latin_fmu.results.quantities_of_interest import slip_in_contact
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import latin_fmu
-from latin_fmu.commands import progress
-from latin_fmu.commands.progress import PATIENCE, Progress, Waiting
+from latin_fmu import commands
+from latin_fmu.commands import PATIENCE, Progress, Waiting
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -111,9 +111,9 @@ def test_a_wait_prints_by_itself_and_clears_its_line(
     kind: type[io.StringIO], run: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stream = kind()
-    monkeypatch.setattr(progress, "PATIENCE", 0.01)
-    monkeypatch.setattr(progress, "_AGAIN_ON_TERMINAL", 0.01)
-    monkeypatch.setattr(progress, "_AGAIN_IN_LOG", 0.01)
+    monkeypatch.setattr(commands, "PATIENCE", 0.01)
+    monkeypatch.setattr(commands, "_AGAIN_ON_TERMINAL", 0.01)
+    monkeypatch.setattr(commands, "_AGAIN_IN_LOG", 0.01)
     with Progress(1e-3, stream=stream) if run else Waiting("work", stream=stream) as waiting:
         if isinstance(waiting, Progress):
             waiting.update(1, 4, 2, 0.1)
@@ -126,7 +126,7 @@ def test_a_wait_prints_by_itself_and_clears_its_line(
 
 
 def test_a_quiet_wait_prints_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(commands, "PATIENCE", 0.0)
     stream = io.StringIO()
     with Waiting("work", quiet=True, stream=stream) as waiting:
         waiting.log("a line")

@@ -19,8 +19,7 @@ import latin_fmu
 from latin_fmu.accuracy.estimate import estimate_error
 from latin_fmu.cosim import Session
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.parametric.grid import Grid, Parameter
-from latin_fmu.parametric.point import Plan, PointSolver
+from latin_fmu.parametric.point import Grid, Parameter, Plan, PointSolver
 from latin_fmu.parametric.study import dataset_of
 from latin_fmu.results import views
 from latin_fmu.results.summary import readable

@@ -16,13 +16,13 @@ from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Periodic, Symmetry
 from latin_fmu.scene.laws import HalfSineLaw, sampled_impulse_error
 from latin_fmu.scene.schema import Scene
-from latin_fmu.scene.substructures import Box
+from latin_fmu.scene.substructures import BoxTable
 
 MODELS = Path(__file__).parents[2] / "models"
 SCENES = sorted(MODELS.glob("*/*.toml"))
 
 
-def box(scene: Scene, name: str) -> Box:
+def box(scene: Scene, name: str) -> BoxTable:
     described = scene.substructure[name].box
     assert described is not None
     return described

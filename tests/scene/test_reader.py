@@ -18,17 +18,17 @@ from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.settings import (
-    Anderson,
+    AndersonTable,
     Automatic,
     AutomaticScheme,
-    Newmark,
+    NewmarkTable,
     NoAcceleration,
-    Row,
+    RowTable,
     Solver,
     Time,
     Uniform,
 )
-from latin_fmu.scene.substructures import Box, Material, Substructure
+from latin_fmu.scene.substructures import BoxTable, MaterialTable, Substructure
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_defaults(small: dict[str, Any]) -> None:
     del small["solver"]
     scene = scene_from_dict(small)
     assert scene.solver.search_direction == Automatic()
-    assert scene.solver.acceleration == Anderson(depth=6)
+    assert scene.solver.acceleration == AndersonTable(depth=6)
     assert scene.solver.window == 1
     assert settings_of(scene).force_tolerance == pytest.approx(1e-2)
     assert scene.time.scheme == AutomaticScheme()
@@ -122,7 +122,7 @@ def test_short_forms(small: dict[str, Any]) -> None:
     scene = scene_from_dict(small)
     assert scene.solver.acceleration == NoAcceleration()
     assert scene.solver.search_direction == Automatic(factor=2.0)
-    assert scene.time.scheme == Newmark(beta=0.25, gamma=0.5)
+    assert scene.time.scheme == NewmarkTable(beta=0.25, gamma=0.5)
 
 
 def test_time_grid() -> None:
@@ -132,11 +132,11 @@ def test_time_grid() -> None:
 
 
 def test_scenes_built_in_python(small: dict[str, Any]) -> None:
-    steel = Material(young_modulus=210e9, poisson_ratio=0.3, density=7800)
+    steel = MaterialTable(young_modulus=210e9, poisson_ratio=0.3, density=7800)
     bars = {
         name: Substructure(
             material="steel",
-            box=Box(origin=np.array([0, 0, z]), size=(0.1, 0.1, 1.0), elements=(1, 1, 10)),  # type: ignore[arg-type]
+            box=BoxTable(origin=np.array([0, 0, z]), size=(0.1, 0.1, 1.0), elements=(1, 1, 10)),  # type: ignore[arg-type]
         )
         for name, z in (("left", 0.0), ("right", 1.0))
     }
@@ -155,8 +155,8 @@ def test_scenes_built_in_python(small: dict[str, Any]) -> None:
 
 
 def test_mistakes_in_python_are_named_too() -> None:
-    steel = Material(young_modulus=210e9, poisson_ratio=0.3, density=7800)
-    bar = Substructure(material="steal", box=Box(size=(1, 1, 1), elements=(1, 1, 1)))
+    steel = MaterialTable(young_modulus=210e9, poisson_ratio=0.3, density=7800)
+    bar = Substructure(material="steal", box=BoxTable(size=(1, 1, 1), elements=(1, 1, 1)))
     glue = Interface(sides=("bar.zmin", "grund.zmax"), behaviour="perfect", friction_coefficient=0.1)
     with pytest.raises(SceneError) as caught:
         Scene(
@@ -192,7 +192,7 @@ def test_search_directions(small: dict[str, Any]) -> None:
     small["solver"]["search_direction"] = {"type": "uniform", "normal": 4e7, "tangential": 2e7}
     assert scene_from_dict(small).solver.search_direction == Uniform(normal=4e7, tangential=2e7)
     small["solver"]["search_direction"] = "row"
-    assert scene_from_dict(small).solver.search_direction == Row()
+    assert scene_from_dict(small).solver.search_direction == RowTable()
 
 
 def test_a_scene_is_a_scene_again(small: dict[str, Any]) -> None:

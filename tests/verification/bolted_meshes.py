@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from latin_fmu.fem.mesh import FacetSet, Mesh, boundary
-from latin_fmu.stability.meshes import write_mesh
+from latin_fmu.stability.surfaces import write_mesh
 
 Array = np.ndarray
 _CORE = 0.55  # half the side of the core over the radius of the shank

@@ -25,8 +25,8 @@ from latin_fmu.fem.mesh import Mesh
 from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.parametric.study import sweep
 from latin_fmu.results.solution import Solution
-from latin_fmu.stability.meshes import turned, typed_box, write_mesh
 from latin_fmu.stability.scenes import Box, Material, column, placed
+from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 
 from .bolted_meshes import SHANK_AREA, write_joint
 

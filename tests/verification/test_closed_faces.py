@@ -13,7 +13,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.problem import DiscretisedProblem
-from latin_fmu.stability.meshes import tube, write_mesh
+from latin_fmu.stability.surfaces import tube, write_mesh
 from tests.scenes import ramp, solve
 
 from .static_scenes import STEEL

@@ -10,7 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.face_pairs import completed
+from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import STEEL, Box, placed

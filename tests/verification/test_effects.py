@@ -11,7 +11,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly import body as body_module
 from latin_fmu.assembly.build import build
-from latin_fmu.fem.stress import MeanStress
+from latin_fmu.fem.elements import MeanStress
 from latin_fmu.latin import solver, windows
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 from tests.scenes import solve

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from latin_fmu import api, load_scene
-from latin_fmu.accuracy.quantities import of_force
-from latin_fmu.accuracy.reference import declared
+from latin_fmu.accuracy.runs import of_force
+from latin_fmu.accuracy.study import declared
 from latin_fmu.results.quantities_of_interest import Force
 
 from .known_answers import MODELS

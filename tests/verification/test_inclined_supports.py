@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.propagator.model import closest_reduced
-from latin_fmu.stability.meshes import turned, typed_box, write_mesh
+from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 
 Tables = dict[str, Any]
 EXACT = 1e-8

@@ -14,7 +14,7 @@ import latin_fmu
 from latin_fmu import api
 from latin_fmu.assembly.body import body_sides
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.limit_load import LimitLoad, loss_of_equilibrium
+from latin_fmu.assembly.free_bodies import LimitLoad, loss_of_equilibrium
 from latin_fmu.errors import SceneError
 from latin_fmu.latin.assembly import NoEquilibrium
 from latin_fmu.reader import load_scene

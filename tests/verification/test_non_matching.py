@@ -13,8 +13,8 @@ from latin_fmu.assembly.build import discretise
 from latin_fmu.cosim.session import Session
 from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.stability.meshes import turned, typed_box, write_mesh
 from latin_fmu.stability.scenes import Box, Material, column
+from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import ramp, solve
 
 from .blocks import stack

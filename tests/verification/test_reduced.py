@@ -10,7 +10,7 @@ import pytest
 import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.propagator import reduction
-from latin_fmu.stability.meshes import turned, typed_box, write_mesh
+from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import solve
 
 from .blocks import stack

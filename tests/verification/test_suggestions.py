@@ -11,8 +11,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.effects.explanation import explain
-from latin_fmu.effects.suggestions import LUMPED, Suggestion
+from latin_fmu.effects.explanation import LUMPED, Suggestion, explain
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
@@ -101,7 +100,7 @@ def of_kind(scene: dict[str, Any], word: str) -> list[Suggestion]:
 
 def test_an_explicit_march_is_suggested_with_a_stable_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step longer than the stable one is cut; one much longer brings no suggestion, whatever it would save."""
-    monkeypatch.setattr("latin_fmu.effects.suggestions.CHEAP", 100.0)
+    monkeypatch.setattr("latin_fmu.effects.explanation.CHEAP", 100.0)
     for instants, expected in ((240, False), (60, True), (3, None)):
         scene = rod(time={"end": 4e-5, "instants": instants})
         made = of_kind(scene, "explicit")
