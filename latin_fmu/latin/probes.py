@@ -41,6 +41,13 @@ def nodes_of(model: SubstructureModel) -> sp.csr_array:
     return model.expansion if model.nodal is None else sp.csr_array(model.nodal @ model.expansion)
 
 
+def _stacked(parts: Sequence[sp.csr_array]) -> sp.csr_array | None:
+    """Rows of all parts; None where there are none."""
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    return sp.csr_array(sp.vstack(parts))
+
+
 class SensorProbes:
     """Motions of the sensors, read from the substructures.
 
@@ -59,9 +66,11 @@ class SensorProbes:
         for c, propagator in enumerate(assembly.propagators):
             model = propagator.members[0]
             here = {name: place for name, place in places.items() if place.substructure in propagator.names}
-            n_node = (model.n_full if model.nodal is None else len(model.nodal)) // 3
-            blocks = [sp.csr_array((0, 3 * n_node)), *(place.rows for place in here.values())]
-            full = sp.csr_array(sp.vstack(blocks))
+            if not here:
+                self.rows.append(sp.csr_array((0, propagator.n_dof)))
+                self.shapes.append(np.zeros((0, model.imposed_pattern.shape[1])))
+                continue
+            full = sp.csr_array(sp.vstack([place.rows for place in here.values()]))
             full = full if model.nodal is None else sp.csr_array(full @ model.nodal)
             rows = sp.csr_array(full @ model.expansion)
             without_mass = rows[:, propagator.operators.massless]
@@ -142,14 +151,15 @@ class BoltProbes:
         self.places: list[tuple[str, int, int, int, Array]] = []  # bolt, class, member, row, shapes of motions
         for c, propagator in enumerate(assembly.propagators):
             model = propagator.members[0]
-            blocks = [np.zeros((0, model.n_full))]
+            blocks: list[Array] = []
             for name, bolt in bolts.items():
                 if bolt.substructure in propagator.names:
                     full = bolt.pattern if model.nodal is None else bolt.pattern @ model.nodal
                     member = propagator.names.index(bolt.substructure)
-                    self.places.append((name, c, member, len(blocks) - 1, full @ model.imposed_pattern))
+                    self.places.append((name, c, member, len(blocks), full @ model.imposed_pattern))
                     blocks.append(full[None])
-            self.rows.append(sp.csr_array(sp.csr_array(np.concatenate(blocks)) @ model.expansion))
+            rows = sp.csr_array(sp.csr_array(np.concatenate(blocks)) @ model.expansion) if blocks else None
+            self.rows.append(sp.csr_array((0, propagator.n_dof)) if rows is None else rows)
 
     def read(
         self,
@@ -200,8 +210,7 @@ class Probes:
         self._propagators, self.whole = assembly.propagators, whole
         self._nodes = [nodes_of(p.members[0]) if whole else sp.csr_array((0, p.n_dof)) for p in self._propagators]
         every = zip(self.sensors.rows, self.supports.rows, self.bolts.rows, self._nodes, strict=True)
-        stacked = [sp.csr_array(sp.vstack(rows)) for rows in every]
-        self.rows = [rows if rows.shape[0] else None for rows in stacked]
+        self.rows = [_stacked([rows for rows in own if rows.shape[0]]) for own in every]
 
     def read(
         self,
@@ -281,7 +290,7 @@ class SlideProbes:
                             faces[c].append(trace)
                         self.places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]
-            full = sp.csr_array(sp.vstack(faces[c])) if faces[c] else None
+            full = _stacked(faces[c])
             nodal = propagator.members[0].nodal
             self.traces.append(full if full is None or nodal is None else sp.csr_array(full @ nodal))
         self.rows = [

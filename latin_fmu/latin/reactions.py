@@ -108,7 +108,7 @@ class SupportProbes:
                     np.asarray(full @ own.imposed_pattern),
                 )
                 blocks.append(sp.csr_array(full @ own.expansion))
-            self.rows.append(sp.csr_array(sp.vstack(blocks)))
+            self.rows.append(sp.csr_array(sp.vstack(blocks)) if len(blocks) > 1 else blocks[0])
 
     def read(
         self,
