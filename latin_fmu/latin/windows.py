@@ -19,6 +19,7 @@ import numpy as np
 
 from ..interface.laws import bonds
 from ..kernels import entries
+from ..propagator.image import take_marched
 from .assembly import Array, Assembly
 from .instant_solve import PerfectInterfaceSolve, pays
 from .outcome import Timings, WindowRecord
@@ -281,7 +282,7 @@ class Run(RunState):
 
     def _count(self, before: float) -> None:
         """Add the work, and the CPU time since ``before``, that of the process then."""
-        marched, condensed = self.image.marched()
+        marched, condensed = take_marched(self.image)
         self.marched += marched
         self.condensed += condensed
         self.timings.march += clock.process_time() - before
