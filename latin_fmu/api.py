@@ -36,7 +36,7 @@ from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
 from .results.writing import check_folder
-from .run_checks import balance_words, faults_of, resultants, run_remarks, with_faults
+from .run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
 from .scene.schema import Scene
 from .scene.units import UnitSystem
 
@@ -282,8 +282,8 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, balance = recorder.interfaces(), resultants(problem, march.tractions)
-    time = assembly.time[: recorder.n_kept]
-    faults = faults_of(problem, histories, march.account())
+    time, ends = assembly.time[: recorder.n_kept], body_ends(problem)
+    faults = faults_of(problem, histories, march.account(), ends)
     return Outcome(
         time=time,
         interfaces=histories,
@@ -300,7 +300,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance),
+            *run_remarks(problem, histories, time, balance, ends),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,

@@ -135,6 +135,13 @@ def test_the_library_holds_every_entry():
     assert len({item.symbol for item in items}) == len(items)
 
 
+def test_a_build_refuses_slices_with_a_step():
+    lowering, types = pytest.importorskip("latin_fmu.aot.lowering"), pytest.importorskip("numba").types
+    lowering._without_step(None, None, types.slice2_type, None)
+    with pytest.raises(TypeError, match="slice with a step"):
+        lowering._without_step(None, None, types.slice3_type, None)
+
+
 def test_signatures_have_the_arguments_of_their_functions():
     for item in declared():
         wanted = item.py_func.__code__.co_argcount

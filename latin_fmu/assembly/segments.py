@@ -21,7 +21,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
 from ..propagator.forcing import MotionState
-from ..propagator.image import COMMUNICATION_ROWS
+from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
 from .build import discretise, starting_equilibrium

@@ -207,6 +207,46 @@ def _store(panel: Array, width: int, below: int, stored: Any) -> None:
             stored[i * width + j] = panel[i * width + j] if j <= i else 0.0
 
 
+@kernel
+def _clear_front(begin: int, width: int, own: Index, panel: Array, update: Array, where: Index) -> None:
+    """Zeros in the front of a supernode, the lower triangle of its update alone, and the places of its rows in it."""
+    below = len(own)
+    panel[:] = 0.0
+    for i in range(below):
+        for j in range(i + 1):
+            update[i * below + j] = 0.0
+    for i in range(width):
+        where[begin + i] = i
+    for i in range(below):
+        where[own[i]] = width + i
+
+
+@kernel
+def _add_to_schur(own: Index, n_interior: int, update: Array, schur: Array) -> None:
+    """Add the update of a root of the elimination tree to the lower triangle of ``schur``."""
+    below = len(own)
+    for i in range(below):
+        for j in range(i + 1):
+            schur[own[i] - n_interior, own[j] - n_interior] += update[i * below + j]
+
+
+@kernel
+def _move_down(below: int, update: Array, base: int, stack: Array) -> None:
+    """Copy the lower triangle of an update to the place ``base`` of the stack, where those of its children were."""
+    for i in range(below):
+        for j in range(i + 1):
+            stack[base + i * below + j] = update[i * below + j]
+
+
+@kernel
+def _widest(first: Index, row_start: Index) -> int:
+    """Numbers of the largest panel."""
+    widest = 0
+    for s in range(len(first) - 1):
+        widest = max(widest, (first[s + 1] - first[s]) * (first[s + 1] - first[s] + row_start[s + 1] - row_start[s]))
+    return int(widest)
+
+
 _PATTERN: Final = ", ".join(["i8[::1]"] * 3 + ["f8[::1]"] + ["i8[::1]"] * 7 + ["b1[::1]"])
 
 
@@ -236,10 +276,7 @@ def factorise(
     n_super = len(first) - 1
     n_interior = first[n_super]
     _interface_part(pointers, neighbours, values, order, position, n_interior, schur)
-    widest = 0
-    for s in range(n_super):
-        widest = max(widest, (first[s + 1] - first[s]) * (first[s + 1] - first[s] + row_start[s + 1] - row_start[s]))
-    work = np.empty(widest)
+    work = np.empty(_widest(first, row_start))
     stack = np.empty(stack_size)
     where = np.full(len(order), -1, dtype=np.int64)
     waiting = np.empty(n_super, dtype=np.int64)  # supernodes whose updates are on the stack
@@ -251,15 +288,8 @@ def factorise(
         own = rows[row_start[s] : row_start[s + 1]]
         width, below = end - begin, len(own)
         panel = work[: (width + below) * width]
-        panel[:] = 0.0
         update = stack[top : top + below * below]
-        for i in range(below):  # only its lower triangle is used
-            for j in range(i + 1):
-                update[i * below + j] = 0.0
-        for i in range(width):
-            where[begin + i] = i
-        for i in range(below):
-            where[own[i]] = width + i
+        _clear_front(begin, width, own, panel, update, where)
         if not _gather(pointers, neighbours, values, order, position, begin, end, where, panel):
             return OUTSIDE_PATTERN
         base = top
@@ -274,14 +304,10 @@ def factorise(
             return int(begin + info[0] - 1)
         _store(panel, width, below, panels[panel_start[s] : panel_start[s + 1]])
         if is_root[s]:
-            for i in range(below):
-                for j in range(i + 1):
-                    schur[own[i] - n_interior, own[j] - n_interior] += update[i * below + j]
+            _add_to_schur(own, n_interior, update, schur)
         elif below > 0:
             if base < top:
-                for i in range(below):
-                    for j in range(i + 1):
-                        stack[base + i * below + j] = update[i * below + j]
+                _move_down(below, update, base, stack)
             waiting[n_waiting] = s
             offset[s] = base
             n_waiting += 1

@@ -52,7 +52,8 @@ from ..latin.recorder import Recorder
 from ..latin.run_image import all_in_kernels
 from ..latin.windows import Run
 from ..machine import one_thread
-from ..propagator.image import COMMUNICATION_ROWS, Image, pools_of
+from ..propagator.image import Image, complete, pools_of
+from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
 from .signals import Signals
@@ -189,7 +190,7 @@ def _solved_by_python(run: Run) -> InputError:
 def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
-    image.complete()
+    complete(image)
     record = image.run[0]
     words: dict[str, int] = {
         "version": VERSION,

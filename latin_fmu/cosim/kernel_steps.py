@@ -17,7 +17,8 @@ from ..kernels.outputs import N_SOLVER
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.windows import Run
-from ..propagator.image import COMMUNICATION_ROWS, Image
+from ..propagator.image import Image
+from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .loads import GridPart, Loads
 from .output_rows import OutputRows

@@ -61,11 +61,18 @@ def forward(pools: Any, c: int) -> None:
     x = work[row.half_solution : row.half_solution + n * tile_width(m)]
     if m >= TILED:
         x[:] = 0.0
+    alone = m == 1  # without a loop over the members, as most classes are
     for i in range(n):
+        if alone:
+            x[i] = load[order[i]]
+            continue
         for j in range(m):
             x[place_of(n, m, i, j)] = load[order[i] * m + j]
     substitute(pools, c, row.half_solution, on_springs(pools, c), False, True)
     for i in range(n - n_interior):
+        if alone:
+            inner[i] = x[n_interior + i]
+            continue
         for j in range(m):
             inner[i * m + j] = x[place_of(n, m, n_interior + i, j)]
 
@@ -85,11 +92,18 @@ def backward(pools: Any, c: int) -> None:
         x = work[at : at + n * tile_width(m)]
         for i in range(len(x)):
             x[i] = half[i]
+    alone = m == 1
     for i in range(n - n_interior):
+        if alone:
+            x[n_interior + i] = last[i]
+            continue
         for j in range(m):
             x[place_of(n, m, n_interior + i, j)] = last[i * m + j]
     substitute(pools, c, at, on_springs(pools, c), True, True)
     for i in range(n):
+        if alone:
+            out[order[i]] = x[i]
+            continue
         for j in range(m):
             out[order[i] * m + j] = x[place_of(n, m, i, j)]
 

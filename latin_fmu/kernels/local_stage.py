@@ -249,9 +249,10 @@ def follow_drift(pools: Any, i: int) -> None:
                 j = p * h + c
                 planned = run.make_up * work[group.planned + j]
                 near, far = run.local_w + at + first + j, run.local_w + at + second + j
-                share = _share(pools, g, p, c)
-                work[near] -= share * planned
-                work[far] += (1.0 - share) * planned
+                if planned != 0.0:
+                    share = _share(pools, g, p, c)
+                    work[near] -= share * planned
+                    work[far] += (1.0 - share) * planned
                 moved = work[run.moved + second + j] - work[run.moved + first + j]
                 kept, error, before = _kept(group, held, c), moved - (work[far] - work[near]), work[group.drift + j]
                 _advance_drift(pools, g, group.drift, j, error, kept)
@@ -280,9 +281,11 @@ def take_drift(pools: Any, w: Array) -> None:
         for p in range(group.n_point if group.keeps_normal + group.keeps_tangential > 0 else 0):
             for c in range(h):
                 j = p * h + c
-                share, planned = _share(pools, g, p, c), run.make_up * work[group.drift + j]
-                w[group.start + j] += share * planned
-                w[second + j] -= (1.0 - share) * planned
+                planned = run.make_up * work[group.drift + j]
+                if planned != 0.0:
+                    share = _share(pools, g, p, c)
+                    w[group.start + j] += share * planned
+                    w[second + j] -= (1.0 - share) * planned
 
 
 @kernel

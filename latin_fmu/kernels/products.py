@@ -19,61 +19,71 @@ from ..compiled import entry, kernel, ordered_kernel
 Array = NDArray[np.float64]
 
 
-@kernel
-def add_symmetric(
-    n: int,
+@ordered_kernel
+def half_product(
+    low: int,
+    high: int,
     diagonal: Array,
+    together: Any,
     starts: Any,
     columns: Any,
     values: Array,
     factor: float,
-    m: int,
     x: Array,
     out: Array,
-    scratch: Array,
 ) -> None:
-    """out (n m,) += factor A x for a symmetric A: its diagonal and strict lower triangle in compressed rows, all of it
-    from TILED members on. Two members are taken one after the other: half of the matrix times contiguous
-    vectors is faster than the whole matrix times both.
-    """
-    if m >= TILED:
-        sparse_product(n, starts, columns, values, factor, m, x, out, scratch)
-        return
-    if m == 1:
-        half_product(0, n, diagonal, starts, columns, values, factor, x, out)
-        return
-    own, total = scratch[:n], scratch[n : 2 * n]
-    for j in range(m):
-        for i in range(n):
-            own[i] = x[i * m + j]
-            total[i] = 0.0
-        half_product(0, n, diagonal, starts, columns, values, factor, own, total)
-        for i in range(n):
-            out[i * m + j] += total[i]
-
-
-@kernel
-def half_product(
-    low: int, high: int, diagonal: Array, starts: Any, columns: Any, values: Array, factor: float, x: Array, out: Array
-) -> None:
-    """out (n,) += factor A x for one vector and the rows of A from ``low`` to ``high``, each with its reflection; see
-    ``add_symmetric``."""
+    """out (n,) += factor A x for one vector and the rows of a symmetric A from ``low`` to ``high``, each with its
+    reflection: its diagonal and strict lower triangle in compressed rows. Up to three rows with the same columns are
+    taken ``together``, as those of a node are: what they share is read and written once, in the order of the rows."""
     # indices counted from 0 need no test for negative ones
     begin, middle, own_x, own_out = starts[low : high + 1], diagonal[low:high], x[low:high], out[low:high]
-    for i in range(high - low):
-        column, value = columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]]
-        own = factor * own_x[i]
-        total = middle[i] * own_x[i]
-        for e in range(len(column)):
-            total += value[e] * x[column[e]]
-            out[column[e]] += value[e] * own
-        own_out[i] += factor * total
+    i, rows = 0, high - low
+    while i < rows:
+        count = min(int(together[low + i]), rows - i)
+        column, first = columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]]
+        n, x0, own0, t0 = len(column), own_x[i], factor * own_x[i], middle[i] * own_x[i]
+        if count == 1:
+            for e in range(n):
+                t0 += first[e] * x[column[e]]
+                out[column[e]] += first[e] * own0
+            own_out[i] += factor * t0
+            i += 1
+            continue
+        second, x1 = values[begin[i + 1] : begin[i + 2]], own_x[i + 1]
+        own1, t1 = factor * x1, middle[i + 1] * x1
+        if count == 2:
+            for e in range(n):
+                at, value = column[e], x[column[e]]
+                t0 += first[e] * value
+                t1 += second[e] * value
+                out[at] = (out[at] + first[e] * own0) + second[e] * own1
+            own_out[i] = (own_out[i] + factor * t0) + second[n] * own1
+            own_out[i + 1] += factor * (t1 + second[n] * x0)
+            i += 2
+            continue
+        third, x2 = values[begin[i + 2] : begin[i + 3]], own_x[i + 2]
+        own2, t2 = factor * x2, middle[i + 2] * x2
+        for e in range(n):
+            at, value = column[e], x[column[e]]
+            t0 += first[e] * value
+            t1 += second[e] * value
+            t2 += third[e] * value
+            out[at] = ((out[at] + first[e] * own0) + second[e] * own1) + third[e] * own2
+        own_out[i] = ((own_out[i] + factor * t0) + second[n] * own1) + third[n] * own2
+        own_out[i + 1] = (own_out[i + 1] + factor * (t1 + second[n] * x0)) + third[n + 1] * own2
+        own_out[i + 2] += factor * ((t2 + third[n] * x0) + third[n + 1] * x1)
+        i += 3
 
 
-@kernel
+@ordered_kernel
 def add_rows(n: int, starts: Any, columns: Any, values: Array, factor: float, m: int, x: Array, out: Array) -> None:
     """out (n m,) += factor A x for A in compressed rows."""
-    for i in range(n):
+    for i in range(n if m == 1 else 0):  # most rows of a trace have one entry: a loop over members costs more than that
+        total = out[i]
+        for e in range(starts[i], starts[i + 1]):
+            total += (factor * values[e]) * x[columns[e]]
+        out[i] = total
+    for i in range(n if m > 1 else 0):
         column, value = columns[starts[i] : starts[i + 1]], values[starts[i] : starts[i + 1]]
         line = out[i * m : i * m + m]
         for e in range(len(column)):
@@ -337,10 +347,11 @@ def lower_count(pointers: Any, columns: Any) -> int:
     return count
 
 
-@entry("i8[::1], i8[::1], i8[::1], u4[::1]", "i4[::1], i4[::1], i8[::1], u4[::1]")
-def lower_pattern(pointers: Any, columns: Any, starts: Any, lower: Any) -> None:
-    """Pattern below the diagonal of a matrix in compressed rows: ``starts`` (n + 1,) and column indices ``lower``."""
-    filled = 0
+@entry("i8[::1], i8[::1], i8[::1], u4[::1], u4[::1]", "i4[::1], i4[::1], i8[::1], u4[::1], u4[::1]")
+def lower_pattern(pointers: Any, columns: Any, starts: Any, lower: Any, together: Any) -> None:
+    """Pattern below the diagonal of a matrix in compressed rows: ``starts`` (n + 1,), column indices ``lower``, and for
+    each row how many from it on, three at most, have the same columns but for each other, ``together`` (n,)."""
+    filled, n = 0, len(pointers) - 1
     starts[0] = 0
     for i in range(len(pointers) - 1):
         for e in range(pointers[i], pointers[i + 1]):
@@ -348,6 +359,16 @@ def lower_pattern(pointers: Any, columns: Any, starts: Any, lower: Any) -> None:
                 lower[filled] = columns[e]
                 filled += 1
         starts[i + 1] = filled
+    for k in range(n):
+        i = n - 1 - k
+        together[i] = 1
+        if k == 0 or starts[i + 2] - starts[i + 1] != starts[i + 1] - starts[i] + 1:
+            continue
+        same, ahead = lower[starts[i + 2] - 1] == i, starts[i + 1] - starts[i]
+        for e in range(starts[i], starts[i + 1]):
+            same = same and lower[e] == lower[e + ahead]
+        if same:
+            together[i] = min(3, together[i + 1] + 1)
 
 
 @entry("i8[::1], i8[::1], f8[::1], f8[::1], f8[::1]", "i4[::1], i4[::1], f8[::1], f8[::1], f8[::1]")

@@ -47,6 +47,7 @@ _MATRIX: Final = (
 _HALF: Final = (
     *_MATRIX,
     ("{0}_diagonal", "constants (n,): diagonal where only the strict lower triangle is kept"),
+    ("{0}_together", "constants, uint32 (n,): rows from each on, 3 at most, with the same columns but for each other"),
     ("{0}_parts", "constants, int64 (PARTS, 3) of classes in pieces: first row, last row + 1, least column of a part"),
 )
 _TERM: Final = (

@@ -35,7 +35,7 @@ from ..cholesky.substitution import (
     forward_tile,
 )
 from ..compiled import kernel
-from .products import add_symmetric, dense_tile, gather, half_product, packed_product, product, sparse_rows
+from .products import dense_tile, gather, half_product, packed_product, product, sparse_rows
 from .team import PARTS, claimed, close_region, end_task, open_region, place_in
 
 Array = NDArray[np.float64]
@@ -105,25 +105,32 @@ def sweep(
     panels_at = row.k_panels if with_k else row.panels
     panels = pools.fixed[panels_at : panels_at + (0 if halved else row.n_panels)]
     single = pools.fixed_single[panels_at : panels_at + (row.n_panels if halved else 0)]
-    grouped = row.grouped == 1
-    if row.m < TILED:
-        x = work[at : at + n]
-        if halved:
-            if backwards:
-                backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
-            else:
-                forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, single, x)
-        elif backwards:
-            backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
-        else:
-            forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
-        return
-    tail, x = work[tile : tile + SPARE * LANES], work[at : at + n * LANES]
+    ways = row.m, row.grouped == 1, whole, backwards
+    x, tail = work[at : at + n * (1 if row.m < TILED else LANES)], work[tile : tile + SPARE * LANES]
     if halved:
-        if backwards:
-            backward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
-        else:
-            forward_tile(whole, first, row_start, rows, panel_start, face_start, single, x, tail)
+        _through_panels(ways, first, row_start, rows, panel_start, face_start, single, x, tail)
+    else:
+        _through_panels(ways, first, row_start, rows, panel_start, face_start, panels, x, tail)
+
+
+@kernel
+def _through_panels(
+    ways: Any,
+    first: Any,
+    row_start: Any,
+    rows: Any,
+    panel_start: Any,
+    face_start: Any,
+    panels: Any,
+    x: Array,
+    tail: Array,
+) -> None:
+    """``sweep`` with panels in one precision; ``ways`` : members, four rows at a time, whole, backwards."""
+    m, grouped, whole, backwards = ways
+    if m < TILED and backwards:
+        backward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
+    elif m < TILED:
+        forward_one(grouped, whole, first, row_start, rows, panel_start, face_start, panels, x)
     elif backwards:
         backward_tile(whole, first, row_start, rows, panel_start, face_start, panels, x, tail)
     else:
@@ -211,8 +218,8 @@ def _backward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, w
 
 # -- products ---------------------------------------------------------------------------------------------------------
 @kernel
-def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int]:
-    """Rows of a matrix of a class; places of its starts, columns, values, diagonal and parts."""
+def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int, int]:
+    """Rows of a matrix of a class; places of its starts, columns, values, diagonal, rows together and parts."""
     if which == STIFFNESS:
         return (
             row.stiffness_rows,
@@ -220,6 +227,7 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int]:
             row.stiffness_columns,
             row.stiffness_values,
             row.stiffness_diagonal,
+            row.stiffness_together,
             row.stiffness_parts,
         )
     if which == DAMPING:
@@ -229,6 +237,7 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int]:
             row.damping_columns,
             row.damping_values,
             row.damping_diagonal,
+            row.damping_together,
             row.damping_parts,
         )
     if which == DASHPOTS:
@@ -238,6 +247,7 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int]:
             row.dashpots_columns,
             row.dashpots_values,
             row.dashpots_diagonal,
+            row.dashpots_together,
             row.dashpots_parts,
         )
     if which == LANDING:
@@ -247,9 +257,18 @@ def _matrix(row: Any, which: int) -> tuple[int, int, int, int, int, int]:
             row.landing_columns,
             row.landing_values,
             row.landing_diagonal,
+            row.landing_together,
             row.landing_parts,
         )
-    return row.mass_rows, row.mass_starts, row.mass_columns, row.mass_values, row.mass_diagonal, row.mass_parts
+    return (
+        row.mass_rows,
+        row.mass_starts,
+        row.mass_columns,
+        row.mass_values,
+        row.mass_diagonal,
+        row.mass_together,
+        row.mass_parts,
+    )
 
 
 @kernel
@@ -274,14 +293,15 @@ def tile_of(row: Any, work: Array) -> Array:
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
     """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
     row, work = pools.classes[c], pools.moving
-    n, starts_at, columns_at, values_at, diagonal_at, parts_at = _matrix(row, which)
+    n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     if n == 0:
         return
     if row.n_piece == 0 and row.m == 1:
         starts = pools.fixed_int[starts_at : starts_at + n + 1]
         columns = pools.fixed_col[columns_at : columns_at + starts[n]]
         values, diagonal = pools.fixed[values_at : values_at + starts[n]], pools.fixed[diagonal_at : diagonal_at + n]
-        add_symmetric(n, diagonal, starts, columns, values, factor, row.m, x, out, tile_of(row, work))
+        together = pools.fixed_col[together_at : together_at + n]
+        half_product(0, n, diagonal, together, starts, columns, values, factor, x, out)
         return
     source, into, m = place_in(work, x), place_in(work, out), row.m
     if m > 1 and row.n_piece == 0:
@@ -305,7 +325,7 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
     """Part t of ``add_product``: the t-th of two members or of the tiles; with pieces, rows of the matrix, for the tile
     that begins with the member ``source`` from TILED members on."""
     row, work = pools.classes[c], pools.moving
-    n, starts_at, columns_at, values_at, diagonal_at, parts_at = _matrix(row, which)
+    n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     m, starts = row.m, pools.fixed_int[starts_at : starts_at + n + 1]
     columns = pools.fixed_col[columns_at : columns_at + starts[n]]
     values, diagonal = pools.fixed[values_at : values_at + starts[n]], pools.fixed[diagonal_at : diagonal_at + n]
@@ -315,7 +335,8 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
         own, total = work[tile : tile + n], work[tile + n : tile + 2 * n]
         for i in range(n):
             own[i], total[i] = x[2 * i + t], 0.0
-        half_product(0, n, diagonal, starts, columns, values, factor, own, total)
+        together = pools.fixed_col[together_at : together_at + n]
+        half_product(0, n, diagonal, together, starts, columns, values, factor, own, total)
         for i in range(n):
             out[2 * i + t] += total[i]
         return
@@ -335,7 +356,8 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
         out = work[at : at + n]
         if t > 0:
             out[least:high] = 0.0
-        half_product(low, high, diagonal, starts, columns, values, factor, work[source : source + n], out)
+        together = pools.fixed_col[together_at : together_at + n]
+        half_product(low, high, diagonal, together, starts, columns, values, factor, work[source : source + n], out)
         return
     spare = work[row.piece_tile + t * LANES : row.piece_tile + (t + 1) * LANES]
     out = work[into : into + n * m]

@@ -42,7 +42,7 @@ class Exchange:
             self.coarse = gathering(
                 image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
             )
-        image.call_out_to(
+        image.callouts.add(
             {
                 callouts.MESSAGES: lambda n, *_: self.neighbours(n),
                 callouts.PARTS_OF_ALL: lambda *_: self.parts(),

@@ -206,7 +206,9 @@ def point_fields(
     if slide is not None:
         normal = geometry.frames[:, 0]
         tangential = slide[: len(f_hat)]
-        velocity = velocity + tangential - np.einsum("tspi,pi,pj->tspj", tangential, normal, normal)
+        # one normal after the other: einsum takes four times as long for products of three
+        along = ((tangential * normal)[..., None] * normal[:, None, :]).sum(axis=-2)
+        velocity = velocity + tangential - along
     if behaviour.opens:
         status = behaviour.status(f_hat, group.parameters[points])
         carried = -f_hat[..., 0]  # F acts on side E and N points out of it: pressure is negative

@@ -18,7 +18,8 @@ from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
-from ..propagator.image import COMMUNICATION_ROWS, Image
+from ..propagator.image import Image
+from ..propagator.layout import COMMUNICATION_ROWS
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
@@ -276,7 +277,7 @@ class LawsInPython:
         self._image: Image = proxy(image)  # which calls this
         self._groups = groups
         if any(law_of(group.behaviour) < 0 for group in groups):
-            image.call_out_to({LAW: self._solve, TANGENTS: self._differentiate})
+            image.callouts.add({LAW: self._solve, TANGENTS: self._differentiate})
 
     def _jump(self, g: int) -> Array:
         """Free velocities (n_point, n_component) of a group in the last local stage, a view."""
@@ -358,7 +359,7 @@ class Stages:
         image.counts("iterations", 1)[0] = begin
         image.set({"observed": 1, "limit": limit})
         try:
-            with image.calling_out_to({OBSERVE: look}):
+            with image.callouts.within({OBSERVE: look}):
                 return image.call(entries.ITERATE, self.n, self.first, start, phase)
         finally:
             image.set({"observed": 0})

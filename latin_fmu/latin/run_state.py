@@ -28,7 +28,7 @@ from ..kernels.energy_parts import (
 )
 from ..kernels.indicator import NOTHING
 from ..kernels.team import DISMISSED
-from ..propagator.image import Image
+from ..propagator.image import Image, take_marched
 from .assembly import Array, Assembly, Index
 from .exchange import Exchange
 from .initial_conditions import initial_conditions
@@ -439,7 +439,7 @@ class RunState(RunImage):
 
     def _count(self, before: float) -> None:
         """Add the work, and the CPU time since ``before``, that of the process then."""
-        marched, condensed = self.image.marched()
+        marched, condensed = take_marched(self.image)
         self.marched += marched
         self.condensed += condensed
         self.timings.march += clock.process_time() - before

@@ -416,6 +416,8 @@ def newton_price(assembly: Assembly, relative: dict[str, Any]) -> float:
 def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, Index]:
     """Interfaces in the order of the blocks; first and last block that each is coupled with, neither decreasing."""
     n = len(assembly.interfaces)
+    if n < 2:
+        return list(range(n)), np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     shares = np.zeros((n, assembly.n_substructure))
     for i in range(n):
         for side in (0, 1):
@@ -423,7 +425,7 @@ def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, 
             if body >= 0:
                 shares[i, body] = 1.0
     graph = sp.csr_array(shares @ shares.T + np.eye(n))
-    order = reverse_cuthill_mckee(graph, symmetric_mode=True) if n else np.zeros(0, dtype=np.int64)
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
     table = graph.toarray()[np.ix_(order, order)] > 0
     low = np.array([int(np.argmax(row)) for row in table], dtype=np.int64)
     low = np.minimum.accumulate(low[::-1])[::-1].copy()  # of this block or a later one: the factors fill no more

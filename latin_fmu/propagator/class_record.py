@@ -22,9 +22,9 @@ from .forcing import SUMS, Sum
 from .model import Array, Index
 
 Row = dict[str, int]
-Halves = dict[int, tuple[int, int, int]]
-"""Places of the row starts and columns of lower triangles and their numbers of entries, by the ``id`` of the column
-indices of the whole matrix, which is kept as long."""
+Halves = dict[int, tuple[int, int, int, int]]
+"""Places of the row starts, columns and rows together of lower triangles and their numbers of entries, by the ``id`` of
+the column indices of the whole matrix, which is kept as long."""
 _NONE = np.zeros(1, dtype=np.int64)
 _NO_TERMS = MappingProxyType({f"{name}_terms": 0 for name in SUMS})
 
@@ -44,6 +44,7 @@ class Block:
     def __init__(self, start: int = 0) -> None:
         self.size = start
         self._known: dict[int, tuple[int, Any]] = {}  # position by identity; the arrays are kept alive
+        self._arrays: list[tuple[int, NDArray[Any]]] = []  # position in numbers of its kind, array
         self._waiting: list[Callable[[Array], None]] = []
 
     def reserve(self, size: int, owner: Any = None) -> int:
@@ -63,9 +64,8 @@ class Block:
         if known is not None:
             return known[0]
         packed = np.ascontiguousarray(array, dtype=kind).reshape(-1)
-        at = self.reserve(-(-packed.nbytes // 8))
-        self.fill_later(partial(_copy, at, packed))
-        position = at * (8 // packed.itemsize)
+        position = self.reserve(-(-packed.nbytes // 8)) * (8 // packed.itemsize)
+        self._arrays.append((position, packed))
         self._known[id(array)] = position, array
         return position
 
@@ -75,8 +75,12 @@ class Block:
 
     def fill(self, target: Array) -> None:
         """Write what was put in since the last time into the block itself; the arrays are no longer kept."""
+        views = {array.dtype: target.view(array.dtype) for _, array in self._arrays}
+        for position, array in self._arrays:
+            views[array.dtype][position : position + array.size] = array
         for write in self._waiting:
             write(target)
+        self._arrays.clear()
         self._waiting.clear()
         self._known.clear()
 
@@ -109,20 +113,23 @@ def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None
     half = halves.get(id(matrix.indices))
     if half is None:
         count = lower_count(*pattern)
-        half = halves[id(matrix.indices)] = block.reserve(n + 1), block.reserve(-(-count // 2)), count
+        places = block.reserve(n + 1), block.reserve(-(-count // 2)), block.reserve(-(-n // 2))
+        half = halves[id(matrix.indices)] = *places, count
         block.fill_later(partial(_fill_pattern, pattern, n, half))
-    starts, columns, count = half
+    starts, columns, together, count = half
     values, diagonal = block.reserve(count), block.reserve(n)
     block.fill_later(
         lambda data: lower_values(*pattern, matrix.data, data[values : values + count], data[diagonal : diagonal + n])
     )
     row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
-    row[f"{name}_values"], row[f"{name}_diagonal"] = values, diagonal
+    row[f"{name}_values"], row[f"{name}_diagonal"], row[f"{name}_together"] = values, diagonal, 2 * together
 
 
-def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int], data: Array) -> None:
-    starts, columns, count = half
-    lower_pattern(*pattern, data[starts : starts + n + 1].view(np.int64), data[columns:].view(np.uint32)[:count])
+def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int, int], data: Array) -> None:
+    starts, columns, together, count = half
+    short = data.view(np.uint32)
+    lower = short[2 * columns : 2 * columns + count], short[2 * together : 2 * together + n]
+    lower_pattern(*pattern, data[starts : starts + n + 1].view(np.int64), *lower)
 
 
 def put_terms(block: Block, sums: Sum) -> Row:
@@ -183,14 +190,13 @@ def constants(
     are kept, or None. sensor : (n_sensor, n) rows whose motions are kept, or None. normal : (n_flat,) True where a
     channel is normal to its interface. halves : patterns that are in the block already.
     """
-    ops, m = propagator.operators, flat.shape[1]
-    factor = ops.factor
+    ops = propagator.operators
     live = np.flatnonzero(ops.compliance.diagonal())  # the others cannot move
     static = propagator.scheme.name == "quasi_static"
     motions = propagator.members[0].imposed_pattern.shape[1]
     row: Row = {
         "n": propagator.n_dof,
-        "m": m,
+        "m": flat.shape[1],
         "n_inner": len(ops.dofs),
         "n_channel": len(flat),
         "n_live": len(live),
@@ -202,11 +208,13 @@ def constants(
         "accounted": int(propagator.energy),
         "loads_only": int(propagator.loads_only),
     }
-    _factor(block, row, factor)
+    _factor(block, row, ops.factor)
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
-    for name, matrix in (("mass", None if static else ops.mass), ("stiffness", ops.stiffness)):
+    halved = row["m"] < TILED and row["n_piece"] == 0
+    stiffness = propagator.members[0].stiffness_by_nodes if halved else ops.stiffness
+    for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
     put_matrix(block, row, "probe", probe)
@@ -216,21 +224,34 @@ def constants(
     is_normal = normal[flat]
     assert (is_normal == is_normal[:, :1]).all(), "identical substructures with unlike interfaces"
     if propagator.swept:
-        shape = factor.symbolic
-        row |= {"swept": 1, "face_start": block.put(shape.face_start, np.int64)}
-        row["face"] = block.put(shape.position[ops.dofs], np.int64)
-        row["component"] = block.put((~is_normal[:, 0]).astype(np.int64), np.int64)
-        _put_traces(block, row, ops)
-        return row
-    inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
-    if not static:
+        _swept_interface(block, row, propagator, is_normal[:, 0])
+    else:
+        _dense_interface(block, row, propagator, live, is_normal[:, 0])
+    return row
+
+
+def _swept_interface(block: Block, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
+    """Places of the interface dofs in the factor, and traces, of a class that is solved with by substitution."""
+    ops, shape = propagator.operators, propagator.operators.factor.symbolic
+    row |= {"swept": 1, "face_start": block.put(shape.face_start, np.int64)}
+    row["face"] = block.put(shape.position[ops.dofs], np.int64)
+    row["component"] = block.put((~is_normal).astype(np.int64), np.int64)
+    _put_traces(block, row, ops)
+
+
+def _dense_interface(block: Block, row: Row, propagator: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
+    """Dense matrices of the interfaces of a class, and traces."""
+    ops, m = propagator.operators, row["m"]
+    if row["kind"] != STATIC:
+        factor = ops.factor
+        inverse = factor.inverse if isinstance(factor, DiagonalFactor) else factor.schur_inverse
         row["plain_inverse"] = plain = int(inverse.ndim == 1 or is_diagonal(inverse))
         every = np.arange(row["n_inner"])
         row["schur_inverse"] = (
             block.put(inverse) if inverse.ndim == 1 else put_dense(block, inverse, [every], m, bool(plain))
         )
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
-    blocks = [live[is_normal[live, 0]], live[~is_normal[live, 0]]]
+    blocks = [live[is_normal[live]], live[~is_normal[live]]]
     row["n_normal"] = len(blocks[0])
     row["measured"] = block.put(np.concatenate(blocks), np.int64)
     row["compliance"] = put_dense(block, ops.compliance, blocks, m, bool(plain))
@@ -240,7 +261,6 @@ def constants(
         row["normal_table"] = block.put(ops.trace[blocks[0]])
     else:
         _put_traces(block, row, ops)
-    return row
 
 
 def _put_traces(block: Block, row: Row, ops: Any) -> None:
@@ -299,8 +319,9 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_symmetric(block, row, "dashpots", reduced, {})
     landing = model.landing
     if landing is not None:
-        row["damped"] = int(abs(model.damping - landing).max() > 0)
-        put_symmetric(block, row, "landing", sp.csr_array(p.T @ landing @ p), {})
+        reduced, damped = model.reduced_landing
+        row["damped"] = int(damped)
+        put_symmetric(block, row, "landing", reduced, {})
     if not row["n_motion"]:
         return
     matrices = {"mass": model.mass, "stiffness": model.stiffness, "damping": model.damping, "dashpots": dashpots}

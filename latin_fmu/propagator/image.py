@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from math import prod
 from typing import Any, cast
-from weakref import proxy, ref
+from weakref import ReferenceType, proxy, ref
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,20 +26,15 @@ from ..kernels import entries
 from ..kernels.callouts import ADMITTANCE, BACKWARD, FORWARD
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
-from ..kernels.tasks import CHUNK
-from ..kernels.team import PARTS
 from ..time_scheme.scheme import coefficients
 from . import class_record, layout
 from .class_record import Block
 from .model import Array, Index
 
 Fields = dict[str, Any]
+CallOut = Callable[[int, int, int], None]
 _CALLOUT = CFUNCTYPE(c_int64, *[c_int64] * 4)
 _DIRECTIONS = 2  # further search directions that there is room for from the start
-_OUTPUT = 100_000  # numbers of output kept at a time, about: they stay in the cache
-_ROWS = (16, 512)  # and rows at least and at most
-COMMUNICATION_ROWS = 65
-"""Rows of output of a run for co-simulation: the start of a call, and the time steps that it makes at most."""
 
 
 @dataclass
@@ -53,7 +48,110 @@ class _Direction:
     groups: list[Fields]
 
 
-def _make_admittance(image: Image, c: int, *_: int) -> None:
+def _placed(fields: Mapping[str, Any], block: Block) -> Fields:
+    """Numbers as they are, arrays and matrices by their places in a block."""
+    placed: Fields = {}
+    for name, value in fields.items():
+        if isinstance(value, np.ndarray):
+            placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
+        elif sp.issparse(value):
+            class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
+        else:
+            placed[name] = value
+    return placed
+
+
+class CallOuts:
+    """Functions that the kernels of an image call (``kernels.callouts``), by what is to be done, with three arguments.
+
+    Parameters
+    ----------
+    image : whose record holds the address of the function that calls them.
+    """
+
+    def __init__(self, image: Image) -> None:
+        self._image: ReferenceType[Image] = ref(image)  # no circle: the blocks are given back with the image
+        self._functions: dict[int, CallOut] = {}
+        self._raised: BaseException | None = None
+        self._called: Any = None
+
+    def add(self, functions: Mapping[int, CallOut]) -> None:
+        """Let the kernels call these, too. What they raise ends the loops of the kernels, and ``Image.call`` raises
+        it."""
+        self._functions |= functions
+        image = self._image()
+        if self._called is None and image is not None:
+            self._called = _CALLOUT(self._call)  # kept as long as its address is in use
+            image.set({"callout": int(pointer_to(self._called, c_void_p).value or 0)})
+
+    @contextmanager
+    def within(self, functions: Mapping[int, CallOut]) -> Iterator[None]:
+        """Context of calls of the kernels that may call these."""
+        self.add(functions)
+        try:
+            yield
+        finally:
+            for what in functions:
+                del self._functions[what]
+
+    def _call(self, what: int, a: int, b: int, c: int) -> int:
+        image = self._image()
+        assert image is not None
+        if self._raised is None:
+            try:
+                image.field("failed", 1)[0] = 0.0
+                with np.errstate(all="ignore"):  # of a thread of its own, maybe
+                    self._functions[what](a, b, c)
+            except BaseException as error:
+                self._raised = error
+                image.field("failed", 1)[0] = 1.0
+        return 0
+
+    def check(self) -> None:
+        """Raise what a function has raised."""
+        image = self._image()
+        if self._called is None or image is None or image.field("failed", 1)[0] != 1.0:
+            return
+        # without an error a signal came before the first line of the function that was called
+        raised, self._raised = self._raised or KeyboardInterrupt(), None
+        image.field("failed", 1)[0] = 0.0
+        raise raised
+
+
+class OtherFactors:
+    """Solutions with factors that the kernels do not hold, which they call out for.
+
+    Parameters
+    ----------
+    image : of the classes; not kept alive.
+    """
+
+    def __init__(self, image: Image) -> None:
+        self._image, self._half = image, dict[int, Array]()
+
+    @property
+    def functions(self) -> dict[int, CallOut]:
+        """By what is to be done."""
+        return {FORWARD: self._forward, BACKWARD: self._backward}
+
+    def _forward(self, c: int, *_: int) -> None:
+        """Half solution of a class from its load."""
+        image, row = self._image, self._image.row(c)
+        factor = image.propagators[c].operators.factor
+        self._half[c], inner = factor.forward(image.class_field(c, "load", row["n"], row["m"]))
+        image.class_field(c, "inner", row["n_inner"], row["m"])[:] = inner
+
+    def _backward(self, c: int, rested: int, *_: int) -> None:
+        """The other half, with the unknowns at the interfaces; of a class that has ``rested`` there is no first one."""
+        image, row = self._image, self._image.row(c)
+        y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
+        last = image.class_field(c, "inner_answer", row["n_inner"], row["m"])
+        solution = image.propagators[c].operators.factor.backward(y, last)
+        image.class_field(c, "load", row["n"], row["m"])[:] = solution
+
+
+def make_admittance(image: Image, c: int, *_: int) -> None:
+    """Write the table of D of a class that is otherwise made at the first Newton step."""
     class_record.make_admittance(image.fixed, image.propagators[c], image.row(c))
 
 
@@ -110,9 +208,9 @@ class Image:
             "threads": 1,
             "longest_step": np.inf,
             **coefficients(first.scheme, first.dt),
-            **self._placed(run or {}, fixed),
+            **_placed(run or {}, fixed),
         }
-        self._groups = [self._placed(group, fixed) for group in groups]
+        self._groups = [_placed(group, fixed) for group in groups]
         none = [None] * len(self.propagators)
         per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
         self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
@@ -121,10 +219,7 @@ class Image:
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
-        self._half: dict[int, Array] = {}
-        self._functions: dict[int, Callable[[int, int, int], None]] = {}
-        self._callout: Any = None
-        self._raised: BaseException | None = None
+        self.callouts = CallOuts(self)
         self._views: dict[tuple[str, tuple[int, ...]], Array] = {}  # of fields of the run that were read
         self._written = False
         self._lay_out_moving()
@@ -134,54 +229,17 @@ class Image:
             self.begin(n_time, histories)
         self.moving[self._run["carry"]] = 1.0
         if not self.factored:
-            own = proxy(self)
-            self.call_out_to({FORWARD: lambda c, *_: own._forward(c), BACKWARD: lambda c, r, _: own._backward(c, r)})
+            self.callouts.add(OtherFactors(proxy(self)).functions)
         if self._run.get("static"):
-            self.call_out_to({ADMITTANCE: partial(_make_admittance, proxy(self))})
+            self.callouts.add({ADMITTANCE: partial(make_admittance, proxy(self))})
         for c, propagator in enumerate(self.propagators):
             propagator.attach(self, c)
-
-    @staticmethod
-    def _placed(fields: Mapping[str, Any], block: Block) -> Fields:
-        """Numbers as they are, arrays and matrices by their places in a block."""
-        placed: Fields = {}
-        for name, value in fields.items():
-            if isinstance(value, np.ndarray):
-                placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
-            elif sp.issparse(value):
-                class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
-            else:
-                placed[name] = value
-        return placed
 
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
         """Places of state, work and output."""
-        run, block, points = self._run, Block(), 0
-        for group in self._groups:
-            group["first_point"], points = points, points + group["n_point"]
-        run["n_point"] = points
-        chunks = sum(-(-group["n_point"] // CHUNK) for group in self._groups)
-        tasks = max([len(self._rows), PARTS, chunks, *(row["n_piece"] for row in self._rows)])
-        tables = (layout.CLASS, self._rows), (layout.GROUP, self._groups), (layout.RUN, [run])
-        records = [(arrays, record) for arrays, some in tables for record in some]
-        sized = [
-            (arrays, record, layout.sizes_of(record, run, 1, len(self._rows), tasks)) for arrays, record in records
-        ]
-        per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
-        self.rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), self.window)
-        self.rows = max(COMMUNICATION_ROWS, self.window + 1) if run.get("n_output", 0) else self.rows
-        for pool in layout.POOLS:
-            for arrays, record, sizes in sized:
-                sizes["R"] = self.rows
-                arrays[pool].place(block, record, sizes)
-                if pool == "state" and arrays is layout.CLASS:
-                    record["state"], record["energy"] = record["rest"], record["totals"]
-                    own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
-                    record |= own
-                    sizes |= own  # of copies of the state
-            if pool == "state":
-                self._n_state = block.size
+        block = Block()
+        self.rows, self._n_state = layout.place_moving(block, self._run, self._groups, self._rows)
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
@@ -207,9 +265,9 @@ class Image:
             return False
         for c, (row, forcing) in enumerate(zip(self._rows, forcings, strict=True)):
             constant, loads = forcing.loads_over_time()
-            self._of(c, "constant", row["n"], row["m"])[:] = constant
+            self.class_field(c, "constant", row["n"], row["m"])[:] = constant
             for t, amplitude in enumerate(loads.amplitudes):
-                self._of(c, "force_amplitudes", n_time, len(loads.amplitudes))[:, t] = amplitude
+                self.class_field(c, "force_amplitudes", n_time, len(loads.amplitudes))[:, t] = amplitude
         return True
 
     # -- directions ---------------------------------------------------------------------------------------------
@@ -247,11 +305,11 @@ class Image:
     ) -> tuple[_Direction, Block]:
         """The direction that is bound to the propagators, from ``start`` on in the fixed block."""
         block = Block(start)
-        own_run = self._placed(run, block)
+        own_run = _placed(run, block)
         rows = [
             class_record.direction(block, p, row, own_run) for p, row in zip(self.propagators, self._rows, strict=True)
         ]
-        own_groups = [self._placed(group, block) for group in groups]
+        own_groups = [_placed(group, block) for group in groups]
         return _Direction(start, block.size, own_run, rows, own_groups), block
 
     def _write_records(self) -> None:
@@ -280,60 +338,13 @@ class Image:
         if not self._written:
             self._write_records()
 
-    def complete(self) -> None:
-        """Write the tables that are otherwise made when first used, for a caller that has none of the operators."""
-        self.write()
-        for c, row in enumerate(self._rows if self._run.get("static") and self._run.get("newton") else ()):
-            if self.fixed[row["admittance"]] == 0.0:
-                _make_admittance(self, c)
-
     # -- use ----------------------------------------------------------------------------------------------------
     def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
         """Do an action of ``kernels.entries``; what it returns."""
         self.write()
         result = int(self._entry(action, a, b, c, d))
-        if self._callout is not None and self.field("failed", 1)[0] == 1.0:
-            # without an error a signal came before the first line of the function that was called
-            raised, self._raised = self._raised or KeyboardInterrupt(), None
-            self.field("failed", 1)[0] = 0.0
-            raise raised
+        self.callouts.check()
         return result
-
-    def call_out_to(self, functions: Mapping[int, Callable[[int, int, int], None]]) -> None:
-        """Let the kernels call functions with three arguments, by what is to be done (``kernels.callouts``). What they
-        raise ends the loops of the kernels, and ``call`` raises it."""
-        self._functions |= functions
-        if self._callout is not None:
-            return
-
-        own = ref(self)  # no circle: the blocks are given back with the image
-
-        def called(what: int, a: int, b: int, c: int) -> int:
-            image = own()
-            assert image is not None
-            if image._raised is None:
-                try:
-                    image.field("failed", 1)[0] = 0.0
-                    with np.errstate(all="ignore"):  # of a thread of its own, maybe
-                        image._functions[what](a, b, c)
-                except BaseException as error:
-                    image._raised = error
-                    image.field("failed", 1)[0] = 1.0
-            return 0
-
-        self._callout = _CALLOUT(called)  # kept as long as its address is in use
-        self._run["callout"] = int(pointer_to(self._callout, c_void_p).value or 0)
-        self._written = False
-
-    @contextmanager
-    def calling_out_to(self, functions: Mapping[int, Callable[[int, int, int], None]]) -> Iterator[None]:
-        """Context of calls of the kernels with ``call_out_to`` these functions."""
-        self.call_out_to(functions)
-        try:
-            yield
-        finally:
-            for what in functions:
-                del self._functions[what]
 
     def use_threads(self, count: int, alone: Sequence[Index]) -> None:
         """March with so many threads, the caller's among them; ``alone`` : classes of each that have one thread, the
@@ -345,20 +356,6 @@ class Image:
         self.counts("order", len(self._rows))[: len(order)] = order
         self._written = False
 
-    # -- factors that the kernels do not hold ---------------------------------------------------------------------
-    def _forward(self, c: int) -> None:
-        """Half solution of a class from its load."""
-        row, factor = self._rows[c], self.propagators[c].operators.factor
-        self._half[c], inner = factor.forward(self._of(c, "load", row["n"], row["m"]))
-        self._of(c, "inner", row["n_inner"], row["m"])[:] = inner
-
-    def _backward(self, c: int, rested: int) -> None:
-        """The other half, with the unknowns at the interfaces; of a class that has ``rested`` there is no first one."""
-        row = self._rows[c]
-        y = np.zeros((row["n"] - row["n_inner"], row["m"])) if rested else self._half[c]
-        last = self._of(c, "inner_answer", row["n_inner"], row["m"])
-        self._of(c, "load", row["n"], row["m"])[:] = self.propagators[c].operators.factor.backward(y, last)
-
     @property
     def run_fields(self) -> Fields:
         """Numbers and places of the record of the run."""
@@ -366,9 +363,6 @@ class Image:
 
     def class_field(self, c: int, name: str, *shape: int) -> Array:
         """An array of a class in the moving block, a view of this shape."""
-        return self._of(c, name, *shape)
-
-    def _of(self, c: int, name: str, *shape: int) -> Array:
         at = self._rows[c][name]
         return self.moving[at : at + prod(shape)].reshape(shape)
 
@@ -407,19 +401,30 @@ class Image:
     def output(self, c: int, name: str, width: str | int) -> Array:
         """An output (rows, width, m) of a class; ``width`` : a number, or the name of a size."""
         row = self._rows[c]
-        return self._of(c, name, self.rows, row[width] if isinstance(width, str) else width, row["m"])
+        return self.class_field(c, name, self.rows, row[width] if isinstance(width, str) else width, row["m"])
 
     @property
     def state(self) -> Array:
         """All that the next instant depends on, one range of the moving block."""
         return self.moving[: self._n_state]
 
-    def marched(self) -> tuple[int, int]:
-        """Substructure-instants marched, and solved through the condensed operator, since the last time."""
-        total = self.field("counts", 2)
-        marched, solved = int(total[0]), int(total[1])
-        total[:] = 0.0
-        for row in self._rows:
-            marched += int(self.moving[row["marched"]])
-            self.moving[row["marched"]] = 0.0
-        return marched, solved
+
+def complete(image: Image) -> None:
+    """Write the tables that are otherwise made when first used, for a caller that has none of the operators."""
+    image.write()
+    run = image.run_fields
+    for c in range(len(image.classes) if run.get("static") and run.get("newton") else 0):
+        if image.fixed[image.row(c)["admittance"]] == 0.0:
+            make_admittance(image, c)
+
+
+def take_marched(image: Image) -> tuple[int, int]:
+    """Substructure-instants marched, and solved through the condensed operator, since the last time."""
+    total = image.field("counts", 2)
+    marched, solved = int(total[0]), int(total[1])
+    total[:] = 0.0
+    for c in range(len(image.classes)):
+        at = image.row(c)["marched"]
+        marched += int(image.moving[at])
+        image.moving[at] = 0.0
+    return marched, solved

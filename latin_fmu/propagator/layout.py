@@ -21,9 +21,14 @@ from ..kernels.energy_parts import N_TERM, N_WORK
 from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import N_COURSE
 from ..kernels.products import padded
+from ..kernels.tasks import CHUNK
 from ..kernels.team import LINE, MARKS, PARTS
 
 POOLS: Final = "state", "work", "output"
+COMMUNICATION_ROWS: Final = 65
+"""Rows of output of a run for co-simulation: the start of a call, and the time steps that it makes at most."""
+_OUTPUT: Final = 100_000  # numbers of output kept at a time, about: they stay in the cache
+_ROWS: Final = (16, 512)  # and rows at least and at most
 _PLACE = re.compile(
     r"(?P<pool>state|work|output)(?:, int64)? \((?P<shape>.*)\)(?: if (?P<when>.+?))?(?: else (?P<at>\w+))?"
 )
@@ -52,6 +57,7 @@ class Arrays:
     def __init__(self, arrays: Sequence[Declared]) -> None:
         self.arrays = tuple(arrays)
         self._sizes = compile(f"[{', '.join(array.size for array in arrays)}]", "sizes of arrays", "eval")
+        self.names = self._sizes.co_names
 
     def sizes(self, names: dict[str, Any]) -> list[int]:
         """Numbers of each array."""
@@ -90,8 +96,10 @@ CLASS: Final = declared(records.CLASS_FIELDS)
 GROUP: Final = declared(records.GROUP_FIELDS)
 RUN: Final = declared(records.RUN_FIELDS)
 _LETTERS: Final = {"g": "n_inner", "c": "n_channel", "p": "n_point", "h": "n_component"}
-_TABLES = records.CLASS_FIELDS, records.GROUP_FIELDS, records.RUN_FIELDS
-_NOTHING: Final = {name: 0 for table in _TABLES for name, _ in table}
+_SIZES: Final = frozenset(
+    name for table in (CLASS, GROUP, RUN) for arrays in table.values() for name in arrays.names if name not in _KNOWN
+)
+"""Sizes that the declarations use."""
 
 
 def sizes_of(
@@ -103,4 +111,35 @@ def sizes_of(
     """
     letters = {letter: record[name] for letter, name in _LETTERS.items() if name in record}
     letters |= {"N": run["n_flat"], "w": run["longest_window"], "R": rows, "classes": classes, "tasks": tasks}
-    return _NOTHING | run | record | letters
+    return {name: record.get(name, run.get(name, 0)) for name in _SIZES} | letters
+
+
+def place_moving(
+    block: Any, run: dict[str, Any], groups: Sequence[dict[str, Any]], classes: Sequence[dict[str, Any]]
+) -> tuple[int, int]:
+    """Places of state, work and output in a block, written to the records; rows of output, and size of the state."""
+    points = 0
+    for group in groups:
+        group["first_point"], points = points, points + group["n_point"]
+    run["n_point"] = points
+    chunks = sum(-(-group["n_point"] // CHUNK) for group in groups)
+    tasks = max([len(classes), PARTS, chunks, *(row["n_piece"] for row in classes)])
+    tables = (CLASS, classes), (GROUP, groups), (RUN, [run])
+    records = [(arrays, record) for arrays, some in tables for record in some]
+    sized = [(arrays, record, sizes_of(record, run, 1, len(classes), tasks)) for arrays, record in records]
+    per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
+    window = int(run["longest_window"])
+    rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), window)
+    rows = max(COMMUNICATION_ROWS, window + 1) if run.get("n_output", 0) else rows
+    state = 0
+    for pool in POOLS:
+        for arrays, record, sizes in sized:
+            sizes["R"] = rows
+            arrays[pool].place(block, record, sizes)
+            if pool == "state" and arrays is CLASS:
+                record["state"], record["energy"] = record["rest"], record["totals"]
+                own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
+                record |= own
+                sizes |= own  # of copies of the state
+        state = block.size if pool == "state" else state
+    return rows, int(state)

@@ -28,6 +28,9 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
+        "reduced_landing",
+        "stiffness_by_nodes",
+        "_alike",
         "reduced_loads",
         "reduced_trace",
         "reduced_spread",
@@ -42,6 +45,8 @@ _KEPT = frozenset(
 _OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
 
 _ROUND_OFF = 1e-14  # of a trace: share of a unit direction
+_BY_NODES = 500_000  # entries up to which zeros are added: larger matrices are read from memory, zeros too
+_MOST_ADDED = 1.5  # entries with zeros over those without, at most
 
 FactorKind = Literal["float64", "float32", "cg"]
 
@@ -251,6 +256,28 @@ class SubstructureModel:
         return self._reduce(self.stiffness)
 
     @cached_property
+    def reduced_landing(self) -> tuple[sp.csr_array, bool]:
+        """P^T A P (n, n) of the viscosity of the contact layer, and whether it is not all of the damping."""
+        assert self.landing is not None
+        assert self.damping is not None
+        return self._reduce(self.landing), bool(abs(self.damping - self.landing).max() > 0)
+
+    @cached_property
+    def stiffness_by_nodes(self) -> sp.csr_array:
+        """``reduced_stiffness`` with zeros where two nodes are coupled in some directions only. The rows of a node have
+        the same columns then, and are taken together (``kernels.products.half_product``)."""
+        matrix, alike = self.reduced_stiffness, self.__dict__.get("_alike")
+        if matrix.nnz > _BY_NODES:
+            return matrix
+        by_nodes = self._reduce(self.stiffness, zeros=True)
+        if not matrix.nnz < by_nodes.nnz <= _MOST_ADDED * matrix.nnz:
+            return matrix
+        first = by_nodes if alike is None else alike.stiffness_by_nodes
+        if first is not by_nodes and _same_patterns([first], [by_nodes]):
+            by_nodes.indices, by_nodes.indptr = first.indices, first.indptr
+        return by_nodes
+
+    @cached_property
     def operator_pattern(self) -> OperatorPattern:
         """Pattern of the operators of a march: M, K and, where there is one, C."""
         return OperatorPattern(_present(self))
@@ -299,12 +326,15 @@ class SubstructureModel:
         """Transpose of the trace: forces on the interface dofs (n_gamma, n_channel) from forces on the channels."""
         return sp.csr_array(self.at_interface[1].T)
 
-    def _reduce(self, matrix: sp.csr_array) -> sp.csr_array:
+    def _reduce(self, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
+        """P^T A P, with the ``zeros`` among the entries of A where they are wanted and P is a selection."""
         p = self.expansion
         if not _selects(p) or not matrix.has_sorted_indices:
             return sp.csr_array(p.T @ matrix @ p)
         free = np.diff(p.indptr) > 0
-        kept = free[matrix.indices] & (matrix.data != 0.0) & np.repeat(free, np.diff(matrix.indptr))
+        kept = free[matrix.indices] & np.repeat(free, np.diff(matrix.indptr))
+        if not zeros:
+            kept &= matrix.data != 0.0
         counts, rows = np.zeros(len(free), dtype=np.int64), np.flatnonzero(np.diff(matrix.indptr))
         counts[rows] = np.add.reduceat(kept, matrix.indptr[rows], dtype=np.int64)
         indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts[free])])
@@ -400,7 +430,7 @@ def share_patterns(models: Sequence[SubstructureModel]) -> None:
             continue
         for matrix, first in zip(matrices, _present(same), strict=True):
             matrix.indptr, matrix.indices = first.indptr, first.indices
-        model.__dict__["operator_pattern"] = same.operator_pattern
+        model.__dict__["operator_pattern"], model.__dict__["_alike"] = same.operator_pattern, same
 
 
 def _present(model: SubstructureModel) -> list[sp.csr_array]:

@@ -168,6 +168,15 @@ def test_growth(example: ModuleType, tmp_path: Path) -> None:
     assert all(cost > 0.0 for line in lines.values() for _, cost in line)
 
 
+@pytest.mark.parametrize("example", ["small_runs"], indirect=True)
+def test_small_runs(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    found = example.main(["--rounds", "1", "--only", "march", "set-up"])
+    assert list(found) == ["march", "set-up"]
+    assert [len(numbers) for numbers in found.values()] == [5, 2]
+    assert all(0.0 < number < 1e4 for numbers in found.values() for number in numbers)
+    assert len(capsys.readouterr().out.splitlines()) == 7
+
+
 @pytest.mark.parametrize("example", ["against_cholmod"], indirect=True)
 def test_fill_is_that_of_the_dense_factor(example: ModuleType) -> None:
     """A band of three in its own order has no fill; an arrow with its tip first is full."""

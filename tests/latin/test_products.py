@@ -58,8 +58,41 @@ def test_symmetric_sparse_product(m: int) -> None:
     put_symmetric(block, row, "a", matrix, {})
     data = written(block)
     form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]
-    diagonal = data[row["a_diagonal"] :] if m < TILED else matrix.diagonal()
-    products.add_symmetric(41, diagonal, *form, -0.5, m, x.ravel(), out.reshape(-1), scratch(41))
+    if m >= TILED:
+        products.sparse_product(41, *form, -0.5, m, x.ravel(), out.reshape(-1), scratch(41))
+        np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
+        return
+    lower = data[row["a_diagonal"] :], data.view(np.uint32)[row["a_together"] :]
+    for j in range(m):
+        total = out[:, j].copy()
+        products.half_product(0, 41, *lower, *form, -0.5, x[:, j].copy(), total)
+        np.testing.assert_allclose(total, expected[:, j], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 26), (0, 9), (4, 17), (11, 26), (25, 26)])
+def test_rows_of_a_node_are_taken_together(low: int, high: int) -> None:
+    """Full blocks between nodes of one to four unknowns: the rows from ``low`` to ``high`` and their reflections, to
+    the same bits as one after the other."""
+    sizes = np.array([3, 1, 2, 4, 3, 3, 2, 3, 1, 4])
+    nodes = np.kron(RNG.random((10, 10)) < 0.5, [[1.0]]) + np.eye(10)
+    matrix = np.repeat(np.repeat(nodes + nodes.T > 0, sizes, axis=0), sizes, axis=1) * RNG.normal(size=(26, 26))
+    a = sp.csr_array(np.tril(matrix) + np.tril(matrix, -1).T)
+    block, row = Block(), {"m": 1, "n_piece": 0}
+    put_symmetric(block, row, "a", a, {})
+    data = written(block)
+    form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]
+    diagonal, together = data[row["a_diagonal"] :], data.view(np.uint32)[row["a_together"] :][:26]
+    first = np.cumsum(sizes) - sizes
+    assert (together[first] >= np.minimum(sizes, 3)).all()
+    assert together.max() == 3
+    x, start = RNG.normal(size=(2, 26))
+    out, one_by_one = start.copy(), start.copy()
+    products.half_product(low, high, diagonal, together, *form, 0.7, x, out)
+    products.half_product(low, high, diagonal, np.ones_like(together), *form, 0.7, x, one_by_one)
+    np.testing.assert_array_equal(out, one_by_one)
+    rows = np.zeros((26, 26))
+    rows[low:high] = np.tril(a.toarray())[low:high]
+    expected = start + 0.7 * ((rows + rows.T - np.diag(rows.diagonal())) @ x)
     np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
 
 

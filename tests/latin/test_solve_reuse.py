@@ -11,6 +11,7 @@ import latin_fmu
 from latin_fmu.kernels import entries
 from latin_fmu.latin.run_image import reuse_bound
 from latin_fmu.latin.settings import Settings
+from latin_fmu.propagator.image import take_marched
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
 Tables = dict[str, Any]
@@ -69,7 +70,7 @@ def linear(run: Any, q: np.ndarray, iteration: int) -> tuple[np.ndarray, int]:
     n, image = len(q), run.image
     image.field("q", n, image.n_flat)[:] = q
     image.call(entries.LINEAR_STAGE, n, 1, iteration)
-    return image.field("w", n, image.n_flat).copy(), sum(image.marched())
+    return image.field("w", n, image.n_flat).copy(), sum(take_marched(image))
 
 
 def open_window(run: Any, n: int, reuse: float) -> None:
@@ -78,7 +79,7 @@ def open_window(run: Any, n: int, reuse: float) -> None:
     run.image.call(entries.BEGIN)
     for c in range(len(run.image.propagators) if n == 1 else 0):
         run.image.call(entries.PREDICT, c, 1)
-    run.image.marched()
+    take_marched(run.image)
 
 
 @pytest.mark.parametrize("n", [1, WINDOW])

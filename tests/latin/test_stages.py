@@ -9,6 +9,7 @@ import pytest
 
 from latin_fmu.kernels import entries
 from latin_fmu.latin.run_image import Stages
+from latin_fmu.propagator.image import take_marched
 
 Array = np.ndarray
 WINDOW = 8
@@ -258,11 +259,11 @@ def test_a_trial_has_no_consequences(run_: Any) -> None:
 
 
 def test_marched_substructure_instants_are_counted(run_: Any) -> None:
-    run_.image.marched()
+    take_marched(run_.image)
     for n in (1, 3):
         for _ in range(2):
             linear(run_, incoming(run_, n))
             run_.image.call(entries.REWIND)
-        marched, condensed = run_.image.marched()
+        marched, condensed = take_marched(run_.image)
         assert marched + condensed == 2 * n * 2
         assert (marched == 0) == (n == 1)
