@@ -59,8 +59,10 @@ def channel_k(assembly: Assembly, search: SearchDirection, window: int) -> tuple
         k, choice = _static(assembly), "stiffness"
     elif kind == "row":
         k, choice = _row(assembly), "row"
-    else:
+    elif kind == "resolved":
         k, choice = _resolved(assembly)
+    else:
+        raise ValueError(f"search direction {kind!r} is not one of those of the table above")
     k = search.factor * k
     k[assembly.rigid] = 0.0
     return k, choice
