@@ -117,10 +117,11 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
 
     With the expected order p, the last refinement by r extrapolates to e = change / (r^p - 1) at the run; so does the
     one before, to e' (e without a third run); d is the change by the time step alone on the mesh of the second run,
-    over r^p. The sum of the three holds where one of them is small by chance. s is the safety factor of the quantity.
+    over r^p. The sum of the three holds where one of them is small by chance. s is the safety factor of the
+    quantity, larger where the sequence is irregular: the observed order is not within ``ORDER_BAND`` of p, or the
+    floor is larger than the sum.
     The error is at least the floor of a force that jumps, that of the sampled loads and, of a raw peak, the change by
-    the time step alone; the error left by the iteration is added. It is a bound where the observed order is not within
-    ``ORDER_BAND`` of p, and where the floor is larger than the sum.
+    the time step alone; the error left by the iteration is added. Of an irregular sequence it is only a bound.
     """
     p = expected_order(definition, changes.front)
     ratio, second = changes.ratios
@@ -133,6 +134,8 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
     if definition is PEAK_FORCE_RAW and not math.isnan(changes.steps):
         floor = max(floor, changes.steps)
     regular = abs(changes.order - p) <= ORDER_BAND and floor <= error
+    if not regular:
+        error *= definition.irregular
     return max(error, floor) + changes.iteration, not regular
 
 

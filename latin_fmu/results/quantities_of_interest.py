@@ -28,9 +28,11 @@ FLOOR: Final = 1e-3
 class QuantityOfInterest:
     """Definition of a quantity and the constants of its error estimate (``accuracy.estimate.estimated_error``).
 
-    The safety factors are chosen so that the estimates of at least 95 % of the cases with closed solutions of
-    ``tests/verification/test_error_estimate.py`` are not below the true error (mesh and step at 1/2 to 2 times those
-    written), with a median of estimated over true error below 2 and 90 % of the cases below 3, raw peaks aside.
+    The factors are chosen so that the estimates of nine tenths of the cases of random chains of unlike bars with exact
+    answers are not below the true error (``tests/verification/strangers.py``, even seeds). Where the observed order is
+    the expected one the safety factor does that alone; where it is not, which is most of the cases there, changes
+    between the runs say less, and the bound is wider. Those of friction work are from scenes with closed solutions
+    (``tests/verification/test_error_estimate.py``).
 
     Attributes
     ----------
@@ -38,7 +40,7 @@ class QuantityOfInterest:
     long_name : what it is. scale : what its error is divided by.
     order : expected order of convergence when mesh and time step are refined together, with fronts: 1, but 1/2 for the
         L2 norm of a force that jumps. Twice that without fronts.
-    safety : factor on the extrapolated changes.
+    safety : factor on the extrapolated changes. irregular : further factor where their order is not the expected one.
     iteration : error left by the iteration, over the tolerance on sqrt(eta); largest measured on eight scenes.
     """
 
@@ -47,6 +49,7 @@ class QuantityOfInterest:
     long_name: str
     scale: str
     safety: float
+    irregular: float
     order: float
     iteration: float
 
@@ -55,27 +58,29 @@ def _defined(text: str) -> tuple[QuantityOfInterest, ...]:
     """Definitions from lines of their attributes; an error of the iteration ``-`` is the common one."""
     made = []
     for key, unit, long_name, scale, *numbers in cells_of(text):
-        safety, order, iteration = (ITERATION_ERROR if number == "-" else float(number) for number in numbers)
-        made.append(QuantityOfInterest(key, unit, long_name, scale, safety, order, iteration))
+        safety, irregular, order, left = (ITERATION_ERROR if number == "-" else float(number) for number in numbers)
+        made.append(QuantityOfInterest(key, unit, long_name, scale, safety, irregular, order, left))
     return tuple(made)
 
 
 QUANTITIES_OF_INTEREST: Final = _defined(
     """
-    impulse | N s | normal force integrated over time | integral of the magnitude of the force | 1.15 | 1 | -
+    impulse | N s | normal force integrated over time | integral of the magnitude of the force | 1.15 | 1.3 | 1 | -
     first_contact | s | instant at which the normal force first exceeds 1 % of its peak (after a gap: at which the \
-        gap closes) | the instant itself, at least a hundredth of the interval | 0.75 | 1 | 0.15
+        gap closes) | the instant itself, at least a hundredth of the interval | 0.95 | 1.3 | 1 | 0.15
     separation | s | instant from which on the normal force stays below 1 % of its peak \
-        | the instant itself, at least a hundredth of the interval | 1.1 | 1 | 0.3
-    peak_force | N | largest mean of the normal force over the peak duration | itself | 1.35 | 1 | -
-    peak_force_raw | N | largest normal force of all instants; has no limit where bodies land | itself | 2.0 | 1 | -
+        | the instant itself, at least a hundredth of the interval | 1.1 | 1.5 | 1 | 0.3
+    peak_force | N | largest mean of the normal force over the peak duration | itself | 1.35 | 2.2 | 1 | -
+    peak_force_raw | N | largest normal force of all instants; has no limit where bodies land \
+        | itself | 2.0 | 1.9 | 1 | -
     friction_work | J | work dissipated by friction | itself, a thousandth of impulse x largest velocity at least \
-        | 0.45 | 1 | 2.0
-    force_history | N s0.5 | normal force over time, distance in L2 | L2 norm of the force | 0.48 | 0.5 | 1.0
-    displacement | m | displacement of a sensor at the end | largest displacement of the sensor | 1.05 | 1 | -
+        | 0.45 | 1 | 1 | 2.0
+    force_history | N s0.5 | normal force over time, distance in L2 | L2 norm of the force | 0.48 | 1 | 0.5 | 1.0
+    displacement | m | displacement of a sensor at the end | largest displacement of the sensor | 1.05 | 1 | 1 | -
     """
 )
-"""All definitions, in the order of tables: key, unit, long name, scale, safety, order, error of the iteration."""
+"""All definitions, in the order of tables: key, unit, long name, scale, safety, its increase where the sequence is
+irregular, order, error of the iteration."""
 IMPULSE, FIRST_CONTACT, SEPARATION, PEAK_FORCE, PEAK_FORCE_RAW, FRICTION_WORK, FORCE_HISTORY, DISPLACEMENT = (
     QUANTITIES_OF_INTEREST
 )

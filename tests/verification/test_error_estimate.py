@@ -1,9 +1,10 @@
 """The estimated error against the true one, on scenes with closed solutions at several resolutions.
 
 Limits, raw peaks aside: the estimate is at least the true error in 95 % of the (scene, resolution, quantity) cases;
-estimated over true error has a median of at most 2 and is at most 3 in 90 % of the cases. Errors below 0.1 % count as
+estimated over true error has a median of at most 2.5 and is at most 5 in 90 % of the cases. Errors below 0.1 % count as
 0.1 %. Of a raw peak the coverage alone counts: where a force jumps it carries a floor of 12 %. The safety factors were
-chosen with the resolutions SEEN; UNSEEN ones check that they are not fitted to them.
+chosen with the resolutions SEEN; UNSEEN ones check that they are not fitted to them, and ``strangers`` that they
+are not fitted to these scenes.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from latin_fmu.accuracy.runs import Resolution, at_resolution, measure_solution
 from latin_fmu.results.quantities_of_interest import FLOOR
 
 from .known_answers import Known, known, named
+from .strangers import chain, judged, table
 
 SEEN, UNSEEN = (0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0), (0.66, 0.93, 1.1, 1.55, 1.85)
 
@@ -71,7 +73,7 @@ def check(compared: list[Compared]) -> None:
     covered = [np.mean([c.covered for c in some]) for some in (others, raw)]
     lines = [
         f"{len(others)} cases: estimated at least the true error in {100 * covered[0]:.1f} %",
-        f"estimated over true error: median {np.median(ratios):.2f}, at most 3 in {100 * np.mean(ratios <= 3.0):.1f} %",
+        f"estimated over true error: median {np.median(ratios):.2f}, at most 5 in {100 * np.mean(ratios <= 5.0):.1f} %",
         f"{len(raw)} raw peaks: estimated at least the true error in {100 * covered[1]:.1f} %",
         *(f"  missed  {c}" for c in compared if not c.covered),
         *(f"  loose   {c}" for c in others if c.ratio > 5.0),
@@ -79,8 +81,8 @@ def check(compared: list[Compared]) -> None:
     counts = "\n".join(lines)
     sys.stdout.write(counts + "\n")  # shown by pytest -rA: the counts behind the promise
     assert min(covered) >= 0.95, counts
-    assert np.median(ratios) <= 2.0, counts
-    assert np.mean(ratios <= 3.0) >= 0.9, counts
+    assert np.median(ratios) <= 2.5, counts
+    assert np.mean(ratios <= 5.0) >= 0.9, counts
 
 
 def test_estimates_of_two_scenes_are_safe() -> None:
@@ -90,8 +92,36 @@ def test_estimates_of_two_scenes_are_safe() -> None:
 
 
 @pytest.mark.slow
+def test_estimates_are_safe_on_chains_that_set_no_constant() -> None:
+    """Limits: nine cases of ten are covered for each quantity, of peaks eight."""
+    judge = list(judged(range(1, 121, 2)))
+    for key in (
+        "impulse",
+        "first_contact",
+        "separation",
+        "peak_force",
+        "force_history",
+        "displacement",
+        "peak_force_raw",
+    ):
+        ratios = np.array([case.told / case.true for case in judge if case.quantity.endswith(f".{key}")])
+        assert np.mean(ratios >= 1.0) >= (0.8 if "peak" in key else 0.9), table(judge)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("resolutions", [SEEN, UNSEEN], ids=["seen", "unseen"])
 def test_estimates_are_safe_and_not_idle(resolutions: Sequence[float]) -> None:
     compared = cases(known(), resolutions)
     assert len(compared) > 500
     check(compared)
+
+
+def test_a_chain_of_a_seed_is_solved_exactly() -> None:
+    """Three times finer, its impulses and the way of its first end are at least 1.6 times nearer to the exact ones."""
+    problem, errors = chain(8), []
+    for level in (1.0, 3.0):
+        scene = at_resolution(problem.scene, Resolution(level, level))
+        measured = measure_solution(problem.scene, latin_fmu.solve(scene))
+        names = ("face0.impulse", "face1.impulse", "foot.displacement")
+        errors.append([measured.error(name, problem.exact) for name in names])
+    assert (np.array(errors[1]) < np.array(errors[0]) / 1.6).all(), errors
