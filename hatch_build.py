@@ -2,6 +2,9 @@
 Linux and Windows (x86-64), on which compiled FMUs run, and the libraries of other FMUs for all platforms: an FMU made
 on one runs on the others. It carries the models of ``latin-fmu demo``, too.
 
+Libraries of compiled FMUs for AArch64 (Linux, macOS) are those of a source tree, or of a wheel for that machine: they
+are 0.4 MB each in a wheel that may have 2, and a pass of the optimiser each in every build.
+
 ``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
 without a library, whose kernels numba compiles at the first run. An editable install compiles the library of this
 machine into ``build/``, where the package finds it until a kernel changes; then see ``python -m latin_fmu.aot``.

@@ -279,7 +279,11 @@ def _description(facts: Facts, fmi: Fmi) -> bytes:
 
 def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
     """Every file of the compiled FMU for co-simulation, by path inside the archive; ``note`` for its documentation."""
-    known = libraries()
+    known = {name: code for name, code in libraries().items() if fmi in bridge.PLATFORMS[name]}
+    if not known:
+        remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
+        problem = Problem("--fmi", "has no platform for the libraries that are here", fmi, None, remedy)
+        raise InputError([problem], "the FMU cannot be compiled")
     scene = completed(scene)
     run = compiled_run(scene, fmi)
     _check_size(run.table, fmi)
@@ -287,9 +291,8 @@ def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
     return {
         **_shared_files(facts, fmi),
         **{
-            f"binaries/{bridge.PLATFORMS[name][fmi]}/{facts.identifier}.{'dll' if 'windows' in name else 'so'}": code
+            f"binaries/{bridge.PLATFORMS[name][fmi]}/{facts.identifier}{library.suffix(name)}": code
             for name, code in known.items()
-            if fmi in bridge.PLATFORMS[name]
         },
         "resources/image.bin": run.image,
         "resources/variables.bin": run.variables,

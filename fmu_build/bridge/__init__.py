@@ -25,7 +25,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from latin_fmu.compiled.library import target
+from latin_fmu.compiled.library import suffix, target
 
 HERE: Final = Path(__file__).parent
 BUILD: Final = HERE.parents[1] / "build"
@@ -40,7 +40,6 @@ PLATFORMS: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
 )
 """Folders below ``binaries`` by target and version of the FMI."""
 
-_SUFFIXES: Final = MappingProxyType({"linux": ".so", "windows": ".dll", "darwin": ".dylib"})
 _WARNINGS: Final = ("-Wall", "-Wextra", "-Werror")
 
 
@@ -54,7 +53,7 @@ def file_name(target: str) -> str:
     digest = hashlib.sha256()
     for path in (HERE / "bridge.h", *sources()):
         digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
-    return f"_bridge-{target}-{digest.hexdigest()[:12]}{_SUFFIXES[target.partition('-')[0]]}"
+    return f"_bridge-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
 
 
 def libraries() -> dict[str, Path]:
@@ -89,6 +88,8 @@ def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
         made = Path(place) / library.name
         options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
         libraries = [] if target.startswith("windows") else ["-ldl"]
+        if target.startswith("darwin"):
+            libraries.append(f"-Wl,-install_name,@rpath/{library.name}")
         command = [*compiler, *options, "-o", str(made), *map(str, sources()), *libraries]
         environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(folder / "zig"))
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})

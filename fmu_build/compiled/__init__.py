@@ -119,7 +119,10 @@ def libraries() -> dict[str, bytes]:
     made = {path.stem.removeprefix("_kernels-"): path.read_bytes() for path in library.shipped()}
     fit = {target: content for target, content in made.items() if known in content}
     if not fit:
-        remedy = "install a wheel, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
+        remedy = (
+            "install a wheel, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64 (of "
+            f"{', '.join(linking.TARGETS)} those on which it is to run)"
+        )
         problem = Problem("--compiled", "the library of compiled kernels is missing here", None, None, remedy)
         raise InputError([problem], "the FMU cannot be compiled")
     return fit

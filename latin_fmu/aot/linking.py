@@ -25,7 +25,8 @@ class Target:
 
     Attributes
     ----------
-    triple : LLVM's name. cpu, features : the least processor the code runs on. zig : the name by which zig links.
+    triple : LLVM's name. cpu : the least processor the code runs on (generic: every one of AArch64). zig : the name by
+    which zig links.
     """
 
     triple: str
@@ -36,7 +37,7 @@ class Target:
 TARGETS: Final[Mapping[str, Target]] = MappingProxyType(
     {
         "linux-x86_64": Target("x86_64-unknown-linux-gnu", "x86-64-v3", "x86_64-linux-gnu.2.17"),
-        "linux-aarch64": Target("aarch64-unknown-linux-gnu", "neoverse-n1", "aarch64-linux-gnu.2.17"),
+        "linux-aarch64": Target("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
         "windows-x86_64": Target("x86_64-w64-windows-gnu", "x86-64-v3", "x86_64-windows-gnu"),
         "darwin-aarch64": Target("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0"),
     }
@@ -182,6 +183,8 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             *(str(path) for path in functions() if path.suffix == ".c"),
             *(() if "windows" in target.zig else ("-lm",)),
             *(("-Wl,--no-undefined",) if "linux" in target.zig else ()),
+            # the name by which others would link it, and not the path where it is made
+            *((f"-Wl,-install_name,@rpath/{library.name}",) if "macos" in target.zig else ()),
         ]
         cache = str(library.parent / "zig")  # nothing is written into the user's home
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}

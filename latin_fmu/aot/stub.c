@@ -42,7 +42,7 @@ EXPORT int latin_fmu_fits(void)
     __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(0x80000001u), "c"(0));
     return (c >> 5 & 1) != 0; /* LZCNT */
 #else
-    return 1;
+    return 1; /* the code is for every AArch64, on macOS for the first of its processors */
 #endif
 }
 

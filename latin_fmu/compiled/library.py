@@ -22,6 +22,7 @@ from typing import Any, Final
 PACKAGE: Final = Path(__file__).resolve().parents[1]
 _MARKS: Final = (b"@kernel", b"@ordered_kernel", b"@entry", b"@lazy_intrinsic")  # sources that hold kernels
 _MACHINES: Final = MappingProxyType({"amd64": "x86_64", "arm64": "aarch64"})
+_SUFFIXES: Final = MappingProxyType({"linux": ".so", "windows": ".dll", "darwin": ".dylib"})
 
 
 def target() -> str:
@@ -30,9 +31,14 @@ def target() -> str:
     return f"{'windows' if sys.platform == 'win32' else sys.platform}-{_MACHINES.get(machine, machine)}"
 
 
+def suffix(target: str) -> str:
+    """Suffix of the names of libraries on the operating system of a target; ``.so`` on others."""
+    return _SUFFIXES.get(target.partition("-")[0], ".so")
+
+
 def file_name(target: str) -> str:
     """Name of the library for an operating system and processor."""
-    return f"_kernels-{target}.{'dll' if target.startswith('windows') else 'so'}"
+    return f"_kernels-{target}{suffix(target)}"
 
 
 def kernel_sources(package: Path) -> list[Path]:
@@ -117,7 +123,7 @@ def shipped() -> list[Path]:
         path.name: path
         for folder in (PACKAGE.parent / "build", PACKAGE)
         for path in folder.glob("_kernels-*.*")
-        if path.suffix in (".so", ".dll") and known in path.read_bytes()
+        if path.suffix in _SUFFIXES.values() and known in path.read_bytes()
     }
     return sorted(libraries.values())
 

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 import xarray as xr
 from fmpy.fmi1 import FMICallException
 
+import fmu_build.build
 from fmu_build.bridge import zig
 from fmu_build.build import build_fmu, compiled_files
 from fmu_build.checks import validate
@@ -32,12 +34,14 @@ from latin_fmu.cosim.variables import with_laws
 from latin_fmu.errors import InputError
 from latin_fmu.scene.laws import TableLaw
 from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.settings import NoAcceleration
 
 from .host import Host
 from .scenes import bar, blocks
 
 DT = 0.2e-6
 LIMIT = 1e-9  # of the peak
+PLAIN = NoAcceleration(type="none")
 pytestmark = pytest.mark.skipif(
     library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
 )
@@ -143,6 +147,40 @@ def test_a_library_without_these_functions_is_not_used(monkeypatch):
     monkeypatch.setattr(linking, "functions_digest", lambda: "of other C files")
     with pytest.raises(InputError, match="the library of compiled kernels is missing here; install a wheel"):
         libraries()
+
+
+@pytest.mark.parametrize(("solver", "stops"), [({}, 28), ({"acceleration": PLAIN, "max_iterations": 2000}, None)])
+def test_a_time_step_that_stalls_is_made_without_acceleration(tmp_path, solver, stops):
+    """A stalled acceleration needs a fall-back, which the compiled FMU has not; the plain iteration does not stall."""
+    given = load_scene(Path(__file__).parents[2] / "models" / "gripped_bar" / "scene.toml")
+    given = given.model_copy(update={"solver": given.solver.model_copy(update=solver)})
+    with closing(Host(build_fmu(given, tmp_path / "bar.fmu", "2", compiled=True), tmp_path / "fmu")) as host:
+        host.start()
+        made = [host.step(0.1 * i, 0.1) for i in range(50 if stops is None else stops + 1)]
+        assert made == [i != stops for i in range(len(made))], host.messages
+        if stops is None:
+            sensor, names = solve(given).sensors["end"], [f"sensor.end.displacement[{i}]" for i in (1, 2, 3)]
+            assert host.read(names) == pytest.approx(
+                sensor.displacement[-1], abs=LIMIT * np.abs(sensor.displacement).max()
+            )
+
+
+def test_each_platform_has_its_folder(monkeypatch):
+    """FMI 2 has none for AArch64, and an FMU without a library is refused."""
+    monkeypatch.setattr(fmu_build.build, "libraries", lambda: dict.fromkeys(linking.TARGETS, b"code"))
+    folders = {
+        fmi: {name for name in compiled_files(scene(), fmi) if name.startswith("binaries/")} for fmi in ("2", "3")
+    }
+    assert folders["2"] == {"binaries/linux64/blocks.so", "binaries/win64/blocks.dll"}
+    assert folders["3"] == {
+        "binaries/x86_64-linux/blocks.so",
+        "binaries/x86_64-windows/blocks.dll",
+        "binaries/aarch64-linux/blocks.so",
+        "binaries/aarch64-darwin/blocks.dylib",
+    }
+    monkeypatch.setattr(fmu_build.build, "libraries", lambda: {"linux-aarch64": b"code"})
+    with pytest.raises(InputError, match="no platform for the libraries that are here"):
+        compiled_files(scene(), "2")
 
 
 def test_the_command(tmp_path, capsys):
