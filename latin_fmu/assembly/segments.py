@@ -192,7 +192,7 @@ class SegmentState:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
         assembly = self.problem.assembly
         if self.run is None:
-            return {i: GroundState(np.zeros(3), None) for i in assembly.ground_start}
+            return {i: GroundState(np.zeros(3), None) for i in assembly.ground.start}
         image = self.run.image
         motions, ground = unpacked_motions(assembly, image.field("motion_state", motion_size(assembly)).copy())
         for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
@@ -380,7 +380,7 @@ class SegmentedRun(SegmentState):
             if not group.behaviour.elastic and (gaps[g] < -_DEEPEST * size).any():
                 raise unlike("state", f"a gap of {gaps[g].min():g} m, which no contact of this scene can have")
             for i, members in group.members.items():
-                given = () if i in assembly.ground_start else (stated[assembly.interfaces[i].name], own[g][members])
+                given = () if i in assembly.ground.start else (stated[assembly.interfaces[i].name], own[g][members])
                 if any((np.abs(known - gaps[g][members]) > _SAME_GAP * size).any() for known in given):
                     raise unlike("state", "gaps that do not follow from its displacements")
 
@@ -388,14 +388,14 @@ class SegmentedRun(SegmentState):
 # -- motions from outside: part of the state in the image --------------------------------------------------------------
 def motion_size(assembly: Assembly) -> int:
     """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
-    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground_start)
+    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground.start)
 
 
 def packed_motions(assembly: Assembly, instant: int) -> Array:
     """These numbers at an instant of the segment."""
     forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[0]]
-    ends = assembly.ground_end(instant)
-    of_ground = [np.asarray(field) for i in assembly.ground_start for field in ends[i]]
+    ends = assembly.ground.end(instant)
+    of_ground = [np.asarray(field) for i in assembly.ground.start for field in ends[i]]
     return np.concatenate([np.zeros(0), *(f.motion_table()[:, instant].ravel() for f in forcings), *of_ground])
 
 
@@ -406,7 +406,7 @@ def unpacked_motions(assembly: Assembly, state: Array) -> tuple[list[list[Motion
         u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
         motions.append([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
         at += 3 * k * m
-    grounds = enumerate(assembly.ground_start)
+    grounds = enumerate(assembly.ground.start)
     return motions, {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in grounds}
 
 

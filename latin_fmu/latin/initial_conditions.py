@@ -49,7 +49,7 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         * assembly.characteristic_traction
         * float(assembly.layout.area.sum())
     )
-    ground = assembly.initial_ground_acceleration()
+    ground = assembly.ground.initial_acceleration()
     accelerates = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
     closed = closed_points(assembly)
     accelerates |= bool(closed) and any(p.channel_velocity().any() for p in propagators)  # friction brakes sliding
@@ -98,7 +98,7 @@ def _free_accelerations(
 ) -> tuple[Array, list[Any]]:
     """Accelerations (n_flat,) of the channels under the forces ``unbalance``, and per class the accelerations
     (n_channel, n_channel) due to unit forces on its channels (``Propagator.initial_channels``)."""
-    acceleration, compliances = assembly.initial_ground_acceleration(), []
+    acceleration, compliances = assembly.ground.initial_acceleration(), []
     for propagator, channels, force, factor in zip(
         assembly.propagators, assembly.channels, unbalance, factors, strict=True
     ):

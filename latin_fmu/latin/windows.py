@@ -26,7 +26,7 @@ from .part import Part
 from .recorder import Recorder
 from .run_image import rules
 from .run_state import ONE, SAMPLED
-from .settings import Settings
+from .settings import SolverSettings
 from .solver import MOST_REFUSALS, Observer, Progress, StopError, WindowFields, WindowRun
 
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
@@ -69,7 +69,7 @@ class Run(WindowRun):
     def __init__(
         self,
         assembly: Assembly,
-        settings: Settings,
+        settings: SolverSettings,
         recorder: Recorder,
         timings: Timings,
         observer: Observer | None = None,

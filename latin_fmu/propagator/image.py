@@ -28,7 +28,7 @@ from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..time_scheme.scheme import coefficients
 from . import class_record, layout
-from .class_record import Block
+from .class_record import BlockLayout
 from .model import Array, Index
 
 Fields = dict[str, Any]
@@ -48,7 +48,7 @@ class _Direction:
     groups: list[Fields]
 
 
-def _placed(fields: Mapping[str, Any], block: Block) -> Fields:
+def _placed(fields: Mapping[str, Any], block: BlockLayout) -> Fields:
     """Numbers as they are, arrays and matrices by their places in a block."""
     placed: Fields = {}
     for name, value in fields.items():
@@ -194,7 +194,7 @@ class Image:
         self.run = np.zeros(1, dtype=RUN)
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
-        fixed = Block()
+        fixed = BlockLayout()
         halves: class_record.Halves = {}
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
@@ -238,13 +238,13 @@ class Image:
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
         """Places of state, work and output."""
-        block = Block()
+        block = BlockLayout()
         self.rows, self._n_state = layout.place_moving(block, self._run, self._groups, self._rows)
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
-        block = Block(self._tail)
+        block = BlockLayout(self._tail)
         fields = [class_record.histories(block, row, p) for row, p in zip(self._rows, self.propagators, strict=True)]
         self._kinds = [propagator.forcing.kind for propagator in self.propagators]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
@@ -302,9 +302,9 @@ class Image:
 
     def _place(
         self, start: int, run: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
-    ) -> tuple[_Direction, Block]:
+    ) -> tuple[_Direction, BlockLayout]:
         """The direction that is bound to the propagators, from ``start`` on in the fixed block."""
-        block = Block(start)
+        block = BlockLayout(start)
         own_run = _placed(run, block)
         rows = [
             class_record.direction(block, p, row, own_run) for p, row in zip(self.propagators, self._rows, strict=True)
