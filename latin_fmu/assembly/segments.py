@@ -20,6 +20,7 @@ from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
+from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import MotionState
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
@@ -202,12 +203,12 @@ class SegmentState:
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
         propagator, member = self._place(substructure)
-        return propagator.full_displacement(member)
+        return full_displacement(propagator, member)
 
     def velocity(self, substructure: str) -> Array:
         """Velocities of all nodes of a substructure at the present time, (n_node, 3), m s-1."""
         propagator, member = self._place(substructure)
-        return propagator.full_velocity(member)
+        return full_velocity(propagator, member)
 
     def _place(self, substructure: str) -> tuple[Propagator, int]:
         """Propagator of a substructure, and its number there."""
@@ -436,7 +437,7 @@ def _check_opening(inputs: Collection[str], tree: Any) -> None:
 def _check_marks(run: Run) -> None:
     """Check the numbers of the present state that the kernels decide by. Raises InputError."""
     for c, propagator in enumerate(run.assembly.propagators):
-        image, moves = run.image, any(field.any() for field in propagator.state[1:])
+        image, moves = run.image, any(field.any() for field in propagator.state.fields)
         if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
             raise unlike("state.state", "a body that moves is marked as one at rest")
         if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):

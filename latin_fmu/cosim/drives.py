@@ -159,7 +159,7 @@ class Drives:
     def opening(self) -> list[Array]:
         """Initial state: u, v, a and residual of the classes, f_hat and w_hat."""
         fields = initial_conditions(self.assembly)
-        return [*(x.ravel() for p in self.assembly.propagators for x in p.state[1:]), *fields]
+        return [*(x.ravel() for p in self.assembly.propagators for x in p.state.fields), *fields]
 
     def inertia(self) -> list[float]:
         """Largest nodal force of inertia of each class at the first instant, N, that its motion from outside brings."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..interface import Behaviour, InterfaceGeometry
 from ..interface.laws import NoSlip
 from ..propagator import Propagator
+from ..propagator.base import channel_displacement, channel_velocity
 from ..propagator.interface_probing import Points
 from ..time_scheme import QuasiStatic, TimeScheme
 
@@ -393,7 +394,7 @@ class Assembly:
     # -- the present state ------------------------------------------------------------------------------------------
     def displacement(self) -> Array:
         """Displacement (n_flat,) of every channel that the gaps of the present state follow from, m."""
-        u, instant = self.gather([p.channel_displacement() for p in self.propagators]), self.instant
+        u, instant = self.gather([channel_displacement(p) for p in self.propagators]), self.instant
         self.ground.write(u, lambda i: self.ground.displacement(i, instant))
         offset = self.scheme.gap_offset(self.dt)
         if offset and len(self.ground.channels):  # by which the displacements of the propagators are ahead
@@ -404,7 +405,7 @@ class Assembly:
 
     def velocity(self) -> Array:
         """Velocity (n_flat,) of every channel in the present state, m s-1."""
-        v, instant = self.gather([p.channel_velocity() for p in self.propagators]), self.instant
+        v, instant = self.gather([channel_velocity(p) for p in self.propagators]), self.instant
         self.ground.write(v, lambda i: self.ground.velocity[i][instant])
         return v
 

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from ..kernels.energy_parts import TERMS
+from ..propagator.base import full_displacement, full_velocity
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream, joined_rows
@@ -65,7 +66,7 @@ class StoredFields:
         for c, propagator in enumerate(assembly.propagators):
             for member, name in enumerate(propagator.names):
                 if whole is None:
-                    motion: list[Any] = [[propagator.full_displacement(member)], [propagator.full_velocity(member)]]
+                    motion: list[Any] = [[full_displacement(propagator, member)], [full_velocity(propagator, member)]]
                 else:
                     motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
                 recover, made = self._info[name].stress, dict[str, Any]()

@@ -18,7 +18,7 @@ from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
-from ..propagator.image import Image
+from ..propagator.image import Image, ImageClass
 from ..propagator.layout import COMMUNICATION_ROWS
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
@@ -105,18 +105,17 @@ def make_image(
     groups = [_group_fields(group, static) for group in layout.groups]
     # the first segment of a co-simulation may be shorter than those after it
     longest = max(assembly.n_instant, COMMUNICATION_ROWS - 1) if more.get("n_output") else assembly.n_instant
+    none = [None] * len(assembly.propagators)
+    rows = (none, none) if probes is None else (probes.slide.rows, probes.rows)
+    divided = [False] * len(none) if part is None else part.divided
     return Image(
-        assembly.propagators,
-        assembly.channels,
+        [ImageClass(*of) for of in zip(assembly.propagators, assembly.channels, *rows, divided, strict=True)],
         layout.normal,
-        None if probes is None else probes.slide.rows,
         run,
         groups,
         min(settings.window or longest, longest),
         len(assembly.time),
         histories(assembly, None if part is None else part.whole),
-        None if probes is None else probes.rows,
-        None if part is None else part.divided,
     )
 
 

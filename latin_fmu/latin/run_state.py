@@ -390,12 +390,12 @@ class RunState(RunImage):
         if self._exchange is not None:
             self._joined = self._exchange.whole(self.f_hat[None])[0]
         processes.forget()
-        ends = [(p.state[1:], p.sampled) for p in self.held.propagators]
+        ends = [(p.state.fields, p.sampled) for p in self.held.propagators]
         parts = [iter(part) for part in processes.collect(ends)]
         for owner, propagator in zip(self.assembly.owner, self.assembly.propagators, strict=True):
             motion, sampled = next(parts[owner])
             if owner != processes.rank:
-                propagator.restore((propagator.instant, list(motion), None))
+                propagator.state.set(*motion)
                 propagator.sampled[:] = sampled
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:

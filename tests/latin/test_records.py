@@ -333,7 +333,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
         assert last == begun + instants
         state = {"state": run.image.state.copy(), "f": run.recorder.rows.f_hat[first : last + 1].copy()}
         for c, p in enumerate(run.assembly.propagators):
-            state |= {f"{c} {term}": values for term, values in p.totals.items()}
+            state |= {f"{c} {term}": values for term, values in p.alone.totals.items()}
         return state
 
     on()
