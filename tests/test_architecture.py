@@ -24,7 +24,7 @@ MODULES = tuple(sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py
 SOURCES = (*sorted(PACKAGE.rglob("*.py")), *sorted((PACKAGE.parent / "fmu_build").rglob("*.py")))
 TESTS = tuple(sorted(Path(__file__).parent.rglob("*.py")))
 LONGEST_FILE, LONGEST_BODY, SMALLEST_MEDIAN = 800, 60, 200  # lines
-LONGEST_CLASS, MOST_METHODS, MOST_PARAMETERS = 250, 20, 7
+LONGEST_CLASS, MOST_METHODS, MOST_PARAMETERS, MOST_OF_KERNEL = 250, 20, 7, 12
 
 # Each layer may import those before it, never its own neighbours or those after it.
 LAYERS: tuple[tuple[str, ...], ...] = (
@@ -397,16 +397,16 @@ def test_classes_are_not_too_large() -> None:
 
 
 def test_signatures_are_not_too_long() -> None:
-    """Outside kernels, which take arrays and numbers one by one. Functions of ``latin_fmu.__all__`` may have any number
-    of options that are given by keyword: a script names the one that it needs, and would have to import a further
-    class to say the same through an object."""
+    """Kernels take arrays and numbers one by one, and may have more. Functions of ``latin_fmu.__all__`` may have any
+    number of options that are given by keyword: a script names the one that it needs, and would have to import a
+    further class to say the same through an object."""
     long = []
     for path, node in functions():
         public = getattr(latin_fmu, node.name) if node.name in latin_fmu.__all__ else None
         offered = public is not None and public.__module__.endswith(f".{path.stem}")
         given = [*node.args.posonlyargs, *node.args.args, *([] if offered else node.args.kwonlyargs)]
         compiled = any("kernel" in (text := ast.unparse(d)) or "entry" in text for d in node.decorator_list)
-        if len({a.arg for a in given} - {"self", "cls"}) > MOST_PARAMETERS and not compiled:
+        if len({a.arg for a in given} - {"self", "cls"}) > (MOST_OF_KERNEL if compiled else MOST_PARAMETERS):
             long.append(f"{path.stem}.{node.name}")
     assert not long, long
 
