@@ -329,11 +329,11 @@ class ModelExchangeAdapter(Adapter):
 
     def number_of_states(self, count: memoryview) -> int:
         """Write the number of continuous states."""
-        return self._write(count, [self.fmi_instance.n_state])
+        return self._write(count, [self.fmi_instance.names.n_state])
 
     def number_of_indicators(self, count: memoryview) -> int:
         """Write the number of event indicators."""
-        return self._write(count, [self.fmi_instance.n_indicator])
+        return self._write(count, [self.fmi_instance.names.n_indicator])
 
     def set_continuous_states(self, values: memoryview) -> int:
         """Set all continuous states."""
@@ -350,7 +350,7 @@ class ModelExchangeAdapter(Adapter):
 
     def get_nominals(self, values: memoryview) -> int:
         """Write the nominal values of the continuous states."""
-        return self._write(values, self.fmi_instance.nominals())
+        return self._write(values, self.fmi_instance.equations.nominals())
 
     def get_event_indicators(self, values: memoryview) -> int:
         """Write the event indicators."""

@@ -54,7 +54,7 @@ def write_ssp(
     InputError : a name that is no identifier; a component, or a variable of one, that is not there; a value of another
         kind than its variable. ResultsError : the file cannot be written.
     """
-    models = {component: _Model(component, Path(path)) for component, path in components.items()}
+    models = {component: _Component(component, Path(path)) for component, path in components.items()}
     _check(name, models, connections, parameters or {})
     root = _root("ssd:SystemStructureDescription", name)
     system = SubElement(root, "ssd:System", {"name": name})
@@ -97,7 +97,7 @@ def write_ssp(
 _MOST_XML = 200_000_000  # bytes
 
 
-class _Model:
+class _Component:
     """Variables and units of an FMU, by name."""
 
     def __init__(self, name: str, fmu: Path) -> None:
@@ -147,7 +147,7 @@ def _add_units(parent: Element, tag: str, units: Iterable[Element]) -> None:
         SubElement(element, "ssc:BaseUnit", dict(unit[0].attrib) if len(unit) else {})
 
 
-def _parameter_set(name: str, model: _Model, values: Mapping[str, float | int | str]) -> bytes:
+def _parameter_set(name: str, model: _Component, values: Mapping[str, float | int | str]) -> bytes:
     """The parameter set of a component as .ssv."""
     root, used = _root("ssv:ParameterSet", name), dict[str, Element]()
     place = SubElement(root, "ssv:Parameters")
@@ -165,7 +165,7 @@ _HEADING = "the system structure cannot be written"
 
 def _check(
     name: str,
-    models: Mapping[str, _Model],
+    models: Mapping[str, _Component],
     connections: Sequence[Connection],
     parameters: Mapping[str, Mapping[str, float | int | str]],
 ) -> None:

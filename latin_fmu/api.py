@@ -29,9 +29,9 @@ from .latin.part import Part
 from .latin.processes import Processes
 from .latin.recorder import Recorder
 from .latin.solver import IterationEvent, WindowFields
-from .latin.windows import Run
+from .latin.windows import Run, RunControl
 from .machine import one_thread, peak_memory
-from .propagator.base import accuracy_remarks
+from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.solution import Solution
@@ -86,7 +86,7 @@ class Iteration:
             raise KeyError(f"no substructure {name!r}; there are {', '.join(where)}")
         propagator, member = where[name]
         fields: list[Array] = []
-        self._event.trial(lambda _: fields.append(propagator.full_displacement(member)))
+        self._event.trial(lambda _: fields.append(full_displacement(propagator, member)))
         return np.stack(fields)
 
 
@@ -125,9 +125,23 @@ def computable() -> Iterator[None]:
         ) from error
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of ``solve`` that belong to the march, as there."""
+
+    observer: Observer | None = None
+    progress: ProgressSink | None = None
+    checkpoint: Checkpoint | None = None
+    stream: Path | None = None
+    fields: WindowFields | None = None
+    processes: Processes | None = None
+    max_cpu: float | None = None
+
+
 @computable()
 def solve(
     scene: Scene,
+    *,
     observer: Observer | None = None,
     progress: ProgressSink | None = None,
     behaviours: Mapping[str, Behaviour] | None = None,
@@ -185,7 +199,8 @@ def solve(
             problem.assembly.lost = loss_of_equilibrium(discretised)
     timings.setup = clock.process_time() - start
     digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    outcome = run(problem, timings, observer, progress, wall, checkpoint, digest, stream, fields, processes, max_cpu)
+    options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
+    outcome = run(problem, timings, options, wall, digest)
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -226,45 +241,36 @@ def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
 def run(
     problem: SolverReadyProblem,
     timings: Timings | None = None,
-    observer: Observer | None = None,
-    progress: ProgressSink | None = None,
+    options: RunOptions = RunOptions(),
     wall_start: float | None = None,
-    checkpoint: Checkpoint | None = None,
     digest: str = "",
-    stream: Path | None = None,
-    fields: WindowFields | None = None,
-    processes: Processes | None = None,
-    max_cpu: float | None = None,
 ) -> Outcome:
     """Run a solver-ready problem over its whole interval (once: its assembly keeps the final state).
 
-    ``digest`` : of the scene, for the header of the ``checkpoint``. ``stream``, ``fields``, ``processes``,
-    ``max_cpu`` : as for ``solve``.
+    ``wall_start`` : wall-clock time at which the set-up began, s. ``digest`` : of the scene, for the header of the
+    checkpoint.
     """
+    observer, progress, checkpoint = options.observer, options.progress, options.checkpoint
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
     assembly = problem.assembly
     begin = clock.process_time()
-    part = None if processes is None else Part(assembly, processes)
-    recorder = _recorder(problem, stream, assembly if part is None else part.assembly)
+    part = None if options.processes is None else Part(assembly, options.processes)
+    recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
         observer(Iteration(event.window, event.iteration, event.error_indicator, event.force_mismatch, event, assembly))
 
     with one_thread():  # threads on small dense products cost more than they give, and take sums in another order
-        march = Run(
-            assembly,
-            problem.settings,
-            recorder,
-            timings,
+        control = RunControl(
             None if observer is None else observe,
             None if progress is None else progress.update,
             checkpoint,
-            fields,
-            part=part,
-            max_cpu=max_cpu,
+            options.fields,
+            options.max_cpu,
         )
+        march = Run(assembly, problem.settings, recorder, timings, control, part=part)
         ready = clock.process_time()
         timings.setup += ready - begin  # search directions, tables of interfaces
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):

@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import Final, TextIO
 
 from . import __version__
-from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, Signals, say
+from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, StopSignals, say
 from .errors import InputError, LatinError, ResultsError
 
 COMMANDS: Final = MappingProxyType(
@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line ``argv`` (default: that of the process) and return its exit code."""
     for variable, value in _ENVIRONMENT.items():
         os.environ.setdefault(variable, value)
-    signals = Signals()
+    signals = StopSignals()
     with _streams(), signals.handled(), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # absurd numbers overflow, which ends in an error or a status
         try:
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
 
 
-def _run(words: list[str], signals: Signals) -> int:
+def _run(words: list[str], signals: StopSignals) -> int:
     """Parse and run a command."""
     _check_address_space()
     try:

@@ -39,6 +39,7 @@ from .latin.outcome import InterfaceHistory, Resultants
 from .latin.recorder import SubstructureInfo
 from .latin.status import Account
 from .propagator import SubstructureModel
+from .propagator.base import full_displacement
 from .remarks import Remark, remarks_of
 from .results.quantities_of_interest import slip_in_contact
 from .results.summary import percent
@@ -94,7 +95,7 @@ def body_ends(problem: SolverReadyProblem) -> dict[str, BodyEnd]:
     ends = {}
     for propagator in problem.assembly.propagators:
         for j, name in enumerate(propagator.names):
-            u = propagator.full_displacement(j)
+            u = full_displacement(propagator, j)
             if not np.isfinite(u).all():
                 ends[name] = BodyEnd(u, np.full(3, np.inf))
             else:
@@ -272,12 +273,12 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
                 if assembly.instant > 0:  # they come with the first increment
                     loads += amplitude[assembly.instant] * load.pattern
             faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
-            rest = member.stiffness @ propagator.full_displacement(j).ravel() - loads - faces
+            rest = member.stiffness @ full_displacement(propagator, j).ravel() - loads - faces
             free = np.diff(member.expansion.indptr) > 0
             tension = tensions.get(member.name, 0.0)
             reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
             wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
-            loose = _round_off(member, propagator.full_displacement(j))
+            loose = _round_off(member, full_displacement(propagator, j))
             made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose)
     return made
 
@@ -369,7 +370,7 @@ def _size(problem: SolverReadyProblem, history: InterfaceHistory) -> float:
     """Size of coordinates and displacements at an interface, m."""
     sides = {side.split(".")[0] for side in history.sides}
     moved = [
-        float(np.abs(p.full_displacement(j)).max())
+        float(np.abs(full_displacement(p, j)).max())
         for p in problem.assembly.propagators
         for j, name in enumerate(p.names)
         if name in sides

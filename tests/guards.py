@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from latin_fmu.kernels.team import LINE
-from latin_fmu.propagator.class_record import Block
+from latin_fmu.propagator.class_record import BlockLayout
 from latin_fmu.propagator.image import Image
 
 WORD = np.array(np.nan)
 PATTERN = WORD.view(np.int64).item()
-_reserve, _lay_out, _begin, _call = Block.reserve, Image._lay_out_moving, Image.begin, Image.call
+_reserve, _lay_out, _begin, _call = BlockLayout.reserve, Image._lay_out_moving, Image.begin, Image.call
 _collected: list[list[int]] = []  # of the layouts that are being made, the innermost last
 
 
-def reserve(self: Block, size: int, owner: Any = None) -> int:
+def reserve(self: BlockLayout, size: int, owner: Any = None) -> int:
     """A line of guard words behind the array."""
     before = self.size
     at = _reserve(self, size, owner)
@@ -65,4 +65,4 @@ def call(self: Image, action: int, *arguments: int) -> int:
     return result
 
 
-Block.reserve, Image._lay_out_moving, Image.begin, Image.call = reserve, lay_out, begin, call  # type: ignore[method-assign]
+BlockLayout.reserve, Image._lay_out_moving, Image.begin, Image.call = reserve, lay_out, begin, call  # type: ignore[method-assign]

@@ -66,7 +66,7 @@ def solved(path: Path, settings: list[str], way: str, folder: Path) -> Any:
             iteration.displacement(sorted(scene.substructure)[0])
 
     sink = Sink() if way == "progress" else None
-    solution = latin_fmu.solve(scene, look if way in ("observer", "trials") else None, sink)
+    solution = latin_fmu.solve(scene, observer=look if way in ("observer", "trials") else None, progress=sink)
     assert bool(seen) == (way in ("observer", "trials"))
     assert sink is None or sink.updates
     if way == "results":

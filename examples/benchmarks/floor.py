@@ -19,7 +19,8 @@ from latin_fmu.cholesky.factor import interface_factor
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
-from latin_fmu.propagator.image import Image
+from latin_fmu.propagator.base import full_displacement
+from latin_fmu.propagator.image import Image, ImageClass
 from latin_fmu.propagator.model import reduced_rank
 
 NOTHING = np.zeros((0, 1))
@@ -49,8 +50,8 @@ class Floor:
         """The propagator of the package, with no interface to wait for."""
         body = self._begun()
         for _ in range(len(self._ready.time) - 1):
-            body.predict()
-            body.commit(NOTHING)
+            body.alone.predict()
+            body.alone.commit(NOTHING)
         return body
 
     def compiled(self) -> DirectPropagator:
@@ -65,7 +66,7 @@ class Floor:
         """The body at the end of its march by the kernels, and the CPU seconds of the march."""
         body = self._begun()
         steps = len(self._ready.time) - 1
-        image = Image([body], [np.zeros((0, 1), dtype=np.int64)], np.zeros(0, dtype=bool))
+        image = Image([ImageClass(body, np.zeros((0, 1), dtype=np.int64))], np.zeros(0, dtype=bool))
         image.begin(steps + 1, {})
         image.bind(1)
         image.write()
@@ -80,9 +81,9 @@ class Floor:
         """Displacements of the nodes of all blocks (n_node, 3), m, instant by instant."""
         body = self._begun()
         for _ in range(len(self._ready.time) - 1):
-            body.predict()
-            body.commit(NOTHING)
-            yield body.full_displacement(0)
+            body.alone.predict()
+            body.alone.commit(NOTHING)
+            yield full_displacement(body, 0)
 
     def _begun(self) -> DirectPropagator:
         ready = self._ready

@@ -153,7 +153,7 @@ def second_run(
     """Another run with what was set up for the first; ``given`` amplitudes (n_time,) of loads by name."""
     for propagator in built.assembly.propagators:
         propagator.restart()
-    built.timeline.begin(built.assembly, ready.time, given or {}, built.assembly.ground_start)
+    built.timeline.begin(built.assembly, ready.time, given or {}, built.assembly.ground.start)
     return run(built)
 
 

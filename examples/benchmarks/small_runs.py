@@ -177,7 +177,7 @@ def set_up(case: Case) -> tuple[float, float, float]:
     run(built)
     for propagator in built.assembly.propagators:
         propagator.restart()
-    built.timeline.begin(built.assembly, built.assembly.time, {}, built.assembly.ground_start)
+    built.timeline.begin(built.assembly, built.assembly.time, {}, built.assembly.ground.start)
     watch, found = Watch(run_state, "make_image"), list[Outcome]()
     with watch.patch:
         whole = cpu(lambda: found.append(run(built)))

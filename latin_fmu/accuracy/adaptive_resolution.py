@@ -25,8 +25,8 @@ from .estimate import FACETED, crossing, front_of, quantity_estimate
 from .runs import (
     FEWEST_STEPS,
     Log,
+    MeasuredRun,
     Resolution,
-    Run,
     RunTimeFit,
     aligned,
     at_resolution,
@@ -75,7 +75,7 @@ class RefinementSequence:
     limit: float | None = None
     seconds: float = 0.0
     solution: Solution | None = None
-    _runs: dict[Resolution, Run] = field(default_factory=dict)
+    _runs: dict[Resolution, MeasuredRun] = field(default_factory=dict)
     _with_output: set[Resolution] = field(default_factory=set)
     _diagonal: set[float] = field(default_factory=set)
     _finest: tuple[Resolution, Output, Solution] | None = None
@@ -107,7 +107,7 @@ class RefinementSequence:
                 factors.append(f)
         return factors
 
-    def run(self, resolution: Resolution) -> Run:
+    def run(self, resolution: Resolution) -> MeasuredRun:
         """The run at a resolution, with the output that its quantities need.
 
         Raises
@@ -122,7 +122,7 @@ class RefinementSequence:
                 self._finest = resolution, scene.output, solution
         return self._runs[resolution]
 
-    def with_output(self, resolution: Resolution, output: Output) -> Run:
+    def with_output(self, resolution: Resolution, output: Output) -> MeasuredRun:
         """The run with the requested output, stored as ``solution``; the finest run serves where it has that output.
 
         Raises
@@ -144,7 +144,7 @@ class RefinementSequence:
         self.solution = self._finest[2]
         return self._runs[resolution]
 
-    def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[Run, Solution]:
+    def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[MeasuredRun, Solution]:
         run, solution = solved(self.scene, scene, resolution, max_cpu=self.limit)
         self.seconds += run.cpu
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
@@ -152,7 +152,7 @@ class RefinementSequence:
         return run, solution
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[MeasuredRun]:
         """The runs made without output, one a resolution, cheapest first."""
         lean = (run for at, run in self._runs.items() if at not in self._with_output)
         return sorted(lean, key=lambda run: run.cpu)
@@ -163,7 +163,7 @@ class RefinementSequence:
         From the run at ``factor``, the one with half its resolution, one with a quarter where it exists already, and,
         with ``across`` (or where it exists), the one on the mesh of the second with four times its steps.
         """
-        runs: list[Run] = []
+        runs: list[MeasuredRun] = []
         for f in self.chain(factor):
             at = self.at(f)
             if len(runs) >= 2 and at not in self._runs:
@@ -186,7 +186,7 @@ class RefinementSequence:
                 return QuantityEstimate(quantity, runs[0].quantities.values[quantity], math.inf)
         return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs], cross)
 
-    def _if_converged(self, at: Resolution) -> Run | None:
+    def _if_converged(self, at: Resolution) -> MeasuredRun | None:
         """The run at a resolution; None where it cannot be made or does not converge."""
         try:
             run = self.run(at)
@@ -410,7 +410,7 @@ class _Search:
         return Choice(solution, at, estimate.quantity, estimate.error, reached, run.cpu, seconds, sentence)
 
 
-def _lasting_error(quantity: str, scene: Scene, run: Run) -> float:
+def _lasting_error(quantity: str, scene: Scene, run: MeasuredRun) -> float:
     """Error that no refinement reduces: of the raw peak of a force that jumps."""
     return front_of(quantity, scene, run.quantities)[1] if definition_of(quantity) is PEAK_FORCE_RAW else 0.0
 

@@ -41,9 +41,9 @@ from ..scene.sensors import nyquist
 from ..scene.settings import GeneralizedAlphaTable
 from .runs import (
     FEWEST_STEPS,
+    MeasuredRun,
     Quantities,
     Resolution,
-    Run,
     aligned,
     coarsens_mesh,
     cost_exponent,
@@ -395,7 +395,7 @@ def estimate_error(
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
 
 
-def spectrum_errors(solution: Solution, coarse: Run) -> dict[str, Array]:
+def spectrum_errors(solution: Solution, coarse: MeasuredRun) -> dict[str, Array]:
     """Relative errors of the spectra of a solution from the coarser run ``half``, by sensor (``spectrum_error``)."""
     errors, step = {}, float(coarse.time[1] - coarse.time[0])
     ratio = step * (len(solution.time) - 1) / float(solution.time[-1])

@@ -377,7 +377,7 @@ def _until(time: Array, values: Array, end: float) -> Force:
 
 
 @dataclass(frozen=True)
-class Run:
+class MeasuredRun:
     """Quantities and cost of a run; NaN and no quantities where it was not made.
 
     Attributes
@@ -401,7 +401,7 @@ class Run:
     sensors: Mapping[str, SensorHistory] = field(default_factory=dict)
 
 
-def run_at(scene: Scene, resolution: Resolution, **options: Any) -> Run:
+def run_at(scene: Scene, resolution: Resolution, **options: Any) -> MeasuredRun:
     """Solve the scene at a resolution; options as for ``api.solve`` (``progress``, ``processes``, ``stream``,
     ``max_cpu``).
 
@@ -415,7 +415,7 @@ def run_at(scene: Scene, resolution: Resolution, **options: Any) -> Run:
     return run
 
 
-def solved(scene: Scene, lean: Scene, resolution: Resolution, **options: Any) -> tuple[Run, Solution]:
+def solved(scene: Scene, lean: Scene, resolution: Resolution, **options: Any) -> tuple[MeasuredRun, Solution]:
     """The run and the solution of ``lean``, which is the scene at a resolution: its last instant may be a step later,
     so that quantities are those until the end of ``scene``. Options as for ``api.solve``.
 
@@ -427,7 +427,7 @@ def solved(scene: Scene, lean: Scene, resolution: Resolution, **options: Any) ->
     solution = api.solve(lean, **options)
     cpu = clock.process_time() - start
     counts = [window.iterations for window in solution.windows] or [0]
-    run = Run(
+    run = MeasuredRun(
         resolution=resolution,
         quantities=measure_solution(scene, solution),
         cpu=cpu,
@@ -468,7 +468,7 @@ class RunTimeFit:
     exponent: float
 
     @classmethod
-    def of(cls, scene: Scene, runs: list[Run]) -> RunTimeFit:
+    def of(cls, scene: Scene, runs: list[MeasuredRun]) -> RunTimeFit:
         """Fit to the largest and the cheapest of runs at different resolutions (at least one).
 
         The first run of a process includes the time to load kernels, so the smallest may not be the cheapest.

@@ -31,9 +31,9 @@ from ..scene.settings import WHOLE, Solver, Time
 from .estimate import coarser_runs_of, observed_order, relative, same_way
 from .runs import (
     Log,
+    MeasuredRun,
     Quantities,
     Resolution,
-    Run,
     RunTimeFit,
     aligned,
     at_resolution,
@@ -238,7 +238,7 @@ class Row:
     series: str
     variant: str
     tolerance: float
-    run: Run
+    run: MeasuredRun
 
     @property
     def resolution(self) -> Resolution:
@@ -269,9 +269,9 @@ class StudyRuns:
     log: Log
     rows: list[Row] = field(default_factory=list)
     spent: float = 0.0
-    _made: dict[tuple[str, Resolution], Run] = field(default_factory=dict)
+    _made: dict[tuple[str, Resolution], MeasuredRun] = field(default_factory=dict)
 
-    def run(self, series: str, variant: Variant, resolution: Resolution, save: bool = False) -> Run | None:
+    def run(self, series: str, variant: Variant, resolution: Resolution, save: bool = False) -> MeasuredRun | None:
         """The run of a variant at a resolution; None where it failed (the row has the reason).
 
         ``save``: write its results to a temporary file, so that the cost of output is measured.
@@ -290,7 +290,7 @@ class StudyRuns:
             with contextlib.suppress(LatinError):
                 run_at(variant.scene, resolution)
 
-    def _solve(self, variant: Variant, resolution: Resolution, save: bool) -> Run:
+    def _solve(self, variant: Variant, resolution: Resolution, save: bool) -> MeasuredRun:
         label = f"{variant.name}, mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}"
         if resolution.tolerance is not None:
             label += f", tolerance {resolution.tolerance:g}"
@@ -304,7 +304,7 @@ class StudyRuns:
             refusal = message_of(error)
         if refusal:
             self.log(f"refused  {label}: {refusal}")
-            return Run(resolution, status=refusal)
+            return MeasuredRun(resolution, status=refusal)
         if save:
             with tempfile.TemporaryDirectory() as folder:
                 solution.save(Path(folder) / "out.nc")
@@ -412,7 +412,7 @@ def _at(scene: Scene, factor: float) -> Resolution:
     return Resolution(factor if coarsens_mesh(scene) else 1.0, aligned(scene, factor))
 
 
-def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[Run]) -> Reference:
+def finest_reference(scene: Scene, made: StudyRuns, main: Variant, runs: list[MeasuredRun]) -> Reference:
     """The finest run as reference, its error estimated from coarser runs."""
     finest = runs[-1]
     at = finest.resolution
@@ -449,7 +449,7 @@ def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
     others = variants_of(scene)
     for i, variant in enumerate(others):
         share = 0.6 * made.left / (len(others) - i)
-        runs: list[Run] = []
+        runs: list[MeasuredRun] = []
         for f in [g for g in factors if g > 0.3]:
             run = _with_stable_steps(scene, made, variant, f)
             runs += [] if run is None else [run]
@@ -460,7 +460,7 @@ def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
                 break
 
 
-def _with_stable_steps(scene: Scene, made: StudyRuns, variant: Variant, factor: float) -> Run | None:
+def _with_stable_steps(scene: Scene, made: StudyRuns, variant: Variant, factor: float) -> MeasuredRun | None:
     """A run with mesh and step refined together; a step refused as too long is halved, twice at most."""
     at = _at(scene, factor)
     for shorter in (1.0, 2.0, 4.0):
@@ -489,7 +489,7 @@ NEGLIGIBLE = 0.1
 
 
 @dataclass(frozen=True)
-class Sources:
+class ErrorSources:
     """Relative error of a quantity at the scene's own resolution by source, and observed orders (NaN: none).
 
     ``reduction``: change by the modes that reduced substructures leave out; NaN where none is reduced.
@@ -506,7 +506,7 @@ class Sources:
     order_time: float
 
 
-def sources(study: Study, quantity: str) -> Sources:
+def sources(study: Study, quantity: str) -> ErrorSources:
     """Error by source: mesh and step from their own series, assuming first order beyond its finest run."""
 
     def at_scene(row: Row) -> bool:
@@ -515,7 +515,7 @@ def sources(study: Study, quantity: str) -> Sources:
     own = next((r for r in study.of(TOGETHER) if at_scene(r)), None)
     tight = next((r for r in study.of(TOLERANCE) if r.tolerance == TIGHT and at_scene(r)), None)
     whole = next((r for r in study.rows if r.series == REDUCTION and r.run.converged), None)
-    return Sources(
+    return ErrorSources(
         quantity,
         math.nan if own is None else study.error(own, quantity),
         _remaining(study.of(SPACE), quantity, mesh=True),
@@ -722,7 +722,7 @@ def _price_data(study: Study, quantity: str, target: float) -> dict[str, Any]:
     return {**cost, **setting, "error": _plain(study.error(row, quantity))}
 
 
-def _source(s: Sources) -> tuple[str, ...]:
+def _source(s: ErrorSources) -> tuple[str, ...]:
     shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration, s.reduction))
     orders = ("-" if math.isnan(p) else f"{p:.1f}" for p in (s.order_together, s.order_space, s.order_time))
     return (s.quantity, *shares, *orders)

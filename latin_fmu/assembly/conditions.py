@@ -30,7 +30,7 @@ from .supports import (
     HELD,
     NOTHING,
     Directions,
-    Motion,
+    PrescribedMotion,
     absorbing_dashpots,
     inclined_directions,
     port_dashpots,
@@ -56,7 +56,7 @@ class Conditions:
 
     expansion: sp.csr_array
     pattern: Array
-    motions: tuple[Motion, ...]
+    motions: tuple[PrescribedMotion, ...]
     dashpots: sp.csr_array | None
     lumped_dashpots: sp.csr_array | None
     turned: tuple[sp.csr_array, Array, Index] | None = field(default=None, kw_only=True)
@@ -69,7 +69,7 @@ class Conditions:
 
     def velocity(self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING) -> Array:
         """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
-        there. given : see ``Motion.velocity``."""
+        there. given : see ``PrescribedMotion.velocity``."""
         columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
@@ -89,7 +89,7 @@ class _Dofs:
     def __init__(self, n_full: int) -> None:
         self.held = np.zeros(n_full, dtype=bool)
         self.driver = np.full(n_full, -1)
-        self.motions: list[Motion] = []
+        self.motions: list[PrescribedMotion] = []
         self.tied: list[tuple[Index, Index]] = []
         self.turned = Directions()
         self.moved: list[tuple[Index, Array, int]] = []  # dofs of a face, shapes, first motion
@@ -162,7 +162,7 @@ def _incline(name: str, boundary: Boundary, nodes: Index, directions: Array, dof
     if isinstance(boundary, Driven):
         first = len(dofs.motions)
         numbers = list(range(first, first + len(directions)))
-        dofs.motions += [Motion(boundary.law, v, boundary.type, f"boundary.{name}") for v in boundary.value]
+        dofs.motions += [PrescribedMotion(boundary.law, v, boundary.type, f"boundary.{name}") for v in boundary.value]
     dofs.turned.add(nodes, directions, numbers, name)
 
 
@@ -213,7 +213,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
             continue
         dofs.driver[moved] = len(dofs.motions)
         source = f"boundary.{name}"
-        dofs.motions.append(Motion(boundary.law, value, boundary.type, source))
+        dofs.motions.append(PrescribedMotion(boundary.law, value, boundary.type, source))
 
 
 def _move(body: Body, name: str, port: Port, dofs: _Dofs, problems: Problems) -> None:

@@ -78,7 +78,7 @@ def allowed_motions(body: Body, held: Conditions, more: Array | None = None) -> 
 
 
 @dataclass(frozen=True)
-class _Point:
+class _ContactPoint:
     """Generalised forces of a point: (n_motion,) of unit pressure, (2, n_motion) of unit friction; mu, infinite where
     nothing slides; ``tied``: whether it can be pulled."""
 
@@ -122,7 +122,7 @@ class LimitLoad:
             if load.name:
                 self.varying[load.name] = amplitude
 
-    def _points_of(self, unit: InterfaceUnit) -> Iterator[_Point]:
+    def _points_of(self, unit: InterfaceUnit) -> Iterator[_ContactPoint]:
         """Points of an interface that can carry all its resultants; its preload belongs to the first state."""
         geometry, n = unit.geometry, self.path.shape[1]
         relative, places = np.zeros((geometry.n_point, 3, n)), geometry.points
@@ -143,7 +143,7 @@ class LimitLoad:
         tied = not (unit.behaviour.opens and getattr(unit.behaviour, "compiled", False))  # a law of one's own may pull
         mu = 0.0 if unit.behaviour.n_component == 1 else np.inf if tied or mu is None else mu
         for p in _corners(places, geometry.frames[:, 0]):
-            yield _Point(relative[p, 0], -relative[p, 1:], mu, tied)  # signs of the virtual power above
+            yield _ContactPoint(relative[p, 0], -relative[p, 1:], mu, tied)  # signs of the virtual power above
 
     # -- the linear program -----------------------------------------------------------------------------------------
     def largest(self, start: Array, end: Array) -> tuple[float, Array]:
@@ -181,7 +181,7 @@ class LimitLoad:
             free += [either for _, either in own]
         return columns, free
 
-    def slides(self, point: _Point, motion: Array) -> bool:
+    def slides(self, point: _ContactPoint, motion: Array) -> bool:
         """Whether a point that may open opens no more than the sliding of the mechanism requires."""
         size = max(float(np.abs(p.friction @ motion).max()) for p in self.points)
         sliding = 0.0 if np.isinf(point.mu) else point.mu * float(np.linalg.norm(point.friction @ motion))
@@ -203,7 +203,7 @@ class LimitLoad:
         return added
 
 
-def _directions(point: _Point) -> list[Array]:
+def _directions(point: _ContactPoint) -> list[Array]:
     """First directions of friction (2,) of a point; none where it has no cone."""
     if point.mu == 0.0 or np.isinf(point.mu):
         return []

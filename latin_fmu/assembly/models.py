@@ -22,6 +22,7 @@ from ..fem.location import MeanMotion
 from ..latin.assembly import Array, Index, InterfaceUnit
 from ..operator_store import NO_STORE, OperatorStore, store_at
 from ..propagator import LoadTerm, Propagator, SubstructureModel
+from ..propagator.model import share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
@@ -56,7 +57,7 @@ class KeptOperators:
         """Give a model the reduced matrices of one with equal matrices, where there is one."""
         known = self._like(model)
         if known is not None:
-            self.models[known].share_operators(model)
+            share_operators(self.models[known], model)
 
     def twin(self, model: SubstructureModel, made_with: tuple[Any, ...]) -> Propagator | None:
         """Propagator with the operators of a model, made with the same scheme, step and choices; None where there is

@@ -17,7 +17,7 @@ from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit,
 from ..latin.probes import OutputRequest, SensorPlace
 from ..latin.recorder import SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
-from ..latin.settings import SearchDirection, Settings
+from ..latin.settings import SearchDirection, SolverSettings
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.interface_probing import SHARE
 from ..propagator.model import diagonal_matrix, share_patterns
@@ -37,7 +37,7 @@ from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
 from .models import ContactLayer, Kept, KeptOperators, ModelClass, chosen_scheme, contact_layers, load_terms, store_of
 from .propagator_choice import divided, made_propagators
-from .supports import Motion, port_motions, port_supports, supports
+from .supports import PrescribedMotion, port_motions, port_supports, supports
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -50,7 +50,7 @@ NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 class Timeline:
     """Samples the laws of a scene; histories given from outside replace those laws.
 
-    They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (see ``Motion.velocity``), or
+    They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (``PrescribedMotion.velocity``), or
     ``ground.INTERFACE`` (amplitude of its velocity). ``bolts`` : first and last amplitude of the load term of each
     bolt, linear in between over the interval of the scene.
     """
@@ -120,7 +120,7 @@ class SolverReadyProblem:
     """
 
     assembly: Assembly
-    settings: Settings
+    settings: SolverSettings
     output: OutputRequest
     info: dict[str, SubstructureInfo]
     warnings: tuple[Remark, ...]
@@ -285,7 +285,7 @@ class DiscretisedProblem:
         if start is not None:
             start.hand_over(assembly)
         timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
-        timeline.begin(assembly, self.time, {}, assembly.ground_start)
+        timeline.begin(assembly, self.time, {}, assembly.ground.start)
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         unresolved = [] if static else unresolved_sides(assembly)
@@ -470,12 +470,12 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     return digest.digest()
 
 
-def settings_of(scene: Scene) -> Settings:
+def settings_of(scene: Scene) -> SolverSettings:
     """Settings of the iteration."""
     solver = scene.solver
     direction = solver.search_direction
     uniform = (direction.normal, direction.tangential) if isinstance(direction, Uniform) else (0.0, 0.0)
-    return Settings(
+    return SolverSettings(
         tolerance=solver.tolerance,
         force_tolerance=10.0 * solver.tolerance if solver.force_tolerance is None else solver.force_tolerance,
         max_iterations=solver.max_iterations,
@@ -549,12 +549,12 @@ def _largest(law: TimeLaw, time: Array) -> float:
     return max(largest, 1.0) if isinstance(law, InputLaw) else largest
 
 
-def _motions(scene: Scene, body: Body) -> Iterator[Motion]:
+def _motions(scene: Scene, body: Body) -> Iterator[PrescribedMotion]:
     """Prescribed motions of a substructure, component by component."""
     for boundary in scene.boundaries_of(body.name).values():
         if isinstance(boundary, Driven):
             for value in boundary.value:
-                yield Motion(boundary.law, value, boundary.type)
+                yield PrescribedMotion(boundary.law, value, boundary.type)
     for name, port in scene.ports_of(body.name).items():
         if port.causality == "motion_in":
             yield from port_motions(body, name, port)

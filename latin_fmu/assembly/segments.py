@@ -20,6 +20,7 @@ from ..latin.status import WindowList
 from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
+from ..propagator.base import full_displacement, full_velocity
 from ..propagator.forcing import MotionState
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
@@ -192,7 +193,7 @@ class SegmentState:
         """Let the propagators go on from the state in the image; the state of the ground of interfaces."""
         assembly = self.problem.assembly
         if self.run is None:
-            return {i: GroundState(np.zeros(3), None) for i in assembly.ground_start}
+            return {i: GroundState(np.zeros(3), None) for i in assembly.ground.start}
         image = self.run.image
         motions, ground = unpacked_motions(assembly, image.field("motion_state", motion_size(assembly)).copy())
         for c, (propagator, given) in enumerate(zip(assembly.propagators, motions, strict=True)):
@@ -202,12 +203,12 @@ class SegmentState:
     def displacement(self, substructure: str) -> Array:
         """Displacements of all nodes of a substructure at the present time, (n_node, 3), m."""
         propagator, member = self._place(substructure)
-        return propagator.full_displacement(member)
+        return full_displacement(propagator, member)
 
     def velocity(self, substructure: str) -> Array:
         """Velocities of all nodes of a substructure at the present time, (n_node, 3), m s-1."""
         propagator, member = self._place(substructure)
-        return propagator.full_velocity(member)
+        return full_velocity(propagator, member)
 
     def _place(self, substructure: str) -> tuple[Propagator, int]:
         """Propagator of a substructure, and its number there."""
@@ -380,7 +381,7 @@ class SegmentedRun(SegmentState):
             if not group.behaviour.elastic and (gaps[g] < -_DEEPEST * size).any():
                 raise unlike("state", f"a gap of {gaps[g].min():g} m, which no contact of this scene can have")
             for i, members in group.members.items():
-                given = () if i in assembly.ground_start else (stated[assembly.interfaces[i].name], own[g][members])
+                given = () if i in assembly.ground.start else (stated[assembly.interfaces[i].name], own[g][members])
                 if any((np.abs(known - gaps[g][members]) > _SAME_GAP * size).any() for known in given):
                     raise unlike("state", "gaps that do not follow from its displacements")
 
@@ -388,14 +389,14 @@ class SegmentedRun(SegmentState):
 # -- motions from outside: part of the state in the image --------------------------------------------------------------
 def motion_size(assembly: Assembly) -> int:
     """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
-    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground_start)
+    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground.start)
 
 
 def packed_motions(assembly: Assembly, instant: int) -> Array:
     """These numbers at an instant of the segment."""
     forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[0]]
-    ends = assembly.ground_end(instant)
-    of_ground = [np.asarray(field) for i in assembly.ground_start for field in ends[i]]
+    ends = assembly.ground.end(instant)
+    of_ground = [np.asarray(field) for i in assembly.ground.start for field in ends[i]]
     return np.concatenate([np.zeros(0), *(f.motion_table()[:, instant].ravel() for f in forcings), *of_ground])
 
 
@@ -406,7 +407,7 @@ def unpacked_motions(assembly: Assembly, state: Array) -> tuple[list[list[Motion
         u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
         motions.append([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
         at += 3 * k * m
-    grounds = enumerate(assembly.ground_start)
+    grounds = enumerate(assembly.ground.start)
     return motions, {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in grounds}
 
 
@@ -436,7 +437,7 @@ def _check_opening(inputs: Collection[str], tree: Any) -> None:
 def _check_marks(run: Run) -> None:
     """Check the numbers of the present state that the kernels decide by. Raises InputError."""
     for c, propagator in enumerate(run.assembly.propagators):
-        image, moves = run.image, any(field.any() for field in propagator.state[1:])
+        image, moves = run.image, any(field.any() for field in propagator.state.fields)
         if float(image.class_field(c, "rest", 1)[0]) not in ((0.0,) if moves else (0.0, 1.0)):
             raise unlike("state.state", "a body that moves is marked as one at rest")
         if image.row(c)["accounted"] and float(image.class_field(c, "turn", 1)[0]) not in (0.0, 1.0, 2.0):

@@ -29,7 +29,7 @@ from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
 from ..latin.outcome import Timings
 from ..latin.recorder import Recorder
-from ..latin.settings import Settings
+from ..latin.settings import SolverSettings
 from ..latin.windows import Run
 from ..propagator import StaticPropagator
 from ..reader import scene_from_dict
@@ -136,7 +136,7 @@ def static_state(
 
 
 def equilibrium(
-    discretised: DiscretisedProblem, start: InitialState | None, own: Settings, kept: Kept
+    discretised: DiscretisedProblem, start: InitialState | None, own: SolverSettings, kept: Kept
 ) -> tuple[SolverReadyProblem, Run, float]:
     """The static problem solved from an initial state, its run and its tolerance; the run has not converged where no
     tolerance is reached, ``own`` of the scene neither."""

@@ -62,7 +62,7 @@ NOTHING: Final[Mapping[str, Array]] = MappingProxyType({})  # no motion is set f
 
 
 @dataclass(frozen=True)
-class Motion:
+class PrescribedMotion:
     """A prescribed velocity, displacement or acceleration, ``value`` times a law.
 
     ``kind``: which of the three. ``source``: name of a motion set from outside, ``boundary.NAME`` or an input of a
@@ -414,10 +414,10 @@ def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[
     return dofs, shapes[:, driven].reshape(len(dofs), -1)
 
 
-def port_motions(body: Body, name: str, port: Port) -> list[Motion]:
+def port_motions(body: Body, name: str, port: Port) -> list[PrescribedMotion]:
     """Motions of the components of a moved face, in their order."""
     arms = {c: 1.0 if c in TRANSLATIONS else body.mesh.size for c in port.components}
-    return [Motion(port.law(c), 1.0, "velocity", n, arms[c]) for n, c in port.inputs(name).items()]
+    return [PrescribedMotion(port.law(c), 1.0, "velocity", n, arms[c]) for n, c in port.inputs(name).items()]
 
 
 def port_supports(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import SolverError
 from ..operator_store import NO_STORE, OperatorStore
 from .many_columns import MANY, solve_on_face
-from .numeric import OUTSIDE_PATTERN, factorise, invert, mirror, routines
+from .numeric import OUTSIDE_PATTERN, MatrixRows, Supernodes, factorise, invert, mirror, routines
 from .selected_inverse import selected_inverse
 from .substitution import LANES, SPARE, TILED, backward_one, backward_tile, forward_one, forward_tile
 from .symbolic import Array, Index, Pattern, Symbolic, shared_analysis
@@ -145,12 +145,12 @@ class CholeskyFactor:
         panels, schur = np.empty(shape.panel_start[-1], dtype=self.dtype), np.zeros((len(self.last), len(self.last)))
         failed = factorise(
             routines(),
-            matrix.indptr.astype(np.int64, copy=False),
-            matrix.indices.astype(np.int64, copy=False),
-            matrix.data,
+            MatrixRows(
+                matrix.indptr.astype(np.int64, copy=False), matrix.indices.astype(np.int64, copy=False), matrix.data
+            ),
             shape.order,
             shape.position,
-            *self._pattern,
+            Supernodes(*self._pattern),
             shape.n_children,
             shape.is_root,
             shape.stack_size,

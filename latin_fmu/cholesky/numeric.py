@@ -13,12 +13,12 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import entry, kernel, lazy_intrinsic
+from ..compiled import entry, fields, kernel, lazy_intrinsic
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -247,21 +247,41 @@ def _widest(first: Index, row_start: Index) -> int:
     return int(widest)
 
 
-_PATTERN: Final = ", ".join(["i8[::1]"] * 3 + ["f8[::1]"] + ["i8[::1]"] * 7 + ["b1[::1]"])
+class MatrixRows(NamedTuple):
+    """A sparse matrix by rows: entries of row i at ``pointers[i]`` to ``pointers[i + 1]``, with their columns."""
+
+    pointers: Index
+    neighbours: Index
+    values: Array
 
 
-@entry(f"{_PATTERN}, i8, f8[::1], f8[:, ::1] -> i8", f"{_PATTERN}, i8, f4[::1], f8[:, ::1] -> i8")
+class Supernodes(NamedTuple):
+    """Columns of supernode s from ``first[s]`` to ``first[s + 1]``, its rows below them from ``row_start[s]`` on in
+    ``rows``, its panel from ``panel_start[s]`` on in the numbers of the factor."""
+
+    first: Index
+    row_start: Index
+    rows: Index
+    panel_start: Index
+
+
+SUPERNODES: Final = fields(Supernodes, ", ".join(["i8[::1]"] * 4))
+_MATRIX: Final = fields(MatrixRows, "i8[::1], i8[::1], f8[::1]")
+_PATTERN: Final = "i8[::1], matrix, i8[::1], i8[::1], nodes, i8[::1], b1[::1]"
+
+
+@entry(
+    f"{_PATTERN}, i8, f8[::1], f8[:, ::1] -> i8",
+    f"{_PATTERN}, i8, f4[::1], f8[:, ::1] -> i8",
+    matrix=_MATRIX,
+    nodes=SUPERNODES,
+)
 def factorise(
     routines: Index,
-    pointers: Index,
-    neighbours: Index,
-    values: Array,
+    matrix: MatrixRows,
     order: Index,
     position: Index,
-    first: Index,
-    row_start: Index,
-    rows: Index,
-    panel_start: Index,
+    nodes: Supernodes,
     n_children: Index,
     is_root: NDArray[np.bool_],
     stack_size: int,
@@ -270,9 +290,11 @@ def factorise(
 ) -> int:
     """Fill ``panels`` (flat, float64 or float32) and the lower triangle of ``schur`` (zero on entry).
 
-    ``pointers, neighbours, values`` : the matrix by rows. ``order, position`` : position -> dof and its inverse.
-    Returns -1, the position of a pivot that is not positive, or ``OUTSIDE_PATTERN``.
+    ``order, position`` : position -> dof and its inverse. Returns -1, the position of a pivot that is not positive, or
+    ``OUTSIDE_PATTERN``.
     """
+    pointers, neighbours, values = matrix.pointers, matrix.neighbours, matrix.values
+    first, row_start, rows, panel_start = nodes.first, nodes.row_start, nodes.rows, nodes.panel_start
     n_super = len(first) - 1
     n_interior = first[n_super]
     _interface_part(pointers, neighbours, values, order, position, n_interior, schur)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import entry, kernel
-from .numeric import GEMM, LEFT, PLAIN, RIGHT, SYMM, TRANSPOSED, TRMM, UPPER, fortran, routines
+from .numeric import GEMM, LEFT, PLAIN, RIGHT, SUPERNODES, SYMM, TRANSPOSED, TRMM, UPPER, Supernodes, fortran, routines
 from .symbolic import Symbolic
 
 Array = NDArray[np.float64]
@@ -47,10 +47,7 @@ def selected_inverse(shape: Symbolic, panels: NDArray[Any], starts: Index, rows:
     sizes = (width - shape.face_start + below)[active]
     _selected_inverse(
         routines(),
-        shape.first,
-        shape.row_start,
-        shape.rows,
-        shape.panel_start,
+        Supernodes(shape.first, shape.row_start, shape.rows, shape.panel_start),
         shape.face_start,
         parent,
         children,
@@ -125,16 +122,14 @@ def _extend_front(routines: Index, panel: Array, used: int, below: int, front: A
             front[j * n + used + i] = value
 
 
-_ENTRY: Final = ", ".join(["i8[::1]"] * 8 + ["i8"] * 3)
+_ENTRY: Final = ", ".join(["i8[::1], nodes"] + ["i8[::1]"] * 3 + ["i8"] * 3)
+_PAIRS: Final = "i8[::1], i8[::1], f8[::1]"
 
 
-@entry(f"{_ENTRY}, f8[::1], i8[::1], i8[::1], f8[::1]", f"{_ENTRY}, f4[::1], i8[::1], i8[::1], f8[::1]")
+@entry(f"{_ENTRY}, f8[::1], {_PAIRS}", f"{_ENTRY}, f4[::1], {_PAIRS}", nodes=SUPERNODES)
 def _selected_inverse(
     routines: Index,
-    first: Index,
-    row_start: Index,
-    rows: Index,
-    panel_start: Index,
+    nodes: Supernodes,
     face_start: Index,
     parent: Index,
     children: Index,
@@ -148,6 +143,7 @@ def _selected_inverse(
 ) -> None:
     """Fill ``out``; the fronts of supernodes with ``children`` left stay on a stack of ``stack_size`` numbers, and
     ``front_size`` and ``panel_size`` are the largest sizes of a front and of a panel."""
+    first, row_start, rows, panel_start = nodes.first, nodes.row_start, nodes.rows, nodes.panel_start
     stack, front = np.empty(stack_size), np.empty(front_size)
     panel, work = np.empty(panel_size), np.empty(panel_size)
     left = children.copy()

@@ -212,7 +212,7 @@ _TWICE: Final = (signal.SIGINT, signal.SIGTERM)  # of which a second one interru
 _MORE_SIGNALS: Final = ("SIGHUP", "SIGQUIT", "SIGXCPU", "SIGUSR1")
 
 
-class Signals:
+class StopSignals:
     """Signals that end the process: they interrupt (KeyboardInterrupt), or are noted where this is deferred.
 
     SIGINT and SIGTERM; SIGHUP (a terminal that is closed), SIGQUIT, and those that batch systems send before a limit,
@@ -300,7 +300,7 @@ def started_together() -> Processes | None:
 
 
 @contextmanager
-def ending_together(processes: Processes, signals: Signals) -> Iterator[None]:
+def ending_together(processes: Processes, signals: StopSignals) -> Iterator[None]:
     """Context in which an error of one process ends all of them, with its sentence and an exit code above 0."""
     try:
         yield

@@ -253,7 +253,7 @@ _HEADING: Final = "the model cannot be copied"
 
 
 @dataclass(frozen=True)
-class _Model:
+class _ModelRow:
     """A row of the table of models.
 
     Attributes
@@ -296,13 +296,13 @@ def models_folder() -> Path:
     raise InputError.of(_HEADING, str(package / "models"), what, remedy=remedy)
 
 
-def _models(folder: Path) -> list[_Model]:
+def _models(folder: Path) -> list[_ModelRow]:
     """Rows of the table in the README of the models."""
     rows = map(_ROW.fullmatch, (folder / "README.md").read_text(encoding="utf-8").splitlines())
-    return [_Model(*row.groups()) for row in rows if row is not None]
+    return [_ModelRow(*row.groups()) for row in rows if row is not None]
 
 
-def _list(models: list[_Model]) -> list[str]:
+def _list(models: list[_ModelRow]) -> list[str]:
     """Table of the models, and how to copy one."""
     from ..results.summary import aligned
 

@@ -21,7 +21,7 @@ from . import (
     REMARKED,
     AddParser,
     Progress,
-    Signals,
+    StopSignals,
     Waiting,
     add_max_cpu,
     add_scene,
@@ -276,7 +276,7 @@ def _checkpoint(path: Path, arguments: argparse.Namespace, searched: bool) -> Ch
     """The checkpoint of the run; ``searched``: the settings are, by many runs, of which none can be continued."""
     from ..results.checkpoint import Checkpoint
 
-    signals: Signals = arguments.signals
+    signals: StopSignals = arguments.signals
     every, seconds = arguments.checkpoint or (None, None)
     if searched and (arguments.checkpoint is not None or arguments.resume):
         what, remedy = "the search for an accuracy has no checkpoints", "run with the settings that it chose"

@@ -32,7 +32,7 @@ from . import (
 if TYPE_CHECKING:
     from ..accuracy.study import Study
     from ..scene.schema import Scene
-    from ..stability import Row
+    from ..stability import CaseResult
 
 _COST_EXAMPLES = """\
 examples:
@@ -178,10 +178,10 @@ def _stress(arguments: argparse.Namespace) -> int:
         check_target(arguments.output)  # before the long part
         check_target(arguments.output.with_suffix(".png"))
     every = list(cases(arguments.quick))
-    done: list[Row] = []
+    done: list[CaseResult] = []
     with Waiting("hard cases") as waiting:
 
-        def report(row: Row) -> None:
+        def report(row: CaseResult) -> None:
             done.append(row)
             waiting.log(f"{'holds ' if row.passed else 'FAILS '} {row.case}: {row.measured}")
             waiting.reached(len(done) / len(every), f"hard cases, {len(done)} of {len(every)}")
@@ -228,7 +228,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 
-def _write_rows(rows: list[Row], target: Path, quick: bool, left_out: int) -> None:
+def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int) -> None:
     """Report and figure, each complete or not at all."""
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
-from ..assembly.supports import Motion
+from ..assembly.supports import PrescribedMotion
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
 from ..latin.initial_conditions import initial_conditions
@@ -88,7 +88,7 @@ def _own_laws(scene: Scene) -> dict[str, tuple[TimeLaw, Callable[[Array], Array]
             own[name] = force, partial(sampled, force)
     for name, boundary in scene.boundary.items():
         if isinstance(boundary, Driven) and f"boundary.{name}" not in given:
-            motion = Motion(boundary.law, 1.0, boundary.type)
+            motion = PrescribedMotion(boundary.law, 1.0, boundary.type)
             of_rate = motion.step_velocity if scene.time.quasi_static else motion.velocity
             own[f"boundary.{name}"] = boundary.law, of_rate if boundary.type == "displacement" else boundary.law.sample
     for name, interface in scene.joints.items():
@@ -109,7 +109,7 @@ class Drives:
         self._dt = run.dt
         for propagator in self.assembly.propagators:
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
-        self._start = dict(self.assembly.ground_start)
+        self._start = dict(self.assembly.ground.start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
         self._grounds = list(self._start)
         self.n_state = motion_size(self.assembly)
@@ -148,17 +148,18 @@ class Drives:
         for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
             if k:
                 parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
-        first = self.assembly.ground_end(0)
+        ground = self.assembly.ground
+        first = ground.end(0)
         for i in self._grounds:
-            parts.append(first[i].displacement + self.assembly.ground_path(i))
-            parts.append(np.concatenate([[first[i].acceleration], np.diff(self.assembly.ground[i], axis=0) / self._dt]))
+            parts.append(first[i].displacement + ground.travel[i])
+            parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self._dt]))
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
     def opening(self) -> list[Array]:
         """Initial state: u, v, a and residual of the classes, f_hat and w_hat."""
         fields = initial_conditions(self.assembly)
-        return [*(x.ravel() for p in self.assembly.propagators for x in p.state[1:]), *fields]
+        return [*(x.ravel() for p in self.assembly.propagators for x in p.state.fields), *fields]
 
     def inertia(self) -> list[float]:
         """Largest nodal force of inertia of each class at the first instant, N, that its motion from outside brings."""
@@ -179,7 +180,7 @@ class Drives:
 
     def slides(self) -> dict[int, Array]:
         """Velocity (3,) of the ground of interfaces at the last instant."""
-        return {i: self.assembly.ground[i][-1] for i in self._grounds}
+        return {i: self.assembly.ground.velocity[i][-1] for i in self._grounds}
 
 
 def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:

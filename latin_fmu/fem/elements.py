@@ -37,7 +37,7 @@ _STRAIGHT = 1e-9  # of the longest edge: a middle node this close to the middle 
 
 
 @dataclass(frozen=True)
-class Points:
+class CellPoints:
     """Points in some cells of one type.
 
     Attributes
@@ -62,14 +62,14 @@ def jacobians(nodes: Array, block: CellBlock, rule: Rule) -> Array:
     return np.asarray(np.einsum("pak,cai->cpik", slopes, arms, optimize=True))
 
 
-def points_in(nodes: Array, block: CellBlock, rule: Rule) -> Points:
+def points_in(nodes: Array, block: CellBlock, rule: Rule) -> CellPoints:
     """Geometry of cells at the points of a rule; ``nodes`` (n_node, 3), m."""
     functions = cell_functions(block.cell_type)
     slopes = functions.gradients(rule.points)
     jacobian = jacobians(nodes, block, rule)
     gradients = slopes @ np.linalg.inv(jacobian)
     volumes = rule.weights * np.linalg.det(jacobian)
-    return Points(block.cells, functions.values(rule.points), gradients, jacobian, volumes)
+    return CellPoints(block.cells, functions.values(rule.points), gradients, jacobian, volumes)
 
 
 def is_curved(nodes: Array, block: CellBlock) -> bool:
@@ -88,7 +88,7 @@ class Elements:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
 
-    def points(self, of_products: bool = False) -> Iterator[tuple[CellBlock, Points]]:
+    def points(self, of_products: bool = False) -> Iterator[tuple[CellBlock, CellPoints]]:
         """Integration points of all cells, block by block in pieces that fit into memory (see ``cell_rule``)."""
         for _, rule, pieces in self._pieces(of_products):
             for piece in pieces:
@@ -99,7 +99,7 @@ class Elements:
         """Volume of every cell, (n_cell,), m3."""
         return np.concatenate([p.volumes.sum(axis=1) for _, p in self.points()])
 
-    def distinct(self, of_products: bool = False) -> Iterator[tuple[str, Points, Index]]:
+    def distinct(self, of_products: bool = False) -> Iterator[tuple[str, CellPoints, Index]]:
         """Type, integration points of the different cells, and which of them each cell of the mesh is, piece by piece.
 
         Cells are equal where all their nodes have the same places relative to the first one, to the last bit.
@@ -262,7 +262,7 @@ def mode_gradients(jacobian: Array) -> Array:
     return np.asarray(ratio[:, :, None, None] * (slopes[None] @ np.linalg.inv(centre)[:, None]))
 
 
-def mode_amplitudes(points: Points, first: float, shear: float) -> tuple[Array, Array]:
+def mode_amplitudes(points: CellPoints, first: float, shear: float) -> tuple[Array, Array]:
     """The internal unknowns of each element for unit nodal displacements, and what couples the two.
 
     Returns
@@ -277,7 +277,7 @@ def mode_amplitudes(points: Points, first: float, shear: float) -> tuple[Array, 
     return amplitudes, coupled
 
 
-def condensed(points: Points, first: float, shear: float) -> Array:
+def condensed(points: CellPoints, first: float, shear: float) -> Array:
     """Stiffness (n_cell, 8, 3, 8, 3) of hexahedra with bending modes: K_dd - K_da K_aa^-1 K_ad."""
     plain = elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
     amplitudes, coupled = mode_amplitudes(points, first, shear)
@@ -319,7 +319,7 @@ def stiffness(
     return elements.matrix(parts())
 
 
-def element_stiffness(points: Points, first: float, shear: float, bending_modes: bool) -> Array:
+def element_stiffness(points: CellPoints, first: float, shear: float, bending_modes: bool) -> Array:
     """Stiffness (n_cell, n, 3, n, 3) of each of some cells, N m-1, from the Lame constants, Pa."""
     if bending_modes:
         return condensed(points, first, shear)
@@ -439,7 +439,7 @@ class Recovery:
             for first in range(0, len(block.cells), size):
                 yield CellBlock(block.cell_type, block.cells[first : first + size]), rule, to_nodes
 
-    def _mode_slopes(self, points: Points, displacement: Array) -> Array:
+    def _mode_slopes(self, points: CellPoints, displacement: Array) -> Array:
         """Gradients (n_time, n_cell, n_point, 3, 3) of the bending modes."""
         nodal = displacement[:, points.cells].reshape(len(displacement), len(points.cells), -1)
         amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, *self._lame)[0], nodal, optimize=True)
@@ -447,7 +447,7 @@ class Recovery:
         return np.asarray(np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True))
 
 
-def _mean_gradients(points: Points) -> Array:
+def _mean_gradients(points: CellPoints) -> Array:
     """Mean gradients of the shape functions over each cell, (n_cell, n_node, 3)."""
     volumes = points.volumes / points.volumes.sum(axis=1, keepdims=True)
     return np.asarray(np.einsum("cpaj,cp->caj", points.gradients, volumes))

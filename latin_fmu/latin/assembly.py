@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..interface import Behaviour, InterfaceGeometry
 from ..interface.laws import NoSlip
 from ..propagator import Propagator
+from ..propagator.base import channel_displacement, channel_velocity
 from ..propagator.interface_probing import Points
 from ..time_scheme import QuasiStatic, TimeScheme
 
@@ -155,6 +156,103 @@ class GroundState(NamedTuple):
     acceleration: Array | None
 
 
+class Ground:
+    """The rigid ground that some interfaces meet, and its prescribed motion.
+
+    Parameters
+    ----------
+    layout, interfaces : of the assembly. static : whether there is no inertia.
+
+    Attributes
+    ----------
+    start : of each interface against ground, the state at the first instant.
+    velocity : likewise (n_time, 3), m s-1. travel : displacement since the first instant, (n_time, 3), m, the integral
+        of the velocity by trapezoids, without inertia by the increments.
+    """
+
+    def __init__(self, layout: Layout, interfaces: Sequence[InterfaceUnit], static: bool) -> None:
+        self._frames = {
+            i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
+            for i, unit in enumerate(interfaces)
+            if unit.against_ground
+        }
+        self._n_flat, self._static, self._dt = layout.n_flat, static, 0.0
+        self.start = {i: GroundState(np.zeros(3), None) for i in self._frames}
+        self.velocity, self.travel = dict[int, Array](), dict[int, Array]()
+
+    def take(self, whole: Ground, numbers: Mapping[int, int]) -> None:
+        """Take over the motion of the ground of some interfaces of a ``whole`` assembly; their numbers here."""
+        self._dt = whole._dt
+        for name in ("start", "velocity", "travel"):
+            setattr(self, name, {numbers[i]: values for i, values in getattr(whole, name).items() if i in numbers})
+
+    def begin(self, dt: float, velocity: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
+        """Set the motion in a segment; see ``Assembly.begin``."""
+        self._dt, self.velocity, self.start = dt, dict(velocity), dict(start)
+        self.travel = {
+            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) if v.any() else v
+            for i, v in velocity.items()
+        }
+
+    def _mean(self, velocity: Array) -> Array:
+        """Velocity over each step: mean of both ends, without inertia that of the increment."""
+        return velocity[1:] if self._static else 0.5 * (velocity[1:] + velocity[:-1])
+
+    @property
+    def channels(self) -> Index:
+        """Channels of the ground (n,)."""
+        return np.concatenate([np.zeros(0, dtype=np.int64), *(where.ravel() for where, _ in self._frames.values())])
+
+    @property
+    def rests(self) -> bool:
+        """Whether the ground has not moved and does not move."""
+        starts = (field for state in self.start.values() for field in state if field is not None)
+        return not any(field.any() for field in (*self.velocity.values(), *starts))
+
+    def write(self, flat: Array, of: Callable[[int], Array]) -> None:
+        """Write vectors of the ground, ``of(interface)`` (3,), into the channels of a flat vector."""
+        for i, (channels, frames) in self._frames.items():
+            flat[channels] = frames @ of(i)
+
+    def displacement(self, interface: int, instant: int) -> Array:
+        """Displacement (3,) of the ground at an instant, m."""
+        total: Array = self.start[interface].displacement + self.travel[interface][instant]
+        return total
+
+    def acceleration(self, interface: int, instant: int) -> Array:
+        """Acceleration (3,) of the ground at an instant, m s-2: backward difference, at t = 0 that of the start."""
+        start, velocity = self.start[interface], self.velocity[interface]
+        if instant == 0 and start.acceleration is not None:
+            return start.acceleration
+        i = max(instant, 1)
+        slope: Array = (velocity[i] - velocity[i - 1]) / self._dt
+        return slope
+
+    def initial_acceleration(self) -> Array:
+        """Flat vector with the accelerations of the ground at the first instant, 0 elsewhere."""
+        flat = np.zeros(self._n_flat)
+        self.write(flat, lambda i: self.acceleration(i, 0))
+        return flat
+
+    def tables(self, scheme: TimeScheme, n_time: int) -> tuple[Array, Array, Array]:
+        """Velocities, displacements and accelerations (n_time, n) of the channels of the ground at all instants."""
+        tables = [[np.zeros((n_time, 0))] for _ in range(3)]
+        for i, (_, frames) in self._frames.items():
+            displacement = self.start[i].displacement + self.travel[i]
+            v = self.velocity[i]
+            acceleration = np.concatenate([[self.acceleration(i, 0)], (v[1:] - v[:-1]) / self._dt])
+            w = scheme.interface_velocity(displacement[:-1], displacement[1:], v[1:], self._dt)
+            velocity = np.concatenate([v[:1], w])
+            for table, vectors in zip(tables, (velocity, displacement, acceleration), strict=True):
+                table.append(np.einsum("pci,ti->tpc", frames, vectors).reshape(n_time, -1))
+        velocity, displacement, acceleration = (np.concatenate(table, axis=1) for table in tables)
+        return velocity, displacement, acceleration
+
+    def end(self, instant: int) -> dict[int, GroundState]:
+        """State of the ground at an instant, for the next segment."""
+        return {i: GroundState(self.displacement(i, instant), self.acceleration(i, instant)) for i in self._frames}
+
+
 class NoEquilibrium(NamedTuple):
     """Loads that contact and friction cannot hold: the first instant, the time at which the equilibrium is lost, s, and
     which body moves then, how, and at which share of the loads."""
@@ -195,12 +293,7 @@ class Assembly:
         self._impedance = impedance
         self.characteristic_traction = characteristic_traction
         self.rest_traction = 0.0  # substructures stay inactive up to this traction, Pa; < 0: always marched
-        self._ground_frames = {
-            i: (layout.channels(i, 1), unit.geometry.frames[:, : unit.behaviour.n_component])
-            for i, unit in enumerate(self.interfaces)
-            if unit.against_ground
-        }
-        self.ground_start = {i: GroundState(np.zeros(3), None) for i in self._ground_frames}
+        self.ground = Ground(layout, self.interfaces, self.quasi_static)
         self.start_tractions: dict[int, Array] = {}
         """Tractions (n_point, n_component) on side E at t = 0 where they are known, by interface, Pa; in balance with
         the initial displacements and the loads there."""
@@ -215,13 +308,9 @@ class Assembly:
         """Make this copy of an assembly one of these of its interfaces, with these of its channels."""
         numbers = {i: own for own, i in enumerate(interfaces)}
         self._impedance = whole._impedance[channels]
-        self._ground_frames = {
-            own: (self.layout.channels(own, 1), whole._ground_frames[i][1])
-            for i, own in numbers.items()
-            if i in whole._ground_frames
-        }
-        for name in ("ground", "_travel", "ground_start", "start_tractions"):
-            setattr(self, name, {numbers[i]: values for i, values in getattr(whole, name).items() if i in numbers})
+        self.ground = Ground(self.layout, self.interfaces, self.quasi_static)
+        self.ground.take(whole.ground, numbers)
+        self.start_tractions = {numbers[i]: f for i, f in whole.start_tractions.items() if i in numbers}
         self.rigid = np.flatnonzero(np.isin(channels, whole.rigid))
 
     @property
@@ -249,22 +338,13 @@ class Assembly:
         start : state of that ground at the first instant.
         """
         self.time, self.dt = time, dt
-        self.ground = dict(ground)
-        self._travel = {
-            i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) if v.any() else v
-            for i, v in ground.items()
-        }
-        self.ground_start = dict(start)
+        self.ground.begin(dt, ground, start)
         for group in self.layout.groups:
             if isinstance(group.behaviour, NoSlip):
                 impedance = self.impedance
                 yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
                 compliance = group.block(yielding)[..., 0].sum(axis=0)
                 group.parameters[:, 0] = _TOUCH * self.characteristic_traction * compliance
-
-    def _mean(self, velocity: Array) -> Array:
-        """Velocity over each step: mean of both ends, without inertia that of the increment."""
-        return velocity[1:] if self.quasi_static else 0.5 * (velocity[1:] + velocity[:-1])
 
     def _rigid_channels(self) -> Index:
         """Channels of points where a side cannot move at all (ground, or every direction held)."""
@@ -311,92 +391,22 @@ class Assembly:
             first += channels.shape[1]
         return table
 
-    # -- the ground -----------------------------------------------------------------------------------------------
-    def _write_ground(self, flat: Array, of: Callable[[int], Array]) -> None:
-        """Write vectors of the ground, ``of(interface)`` (3,), into the channels of a flat vector."""
-        for i, (channels, frames) in self._ground_frames.items():
-            flat[channels] = frames @ of(i)
-
-    def _ground_travel(self, interface: int, instant: int) -> Array:
-        """Displacement (3,) of the ground at an instant, m: trapezoid of its velocity."""
-        travel: Array = self.ground_start[interface].displacement + self._travel[interface][instant]
-        return travel
-
-    def ground_path(self, interface: int) -> Array:
-        """Travel of the ground since the first instant, (n_time, 3), m."""
-        return self._travel[interface]
-
-    def _ground_acceleration(self, interface: int, instant: int) -> Array:
-        """Acceleration (3,) of the ground at an instant, m s-2: backward difference, at t = 0 that of the start."""
-        start, velocity = self.ground_start[interface], self.ground[interface]
-        if instant == 0 and start.acceleration is not None:
-            return start.acceleration
-        i = max(instant, 1)
-        slope: Array = (velocity[i] - velocity[i - 1]) / self.dt
-        return slope
-
-    def initial_ground_acceleration(self) -> Array:
-        """Flat vector with the accelerations of the ground at the first instant, 0 elsewhere."""
-        flat = np.zeros(self.layout.n_flat)
-        self._write_ground(flat, lambda i: self._ground_acceleration(i, 0))
-        return flat
-
-    @property
-    def n_ground(self) -> int:
-        """Number of channels of the ground."""
-        return sum(channels.size for channels, _ in self._ground_frames.values())
-
-    @property
-    def ground_rests(self) -> bool:
-        """Whether the ground has not moved and does not move."""
-        starts = (field for state in self.ground_start.values() for field in state if field is not None)
-        return not any(field.any() for field in (*self.ground.values(), *starts))
-
-    @property
-    def ground_channels(self) -> Index:
-        """Channels of the ground (n,)."""
-        return np.concatenate(
-            [np.zeros(0, dtype=np.int64), *(where.ravel() for where, _ in self._ground_frames.values())]
-        )
-
-    def ground_tables(self) -> tuple[Array, Array, Array]:
-        """Velocities, displacements and accelerations (n_time, n) of the channels of the ground at all instants."""
-        n_time = len(self.time)
-        tables = [[np.zeros((n_time, 0))] for _ in range(3)]
-        for i, (_, frames) in self._ground_frames.items():
-            displacement = self.ground_start[i].displacement + self._travel[i]
-            v = self.ground[i]
-            acceleration = np.concatenate([[self._ground_acceleration(i, 0)], (v[1:] - v[:-1]) / self.dt])
-            w = self.scheme.interface_velocity(displacement[:-1], displacement[1:], v[1:], self.dt)
-            velocity = np.concatenate([v[:1], w])
-            for table, vectors in zip(tables, (velocity, displacement, acceleration), strict=True):
-                table.append(np.einsum("pci,ti->tpc", frames, vectors).reshape(n_time, -1))
-        velocity, displacement, acceleration = (np.concatenate(table, axis=1) for table in tables)
-        return velocity, displacement, acceleration
-
-    def ground_end(self, instant: int) -> dict[int, GroundState]:
-        """State of the ground at an instant, for the next segment."""
-        return {
-            i: GroundState(self._ground_travel(i, instant), self._ground_acceleration(i, instant))
-            for i in self._ground_frames
-        }
-
     # -- the present state ------------------------------------------------------------------------------------------
     def displacement(self) -> Array:
         """Displacement (n_flat,) of every channel that the gaps of the present state follow from, m."""
-        u, instant = self.gather([p.channel_displacement() for p in self.propagators]), self.instant
-        self._write_ground(u, lambda i: self._ground_travel(i, instant))
+        u, instant = self.gather([channel_displacement(p) for p in self.propagators]), self.instant
+        self.ground.write(u, lambda i: self.ground.displacement(i, instant))
         offset = self.scheme.gap_offset(self.dt)
-        if offset and self._ground_frames:  # by which the displacements of the propagators are ahead
+        if offset and len(self.ground.channels):  # by which the displacements of the propagators are ahead
             velocity = np.zeros_like(u)
-            self._write_ground(velocity, lambda i: self.ground[i][instant])
+            self.ground.write(velocity, lambda i: self.ground.velocity[i][instant])
             u += offset * velocity
         return u
 
     def velocity(self) -> Array:
         """Velocity (n_flat,) of every channel in the present state, m s-1."""
-        v, instant = self.gather([p.channel_velocity() for p in self.propagators]), self.instant
-        self._write_ground(v, lambda i: self.ground[i][instant])
+        v, instant = self.gather([channel_velocity(p) for p in self.propagators]), self.instant
+        self.ground.write(v, lambda i: self.ground.velocity[i][instant])
         return v
 
     def gaps(self) -> list[Array]:

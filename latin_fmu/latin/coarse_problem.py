@@ -96,9 +96,9 @@ class CoarseProblem:
 
 def _responses(propagator: Propagator, traction: Array) -> Array:
     """Y times tractions (n_channel, m) for the k that the propagator is bound to, m s-1."""
-    if not propagator.swept:
-        return np.asarray(propagator.response @ traction)
     ops = propagator.operators
+    if not propagator.swept:
+        return np.asarray((propagator.condensed * ops.area) @ traction)
     return applied(propagator.condensed, ops.trace, ops.compliance.gain, ops.area[:, None] * traction)
 
 

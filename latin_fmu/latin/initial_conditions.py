@@ -24,7 +24,8 @@ import scipy.sparse.linalg as spla
 
 from ..interface import Contact
 from ..interface.laws import bonds
-from ..propagator.base import MassFactor
+from ..propagator.base import MassFactor, Propagator, channel_velocity
+from ..propagator.interface_sweeps import MassCompliance
 from .assembly import Array, Assembly, Group
 from .instant_solve import PointByPoint
 
@@ -49,10 +50,10 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         * assembly.characteristic_traction
         * float(assembly.layout.area.sum())
     )
-    ground = assembly.initial_ground_acceleration()
+    ground = assembly.ground.initial_acceleration()
     accelerates = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
     closed = closed_points(assembly)
-    accelerates |= bool(closed) and any(p.channel_velocity().any() for p in propagators)  # friction brakes sliding
+    accelerates |= bool(closed) and any(channel_velocity(p).any() for p in propagators)  # friction brakes sliding
     factors = [p.mass_factor() if accelerates else None for p in propagators]
     if accelerates:
         known = [f for f in factors if f is not None]
@@ -93,16 +94,29 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
         block[1] = -block[0]
 
 
+def _channel_accelerations(propagator: Propagator, factor: Any, unbalance: Array) -> tuple[Array, Any]:
+    """Channel accelerations (n_channel, n_member) at t = 0, and what multiplies by T M^-1 T^T."""
+    ops = propagator.operators
+    compliance: Any = MassCompliance(factor, ops)
+    if not propagator.swept:
+        spread = np.zeros((propagator.n_dof, propagator.n_channel))
+        spread[ops.dofs] = ops.trace.T if isinstance(ops.trace, np.ndarray) else ops.trace.T.toarray()
+        compliance = ops.trace @ factor.solve(spread)[ops.dofs]
+    free: Array = ops.trace @ factor.solve(unbalance)[ops.dofs]
+    imposed = propagator.forcing.channel_acceleration(0)
+    return free if imposed is None else free + imposed, compliance
+
+
 def _free_accelerations(
     assembly: Assembly, unbalance: Sequence[Array], factors: Sequence[MassFactor]
 ) -> tuple[Array, list[Any]]:
     """Accelerations (n_flat,) of the channels under the forces ``unbalance``, and per class the accelerations
-    (n_channel, n_channel) due to unit forces on its channels (``Propagator.initial_channels``)."""
-    acceleration, compliances = assembly.initial_ground_acceleration(), []
+    (n_channel, n_channel) due to unit forces on its channels."""
+    acceleration, compliances = assembly.ground.initial_acceleration(), []
     for propagator, channels, force, factor in zip(
         assembly.propagators, assembly.channels, unbalance, factors, strict=True
     ):
-        acceleration[channels], compliance = propagator.initial_channels(factor, force)
+        acceleration[channels], compliance = _channel_accelerations(propagator, factor, force)
         compliances.append(compliance)
     return acceleration, compliances
 

@@ -392,4 +392,4 @@ class SlideProbes:
                 values = values + np.stack(imposed) if imposed else values
             slide[i][into, side] = values.reshape(len(values), values.shape[1] // 3, 3)
         for i in self.ground:
-            slide[i][into, 1] = assembly.ground[i][instants][:, None]
+            slide[i][into, 1] = assembly.ground.velocity[i][instants][:, None]

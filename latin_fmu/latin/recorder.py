@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from ..kernels.energy_parts import TERMS
+from ..propagator.base import full_displacement, full_velocity
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .interface_rows import InterfaceRows, InterfaceStream, joined_rows
@@ -65,7 +66,7 @@ class StoredFields:
         for c, propagator in enumerate(assembly.propagators):
             for member, name in enumerate(propagator.names):
                 if whole is None:
-                    motion: list[Any] = [[propagator.full_displacement(member)], [propagator.full_velocity(member)]]
+                    motion: list[Any] = [[full_displacement(propagator, member)], [full_velocity(propagator, member)]]
                 else:
                     motion = [whole.fields(image, c, member, kind, rows, instants) for kind in (0, 1)]
                 recover, made = self._info[name].stress, dict[str, Any]()
@@ -286,7 +287,8 @@ class Recorder:
         weights, offset = assembly.scheme.traction_weights(), assembly.scheme.gap_offset(assembly.dt)
 
         def of(histories: Mapping[str, InterfaceHistory], known: int) -> list[dict[str, Array]]:
-            made = [energy_series(h, weights, offset, i in assembly.ground) for i, h in enumerate(histories.values())]
+            against = assembly.ground.velocity
+            made = [energy_series(h, weights, offset, i in against) for i, h in enumerate(histories.values())]
             return [{key: values[known:] for key, values in series.items()} for series in made]
 
         if self.stream is None:
@@ -331,9 +333,10 @@ def energy_balance(
     if joints := [s["joint_power"] for s in series if "joint_power" in s]:
         power = np.sum(joints, axis=0)
         total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
-    if any(g.any() for g in assembly.ground.values()):
+    ground = assembly.ground
+    if any(g.any() for g in ground.velocity.values()):
         weights = assembly.scheme.traction_weights()
-        works = [ground_work(series[i]["force"], assembly.ground_path(i)[:n], weights) for i in assembly.ground]
+        works = [ground_work(series[i]["force"], ground.travel[i][:n], weights) for i in ground.velocity]
         total["ground_work"] = sum(works, np.zeros(n))
     stored = total["kinetic"] + total["elastic"]
     total["balance"] = (

@@ -18,14 +18,14 @@ from ..kernels.callouts import LAW, OBSERVE, TANGENTS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
-from ..propagator.image import Image
+from ..propagator.image import Image, ImageClass
 from ..propagator.layout import COMMUNICATION_ROWS
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
 from .probes import Probes
 from .search_direction import FLOOR, Direction
-from .settings import Settings
+from .settings import SolverSettings
 
 RELAXATION = 0.5
 """Factor on the residual after a stall."""
@@ -50,7 +50,7 @@ def still_tractions(assembly: Assembly) -> Array:
     return still
 
 
-def reuse_bound(settings: Settings) -> float:
+def reuse_bound(settings: SolverSettings) -> float:
     """Squared relative change of the fields up to which a solve is reused; below zero where none is."""
     if not settings.skip_unchanged or settings.quasi_static:
         return -1.0
@@ -59,7 +59,7 @@ def reuse_bound(settings: Settings) -> float:
 
 def make_image(
     assembly: Assembly,
-    settings: Settings,
+    settings: SolverSettings,
     direction: Direction,
     probes: Probes | None,
     more: Mapping[str, Any],
@@ -73,7 +73,7 @@ def make_image(
     layout, static, depth = assembly.layout, assembly.quasi_static, settings.anderson_depth
     sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
     segments = [(first.flat[0], second.flat[0], first.size) for first, second in sides]
-    ground = assembly.ground_channels
+    ground = assembly.ground.channels
     run: dict[str, Any] = {
         "n_interface": len(assembly.interfaces),
         "n_ground": len(ground),
@@ -105,18 +105,17 @@ def make_image(
     groups = [_group_fields(group, static) for group in layout.groups]
     # the first segment of a co-simulation may be shorter than those after it
     longest = max(assembly.n_instant, COMMUNICATION_ROWS - 1) if more.get("n_output") else assembly.n_instant
+    none = [None] * len(assembly.propagators)
+    rows = (none, none) if probes is None else (probes.slide.rows, probes.rows)
+    divided = [False] * len(none) if part is None else part.divided
     return Image(
-        assembly.propagators,
-        assembly.channels,
+        [ImageClass(*of) for of in zip(assembly.propagators, assembly.channels, *rows, divided, strict=True)],
         layout.normal,
-        None if probes is None else probes.slide.rows,
         run,
         groups,
         min(settings.window or longest, longest),
         len(assembly.time),
         histories(assembly, None if part is None else part.whole),
-        None if probes is None else probes.rows,
-        None if part is None else part.divided,
     )
 
 
@@ -158,7 +157,7 @@ def negligible_scales(image: Image, direction: Direction, tolerance: float) -> A
     return np.array([max(part * part * fields, tiny), force, force])
 
 
-def rules(settings: Settings) -> dict[str, float]:
+def rules(settings: SolverSettings) -> dict[str, float]:
     """Numbers of the record of the run that may change during it."""
     return {
         "tolerance": settings.tolerance,
@@ -180,7 +179,7 @@ def all_in_kernels(image: Image) -> bool:
 
 def still(assembly: Assembly) -> bool:
     """Whether the ``histories`` of a segment follow from its number of instants alone."""
-    return assembly.ground_rests and not assembly.quasi_static
+    return assembly.ground.rests and not assembly.quasi_static
 
 
 def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Array]:
@@ -188,11 +187,11 @@ def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Ar
     assembly that this one is a part of."""
     scheme, dt, n_time = assembly.scheme, assembly.dt, len(assembly.time)
     share = continuation(assembly if whole is None else whole)
-    if assembly.ground_rests:
-        rest = np.zeros((n_time, assembly.n_ground))
+    if assembly.ground.rests:
+        rest = np.zeros((n_time, len(assembly.ground.channels)))
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return {**dict.fromkeys(names, rest), "continuation": share}
-    velocity, displacement, acceleration = assembly.ground_tables()
+    velocity, displacement, acceleration = assembly.ground.tables(scheme, n_time)
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))
@@ -225,7 +224,7 @@ def continuation(assembly: Assembly) -> Array:
             change[t] += float(np.vdot(new - last, new - last))
             before, last = last, new
     ground = np.zeros(n_time, dtype=bool)
-    for velocity in assembly.ground.values():
+    for velocity in assembly.ground.velocity.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
     part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
@@ -345,7 +344,7 @@ class Stages:
         """A field of the window, (n, n_flat), a view."""
         return self.image.field(name, self.n, self.image.n_flat)
 
-    def accelerate(self, settings: Settings, relaxed: bool = False, again: bool = False) -> None:
+    def accelerate(self, settings: SolverSettings, relaxed: bool = False, again: bool = False) -> None:
         """Acceleration of the next iterations by the settings; ``relaxed`` : relaxation RELAXATION alone; ``again`` :
         after a fall-back."""
         plain = relaxed or (again and settings.anderson_depth == 0)

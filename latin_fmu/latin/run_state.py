@@ -40,7 +40,7 @@ from .processes import check_newton
 from .recorder import Recorder
 from .run_image import LawsInPython, Stages, histories, law_of, make_image, negligible_scales, still
 from .search_direction import Direction
-from .settings import Settings
+from .settings import SolverSettings
 from .status import ROUND_OFF, Account, WindowList, allowed_work, round_off, status, with_energy, with_work
 
 ONE, LONG, EXACT = 1, 2, 3
@@ -142,7 +142,7 @@ class RunImage:
     def __init__(
         self,
         assembly: Assembly,
-        settings: Settings,
+        settings: SolverSettings,
         recorder: Recorder,
         communication: Mapping[str, Any],
         part: Part | None,
@@ -202,7 +202,7 @@ class RunImage:
             self._directions[key] = self.made_direction(settings, n)
         return self._directions[key]
 
-    def made_direction(self, settings: Settings, n: int) -> Direction:
+    def made_direction(self, settings: SolverSettings, n: int) -> Direction:
         """Search direction by these settings for windows of n instants, of the part that this process holds."""
         direction = Direction(self.assembly, settings, n)
         return direction if self.part is None else self.part.direction(direction)
@@ -283,7 +283,7 @@ class RunState(RunImage):
     def __init__(
         self,
         assembly: Assembly,
-        settings: Settings,
+        settings: SolverSettings,
         recorder: Recorder,
         timings: Timings,
         communication: Mapping[str, Any] | None = None,
@@ -390,12 +390,12 @@ class RunState(RunImage):
         if self._exchange is not None:
             self._joined = self._exchange.whole(self.f_hat[None])[0]
         processes.forget()
-        ends = [(p.state[1:], p.sampled) for p in self.held.propagators]
+        ends = [(p.state.fields, p.sampled) for p in self.held.propagators]
         parts = [iter(part) for part in processes.collect(ends)]
         for owner, propagator in zip(self.assembly.owner, self.assembly.propagators, strict=True):
             motion, sampled = next(parts[owner])
             if owner != processes.rank:
-                propagator.restore((propagator.instant, list(motion), None))
+                propagator.state.set(*motion)
                 propagator.sampled[:] = sampled
 
     def status(self, energy: Mapping[str, Array] | None = None, stored: float | None = None) -> tuple[bool, str]:

@@ -29,7 +29,7 @@ from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index
 from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
-from .settings import SearchDirection, Settings
+from .settings import SearchDirection, SolverSettings
 
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
@@ -219,7 +219,7 @@ class Direction:
 
     own_coarse: Callable[[CoarseProblem], CoarseProblem] | None = None
 
-    def __init__(self, assembly: Assembly, settings: Settings, n: int) -> None:
+    def __init__(self, assembly: Assembly, settings: SolverSettings, n: int) -> None:
         self.assembly, self.whole, self._settings, self._n = assembly, self, settings, n
         self.k, self.choice = channel_k(assembly, settings.search_direction, n)
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)

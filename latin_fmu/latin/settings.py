@@ -27,7 +27,7 @@ class SearchDirection:
 
 
 @dataclass(frozen=True)
-class Settings:
+class SolverSettings:
     """Settings of a run.
 
     Attributes

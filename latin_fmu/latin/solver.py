@@ -33,7 +33,7 @@ from .run_image import RELAXATION as _RELAXATION
 from .run_image import Iterate, Stages, rules
 from .run_state import RunState
 from .search_direction import Direction
-from .settings import Settings
+from .settings import SolverSettings
 from .status import BALANCED
 
 RELAXED, POINT_BY_POINT = "relaxation 1/2", "point by point"
@@ -74,7 +74,7 @@ class WindowSolver:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: SolverSettings,
         observer: Observer | None = None,
         progress: Callable[[int, float], None] | None = None,
         trial: Callable[[Stages, Callable[[int], None]], None] | None = None,
@@ -186,7 +186,7 @@ def softening(direction: Direction, gap: float) -> float | None:
 
 
 def softened_start(
-    settings: Settings, image: Image, stages: Stages, gap: float, make: Callable[[Settings], Direction]
+    settings: SolverSettings, image: Image, stages: Stages, gap: float, make: Callable[[SolverSettings], Direction]
 ) -> Array | None:
     """First guess q (n_flat,) of an increment without inertia by a short iteration with a soft search direction, which
     stays bound to propagators and image; None where the loads close the gaps without it.

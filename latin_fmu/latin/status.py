@@ -13,7 +13,7 @@ from ..interface.laws import coulomb_coefficient
 from ..kernels.iteration import CLOSER, SLOW
 from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
-from .settings import Settings
+from .settings import SolverSettings
 
 ERRORS, BALANCED = 1e-4, 1e-3
 """Work of the errors over the energy put in, up to which a run has converged: ERRORS a thousand instants, BALANCED in
@@ -36,7 +36,7 @@ class Account(NamedTuple):
 
 
 def status(
-    assembly: Assembly, settings: Settings, windows: WindowList, interface_indicator: Array | None
+    assembly: Assembly, settings: SolverSettings, windows: WindowList, interface_indicator: Array | None
 ) -> tuple[bool, str]:
     """Whether every window converged, and a sentence: the iterations, or the worst place and a remedy."""
     failed = windows.failed()
@@ -142,7 +142,7 @@ def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
     )
 
 
-def _excess(settings: Settings, window: WindowRecord) -> str:
+def _excess(settings: SolverSettings, window: WindowRecord) -> str:
     """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
     slow = window.first_instant == window.last_instant and window.iterations > SLOW and not window.newton_steps
     share = CLOSER if slow else 1.0
@@ -166,7 +166,7 @@ def _where(assembly: Assembly, interface_indicator: Array | None) -> str:
     return f"; worst interface {unit.name}" + (f" (friction coefficient {friction:g})" if friction else "")
 
 
-def _converged(settings: Settings, windows: WindowList) -> str:
+def _converged(settings: SolverSettings, windows: WindowList) -> str:
     """The sentence on a run without failed windows."""
     helped = windows.with_fallbacks()
     iterations, steps, _ = windows.counts().T
@@ -186,7 +186,7 @@ def _used(failed: list[WindowRecord]) -> str:
     return f" and the fall-backs {', '.join(used)}" if used else ""
 
 
-def _remedy(assembly: Assembly, settings: Settings, failed: list[WindowRecord]) -> str:
+def _remedy(assembly: Assembly, settings: SolverSettings, failed: list[WindowRecord]) -> str:
     """What to change, by the kind of failure."""
     if assembly.quasi_static:
         return (

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,7 +26,7 @@ from .part import Part
 from .recorder import Recorder
 from .run_image import rules
 from .run_state import ONE, SAMPLED
-from .settings import Settings
+from .settings import SolverSettings
 from .solver import MOST_REFUSALS, Observer, Progress, StopError, WindowFields, WindowRun
 
 _PASS = 0.1  # of the tolerances, for the pass over the instants of a window that its iteration starts from
@@ -49,17 +49,32 @@ class WindowMonitor(Protocol):
         """Whether the run has to stop, inside a long window too."""
 
 
-class Run(WindowRun):
-    """A run of an assembly; ``all`` solves the windows of the present segment, ``advance`` one of them.
+@dataclass(frozen=True)
+class RunControl:
+    """Who watches a run, what it begins from, and how long it may take.
 
-    Parameters
+    Attributes
     ----------
-    assembly, settings, recorder, timings, communication, part : as for ``RunState``.
     observer : called after each iteration. progress : called after each iteration with window counts.
     monitor : checks the run between windows. fields : first guesses of windows of several instants, in the place of
         those of ``settings.sequential_start``; it is given the converged fields.
     max_cpu : CPU time that the run may take, its set-up (``timings.setup``) included, s; None for no limit. Of a run on
         several processes, each of them: all stop before the same instant, when the first one has reached it.
+    """
+
+    observer: Observer | None = None
+    progress: Progress | None = None
+    monitor: WindowMonitor | None = None
+    fields: WindowFields | None = None
+    max_cpu: float | None = None
+
+
+class Run(WindowRun):
+    """A run of an assembly; ``all`` solves the windows of the present segment, ``advance`` one of them.
+
+    Parameters
+    ----------
+    assembly, settings, recorder, timings, communication, part : as for ``RunState``. control : see ``RunControl``.
 
     Attributes
     ----------
@@ -69,20 +84,17 @@ class Run(WindowRun):
     def __init__(
         self,
         assembly: Assembly,
-        settings: Settings,
+        settings: SolverSettings,
         recorder: Recorder,
         timings: Timings,
-        observer: Observer | None = None,
-        progress: Progress | None = None,
-        monitor: WindowMonitor | None = None,
-        fields: WindowFields | None = None,
+        control: RunControl = RunControl(),
         communication: Mapping[str, Any] | None = None,
         part: Part | None = None,
-        max_cpu: float | None = None,
     ) -> None:
-        self._observer, self._progress, self._monitor, self._fields = observer, progress, monitor, fields
-        self.interrupted, self._max_cpu = "", max_cpu
-        self._cpu_end = np.inf if max_cpu is None else clock.process_time() - timings.setup + max_cpu
+        self._observer, self._progress = control.observer, control.progress
+        self._monitor, self._fields, self._max_cpu = control.monitor, control.fields, control.max_cpu
+        self.interrupted = ""
+        self._cpu_end = np.inf if self._max_cpu is None else clock.process_time() - timings.setup + self._max_cpu
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
     def stops(self) -> str:

@@ -178,6 +178,16 @@ class Names:
         """Number of all variables."""
         return len(self.table) + len(self.locals)
 
+    @property
+    def n_state(self) -> int:
+        """Number of continuous states."""
+        return len(self.states)
+
+    @property
+    def n_indicator(self) -> int:
+        """Number of event indicators."""
+        return self.count - self.indicators
+
     def to_text(self) -> str:
         """Write the names as JSON."""
         rest = [asdict(local) for local in self.locals]
@@ -207,7 +217,7 @@ class Evaluation(NamedTuple):
     """At one instant: derivative (n_state,), patches, velocity of the ground (n_interface, 3)."""
 
     derivative: Array
-    motion: Motion
+    motion: ContactMotion
     traction: Traction
     ground: Array
 
@@ -257,7 +267,7 @@ class Equations:
         )
 
     # -- patches --------------------------------------------------------------------------------------------------
-    def motion(self, t: float, y: Array, segment: int) -> tuple[Motion, Array]:
+    def motion(self, t: float, y: Array, segment: int) -> tuple[ContactMotion, Array]:
         """Motion of the patches, and velocity of the ground (n_interface, 3)."""
         s, n = self.system, self.system.n
         x, v = y[:n], y[n : 2 * n]
@@ -270,25 +280,25 @@ class Equations:
             rate = rate + np.einsum("pi,pi->p", self._normal, velocity[self._owner])
             slides = s.contacts.friction > 0.0
             sliding = sliding + slides * np.einsum("cpi,pi->cp", self._tangent, velocity[self._owner])
-        return Motion(gap, rate, sliding), velocity
+        return ContactMotion(gap, rate, sliding), velocity
 
-    def indicators(self, t: float, y: Array, modes: Modes) -> Array:
+    def indicators(self, t: float, y: Array, modes: ContactModes) -> Array:
         """(2 n_patch,) positive while the discrete state holds: of the gaps, then of stick and slip."""
         return np.concatenate(self.law.indicators(self.motion(t, y, modes.segment)[0], modes))
 
-    def switch(self, t: float, y: Array, modes: Modes) -> tuple[Modes, int]:
+    def switch(self, t: float, y: Array, modes: ContactModes) -> tuple[ContactModes, int]:
         """Discrete states after an event, and how many of them changed."""
         segment = max(self.amplitudes.segment(t), modes.segment)
-        here = Modes(modes.closed, modes.sticking, segment)
+        here = ContactModes(modes.closed, modes.sticking, segment)
         return self.law.switched(self.motion(t, y, segment)[0], here)
 
-    def modes_at(self, t: float, y: Array) -> Modes:
+    def modes_at(self, t: float, y: Array) -> ContactModes:
         """Discrete states that follow from the continuous states alone."""
         segment = self.amplitudes.segment(t)
         return self.law.called_for(self.motion(t, y, segment)[0], segment)
 
     # -- right-hand side --------------------------------------------------------------------------------------------
-    def evaluate(self, t: float, y: Array, modes: Modes, given: GivenLoads) -> Evaluation:
+    def evaluate(self, t: float, y: Array, modes: ContactModes, given: GivenLoads) -> Evaluation:
         """Derivative of the states and what the outputs need of it; ``given`` as in ``Amplitudes.at``."""
         s, n = self.system, self.system.n
         x, v, area = y[:n], y[n : 2 * n], s.contacts.area
@@ -400,7 +410,7 @@ class Outputs:
         self._patches = [np.flatnonzero(owner == i) for i in range(len(system.interfaces))]
         self._bonds = {bond.interface: bond.normal for bond in system.bonds}
 
-    def row(self, y: Array, modes: Modes, now: Evaluation, events: int) -> Array:
+    def row(self, y: Array, modes: ContactModes, now: Evaluation, events: int) -> Array:
         """Outputs at one instant, (n_output,)."""
         s = self._system
         x, v = y[: s.n], y[s.n : 2 * s.n]
@@ -420,7 +430,7 @@ class Outputs:
         parts.append([float(events)])
         return np.concatenate(parts)
 
-    def _contact(self, interface: int, modes: Modes, now: Evaluation) -> list[float]:
+    def _contact(self, interface: int, modes: ContactModes, now: Evaluation) -> list[float]:
         here = self._patches[interface]
         contacts = self._system.contacts
         area = contacts.area[here]
@@ -464,7 +474,7 @@ class Regularisation:
 
 
 @dataclass
-class Modes:
+class ContactModes:
     """Discrete states: which patches are closed, which of them stick, and the segment of the time laws."""
 
     closed: Flags
@@ -472,7 +482,7 @@ class Modes:
     segment: int
 
 
-class Motion(NamedTuple):
+class ContactMotion(NamedTuple):
     """Of the patches: gap and its rate (n_patch,), sliding velocity (2, n_patch)."""
 
     gap: Array
@@ -499,7 +509,7 @@ class ContactLaw:
         self._friction, self._preload = contacts.friction, contacts.preload
         self.penetration: Array = system.traction / self.stiffness  # under the characteristic pressure
 
-    def traction(self, motion: Motion, modes: Modes) -> Traction:
+    def traction(self, motion: ContactMotion, modes: ContactModes) -> Traction:
         """Tractions while the discrete states hold."""
         elastic = np.where(modes.closed, self._preload - self.stiffness * motion.gap, 0.0)
         pressure = elastic * np.maximum(0.0, 1.0 - self.damping * motion.rate)
@@ -507,7 +517,7 @@ class ContactLaw:
         reach = np.where(modes.sticking, bound, np.maximum(speed, 0.5 * bound))
         return Traction(pressure, elastic, self._friction * np.maximum(pressure, 0.0) * motion.sliding / reach)
 
-    def indicators(self, motion: Motion, modes: Modes) -> tuple[Array, Array]:
+    def indicators(self, motion: ContactMotion, modes: ContactModes) -> tuple[Array, Array]:
         """Positive while the discrete states hold, (n_patch,) each, of the size 1 whatever the scene.
 
         For the gaps, in penetrations under the characteristic pressure, and for stick and slip, in v_r.
@@ -518,17 +528,17 @@ class ContactLaw:
         tangential = SLIDING_MARGIN + np.where(modes.sticking, -beyond, beyond)
         return normal, np.where(modes.closed & (self._friction > 0.0), tangential, 1.0)
 
-    def switched(self, motion: Motion, modes: Modes) -> tuple[Modes, int]:
+    def switched(self, motion: ContactMotion, modes: ContactModes) -> tuple[ContactModes, int]:
         """Discrete states after an event, and how many of them changed."""
         opens = self.indicators(motion, modes)[0] <= _DUE * GAP_MARGIN
         closed = modes.closed ^ opens
-        here = Modes(closed, modes.sticking, modes.segment)
+        here = ContactModes(closed, modes.sticking, modes.segment)
         turns = self.indicators(motion, here)[1] <= _DUE * SLIDING_MARGIN
         sticking = np.where(closed, modes.sticking ^ turns, True)
-        return Modes(closed, sticking, modes.segment), int(opens.sum() + turns.sum())
+        return ContactModes(closed, sticking, modes.segment), int(opens.sum() + turns.sum())
 
-    def called_for(self, motion: Motion, segment: int) -> Modes:
+    def called_for(self, motion: ContactMotion, segment: int) -> ContactModes:
         """Discrete states that follow from the motion alone."""
         closed = self._preload - self.stiffness * motion.gap > 0.0
         sticking = ~closed | (np.hypot(*motion.sliding) <= self.regularisation.sliding)
-        return Modes(closed, sticking, segment)
+        return ContactModes(closed, sticking, segment)

@@ -18,10 +18,10 @@ from .equations import (
     DAMPING,
     SLIDING,
     STIFFNESS,
+    ContactModes,
     Equations,
     Evaluation,
     GivenLoads,
-    Modes,
     Names,
     Outputs,
     ReducedSystem,
@@ -100,11 +100,11 @@ class ReducedModelInstance:
 
     Attributes
     ----------
-    phase : state of the state machine of the FMI, as in ``cosim.fmi_instance``.
+    names : of all variables. phase : state of the state machine of the FMI, as in ``cosim.fmi_instance``.
     """
 
     def __init__(self, system: ReducedSystem, names: Names, log: Log) -> None:
-        self.log, self._names = log, names
+        self.log, self.names = log, names
         self._digest = hashlib.sha256(system.to_bytes()).hexdigest()
         self._logged: set[str] = set()
         energy = any(v.name.startswith("energy.") for v in names.table)
@@ -124,41 +124,26 @@ class ReducedModelInstance:
             self._logged.add(message)
             self.log(ERROR, message)
 
-    @property
-    def time(self) -> float:
-        """Time of the next evaluation, s."""
-        return self.variables.time
-
-    @property
-    def n_state(self) -> int:
-        """Number of continuous states."""
-        return len(self._names.states)
-
-    @property
-    def n_indicator(self) -> int:
-        """Number of event indicators."""
-        return self._names.count - self._names.indicators
-
     def _changed(self) -> None:
         self._evaluated, self._outputs_are_set = None, False
 
     def _evaluation(self) -> Evaluation:
         if self._evaluated is None:
-            self._evaluated = self.equations.evaluate(self.time, self.y, self.modes, self.variables.loads())
+            self._evaluated = self.equations.evaluate(self.variables.time, self.y, self.modes, self.variables.loads())
         return self._evaluated
 
     # -- variables ------------------------------------------------------------------------------------------------
     @exception_barrier(lambda _, references: [nan] * len(references))
     def get(self, references: Sequence[int]) -> list[float]:
         """Numbers by value reference; NaN, and an error is logged, where they cannot be computed."""
-        if not self._outputs_are_set and any(r < len(self._names.table) for r in references):
+        if not self._outputs_are_set and any(r < len(self.names.table) for r in references):
             row = self._outputs.row(self.y, self.modes, self._evaluation(), self.events)
             self.variables.numbers[self.variables.outputs] = row
-            self.variables.numbers[0], self._outputs_are_set = self.time, True
+            self.variables.numbers[0], self._outputs_are_set = self.variables.time, True
         return [self._number(int(reference)) for reference in references]
 
     def _number(self, reference: int) -> float:
-        names = self._names
+        names = self.names
         if reference in self._state_of:
             return float(self.y[self._state_of[reference]])
         if reference < len(names.table):
@@ -193,32 +178,27 @@ class ReducedModelInstance:
         self.y[:] = values
         self._changed()
 
-    @exception_barrier(lambda self: [nan] * self.n_state)
+    @exception_barrier(lambda self: [nan] * self.names.n_state)
     def derivatives(self) -> list[float]:
         """Time derivatives of the states; NaN, and an error is logged, where they cannot be computed."""
         values: list[float] = self._evaluation().derivative.tolist()
         return values
 
-    @exception_barrier(lambda self: [nan] * self.n_indicator)
+    @exception_barrier(lambda self: [nan] * self.names.n_indicator)
     def indicators(self) -> list[float]:
         """Event indicators; NaN, and an error is logged, where they cannot be computed."""
-        values: list[float] = self.equations.indicators(self.time, self.y, self.modes).tolist()
+        values: list[float] = self.equations.indicators(self.variables.time, self.y, self.modes).tolist()
         return values
 
     def close(self) -> None:
         """Free the instance; its parts hold no cycles."""
-
-    def nominals(self) -> list[float]:
-        """Nominal values of the states."""
-        values: list[float] = self.equations.nominals().tolist()
-        return values
 
     # -- life cycle, events -----------------------------------------------------------------------------------------
     @exception_barrier(lambda *_: None)
     def initialize(self) -> None:
         """Fix the parameters; contact states follow from the motion at the start."""
         self.equations.use(self.variables.regularisation())
-        self.modes = self.equations.modes_at(self.time, self.y)
+        self.modes = self.equations.modes_at(self.variables.time, self.y)
         self.variables.fixed = True
         self._changed()
 
@@ -228,7 +208,7 @@ class ReducedModelInstance:
         if not self.variables.finite():
             self.log(ERROR, "an input is not finite: the simulation ends")
             return Update(terminate=True)
-        self.modes, changed = self.equations.switch(self.time, self.y, self.modes)
+        self.modes, changed = self.equations.switch(self.variables.time, self.y, self.modes)
         self.events += changed
         self._changed()
         return Update(next_event=self.equations.amplitudes.next_knot(self.modes.segment))
@@ -236,7 +216,7 @@ class ReducedModelInstance:
     # -- states of the FMU ------------------------------------------------------------------------------------------
     @property
     def _kind(self) -> str:
-        return f"model exchange {self._names.table[-1].name} {self.n_state}"
+        return f"model exchange {self.names.table[-1].name} {self.names.n_state}"
 
     @exception_barrier(lambda *_: None)
     def get_state(self) -> bytes:
@@ -248,7 +228,7 @@ class ReducedModelInstance:
         state = {
             "variables": variables.get_state(),
             "since": variables.since,
-            "time": self.time,
+            "time": self.variables.time,
             "y": self.y,
             "events": self.events,
             "closed": modes.closed,
@@ -272,7 +252,7 @@ class ReducedModelInstance:
         variables.set_state(state["variables"])
         variables.time, variables.since = state["time"], state["since"]
         self.y, self.events, self.phase = state["y"], state["events"], state["phase"]
-        self.modes = Modes(state["closed"], state["sticking"], state["segment"])
+        self.modes = ContactModes(state["closed"], state["sticking"], state["segment"])
         self.equations.use(variables.regularisation())
         self._changed()
 

@@ -357,7 +357,7 @@ class _Here(Executor):
         return future
 
 
-class _Points:
+class _WaitingPoints:
     """Points that wait, by worker."""
 
     def __init__(self, points: Sequence[Index], workers: int) -> None:
@@ -397,10 +397,10 @@ def solve_points(points: Sequence[Index], plan: str, jobs: int, scheduler: str |
             if scheduler is not None
             else stack.enter_context(make(min(jobs, len(points))))
         )
-        _distribute(_Points(points, len(workers)), plan, workers, keep)
+        _distribute(_WaitingPoints(points, len(workers)), plan, workers, keep)
 
 
-def _distribute(points: _Points, plan: str, workers: Sequence[Renew], keep: Keep) -> None:
+def _distribute(points: _WaitingPoints, plan: str, workers: Sequence[Renew], keep: Keep) -> None:
     """Give every worker its next point until none is left."""
     executors = [make() for make in workers]
     running: dict[Future[Record], tuple[int, Index]] = {}

@@ -29,7 +29,7 @@ _NONE = np.zeros(1, dtype=np.int64)
 _NO_TERMS = MappingProxyType({f"{name}_terms": 0 for name in SUMS})
 
 
-class Block:
+class BlockLayout:
     """Positions of arrays in a block of float64 numbers; the same array put in twice before ``fill`` takes one place.
 
     Parameters
@@ -89,7 +89,7 @@ def _copy(at: int, packed: NDArray[Any], target: Array) -> None:
     target[at : at + -(-packed.nbytes // 8)].view(packed.dtype)[: packed.size] = packed
 
 
-def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -> None:
+def put_matrix(block: BlockLayout, row: Row, name: str, matrix: sp.csr_array | None) -> None:
     """A matrix in compressed rows."""
     if matrix is None or matrix.shape[0] == 0:
         return
@@ -99,7 +99,7 @@ def put_matrix(block: Block, row: Row, name: str, matrix: sp.csr_array | None) -
     row[f"{name}_values"] = block.put(matrix.data)
 
 
-def put_symmetric(block: Block, row: Row, name: str, matrix: sp.csr_array | None, halves: Halves) -> None:
+def put_symmetric(block: BlockLayout, row: Row, name: str, matrix: sp.csr_array | None, halves: Halves) -> None:
     """A symmetric matrix (n, n), no entry twice: its diagonal and strict lower triangle, all of it where members are
     taken eight at a time."""
     if matrix is None:
@@ -132,7 +132,7 @@ def _fill_pattern(pattern: tuple[Any, Any], n: int, half: tuple[int, int, int, i
     lower_pattern(*pattern, data[starts : starts + n + 1].view(np.int64), *lower)
 
 
-def put_terms(block: Block, sums: Sum) -> Row:
+def put_terms(block: BlockLayout, sums: Sum) -> Row:
     """Patterns times histories: sum over t of amplitudes[instant, t] x values on rows (row x members + member)."""
     if not sums.patterns:
         return {"terms": 0}
@@ -153,7 +153,7 @@ def is_diagonal(matrix: Array) -> bool:
     return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())
 
 
-def put_dense(block: Block, matrix: Array, parts: Sequence[Index], m: int, diagonal: bool) -> int:
+def put_dense(block: BlockLayout, matrix: Array, parts: Sequence[Index], m: int, diagonal: bool) -> int:
     """Picked rows and columns of a symmetric matrix, part after part, as ``products.product`` reads them for m members:
     the diagonal alone, the lower triangle row by row, or whole."""
     if diagonal:
@@ -174,7 +174,7 @@ def _fill_triangle(matrix: Array, picked: Index, part: slice, data: Array) -> No
 
 
 def constants(
-    block: Block,
+    block: BlockLayout,
     propagator: Any,
     flat: Index,
     probe: sp.csr_array | None,
@@ -230,7 +230,7 @@ def constants(
     return row
 
 
-def _swept_interface(block: Block, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
+def _swept_interface(block: BlockLayout, row: Row, propagator: Any, is_normal: NDArray[np.bool_]) -> None:
     """Places of the interface dofs in the factor, and traces, of a class that is solved with by substitution."""
     ops, shape = propagator.operators, propagator.operators.factor.symbolic
     row |= {"swept": 1, "face_start": block.put(shape.face_start, np.int64)}
@@ -239,7 +239,7 @@ def _swept_interface(block: Block, row: Row, propagator: Any, is_normal: NDArray
     _put_traces(block, row, ops)
 
 
-def _dense_interface(block: Block, row: Row, propagator: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
+def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index, is_normal: NDArray[np.bool_]) -> None:
     """Dense matrices of the interfaces of a class, and traces."""
     ops, m = propagator.operators, row["m"]
     if row["kind"] != STATIC:
@@ -263,7 +263,7 @@ def _dense_interface(block: Block, row: Row, propagator: Any, live: Index, is_no
         _put_traces(block, row, ops)
 
 
-def _put_traces(block: Block, row: Row, ops: Any) -> None:
+def _put_traces(block: BlockLayout, row: Row, ops: Any) -> None:
     """Sparse traces from interface dofs to channels and back."""
     put_matrix(block, row, "trace", ops.trace)
     put_matrix(block, row, "spread", ops.spread)
@@ -271,7 +271,7 @@ def _put_traces(block: Block, row: Row, ops: Any) -> None:
     row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
 
 
-def _factor(block: Block, row: Row, factor: Any) -> None:
+def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
     """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
     row["factored"], row["n_piece"] = 1, 0
     if isinstance(factor, CholeskyFactor):
@@ -309,7 +309,7 @@ def move_panels(fixed: Array, row: Row, factor: Any) -> None:
         factor.keep_in(fixed.view(factor.dtype)[row["panels"] : row["panels"] + row["n_panels"]])
 
 
-def _borders(block: Block, row: Row, propagator: Any) -> None:
+def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     """Matrices between prescribed motions and dofs, for the account of energies; the lumped damping."""
     model = propagator.members[0]
     dashpots = propagator.dashpots
@@ -334,7 +334,7 @@ def _borders(block: Block, row: Row, propagator: Any) -> None:
         put_matrix(block, row, f"border_{name}", border)
 
 
-def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
+def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> Row:
     """Search direction and responses of a class with constants, put into the fixed block; ``run`` : its fields."""
     m, row = constant["m"], {}
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
@@ -368,7 +368,7 @@ def direction(block: Block, propagator: Any, constant: Row, run: Row) -> Row:
     return row
 
 
-def _room_for_admittance(block: Block, size: int) -> int:
+def _room_for_admittance(block: BlockLayout, size: int) -> int:
     """Place of a table of D that ``make_admittance`` writes at the first Newton step."""
     at = block.reserve(size)
     block.fill_later(partial(_copy, at, np.zeros(1)))
@@ -379,12 +379,12 @@ def make_admittance(data: Array, propagator: Any, row: Row) -> None:
     """Write the table of D of a class without inertia to its place in the fixed block ``data``."""
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     table = propagator.relative_compliance(data[row["k"] : row["k"] + propagator.n_channel])
-    block = Block(row["admittance"])
+    block = BlockLayout(row["admittance"])
     put_dense(block, table, [live], row["m"], bool(row.get("plain_response")))
     block.fill(data)
 
 
-def histories(block: Block, constant: Row, propagator: Any) -> Row:
+def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:
     """Loads and prescribed motions of the class with the constants ``constant`` over a segment of time."""
     forcing = propagator.forcing
     force, terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)

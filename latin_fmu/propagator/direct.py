@@ -26,7 +26,7 @@ import scipy.sparse.linalg as spla
 from ..cholesky.factor import CholeskyFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
-from .base import MassFactor, Propagator
+from .base import MassFactor, Propagator, nodal_forces
 from .interface_matrices import projected, with_dashpots
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
 from .model import Array, Index, Operators, SubstructureModel
@@ -219,7 +219,7 @@ class DirectPropagator(Propagator):
         if state.u.any():
             unbalance -= ops.stiffness @ state.u
         if traction.any():
-            unbalance += self._nodal(traction)
+            unbalance += nodal_forces(self, traction)
         if ops.damping is not None and state.v.any():
             unbalance -= ops.damping @ state.v
         inertia = self.forcing.inertia(0)

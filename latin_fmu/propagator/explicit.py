@@ -16,7 +16,7 @@ import scipy.sparse.linalg as spla
 from ..cholesky.factor import DiagonalFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
-from .base import MassFactor, Propagator
+from .base import MassFactor, Propagator, nodal_forces
 from .interface_matrices import projected, projected_diagonal
 from .model import Array, Histories, Operators, SubstructureModel, lumped
 from .stable_step import StableStep
@@ -101,7 +101,7 @@ class ExplicitPropagator(Propagator):
         if self.state.u.any():
             unbalance -= self._stiffness @ self.state.u
         if traction.any():
-            unbalance += self._nodal(traction)
+            unbalance += nodal_forces(self, traction)
         if self._damping is not None and self.state.v.any():
             unbalance -= self._damping @ self.state.v
         return unbalance

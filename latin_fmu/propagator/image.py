@@ -14,7 +14,7 @@ from ctypes import cast as pointer_to
 from dataclasses import dataclass
 from functools import partial
 from math import prod
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 from weakref import ReferenceType, proxy, ref
 
 import numpy as np
@@ -28,7 +28,7 @@ from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..time_scheme.scheme import coefficients
 from . import class_record, layout
-from .class_record import Block
+from .class_record import BlockLayout
 from .model import Array, Index
 
 Fields = dict[str, Any]
@@ -48,7 +48,7 @@ class _Direction:
     groups: list[Fields]
 
 
-def _placed(fields: Mapping[str, Any], block: Block) -> Fields:
+def _placed(fields: Mapping[str, Any], block: BlockLayout) -> Fields:
     """Numbers as they are, arrays and matrices by their places in a block."""
     placed: Fields = {}
     for name, value in fields.items():
@@ -161,40 +161,50 @@ def pools_of(run: Any, classes: Any, groups: Any, fixed: Array, moving: Array) -
     return Pools(run, classes, groups, fixed, *views, moving, moving.view(np.int64))
 
 
+class ImageClass(NamedTuple):
+    """What an image is made from, of one class of substructures.
+
+    Attributes
+    ----------
+    propagator : begun. channels : places (n_channel, m) of its channels among those of the run.
+    probes : rows (n_probe, n) whose velocities are kept, or None; sensors : likewise of their displacements, velocities
+        and accelerations. divided : whether other processes hold members of it.
+    """
+
+    propagator: Any
+    channels: Index
+    probes: sp.csr_array | None = None
+    sensors: sp.csr_array | None = None
+    divided: bool = False
+
+
 class Image:
     """Records and blocks of the classes of substructures of a run and of the interfaces between them.
 
     Parameters
     ----------
-    propagators : one per class, begun. channels : per class the places (n_channel, m) of its channels among ``n_flat``.
-    normal : (n_flat,) True where a channel is normal to its interface. probes : per class rows (n_probe, n) whose
-    velocities are kept, or None; sensors : likewise of their displacements, velocities and accelerations.
+    classes : see ``ImageClass``. normal : (n_flat,) True where a channel is normal to its interface.
     run, groups : further fields of the records by name: numbers, arrays and matrices.
-    divided : per class whether other processes hold members of it.
     window : instants of the longest window. n_time, histories : as for ``begin``, where the segment is known.
     """
 
     def __init__(
         self,
-        propagators: Sequence[Any],
-        channels: Sequence[Index],
+        classes: Sequence[ImageClass],
         normal: NDArray[np.bool_],
-        probes: Sequence[sp.csr_array | None] | None = None,
         run: Mapping[str, Any] | None = None,
         groups: Sequence[Mapping[str, Any]] = (),
         window: int = 1,
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
-        sensors: Sequence[sp.csr_array | None] | None = None,
-        divided: Sequence[bool] | None = None,
     ) -> None:
-        self.propagators, self.n_flat, self.window = list(propagators), len(normal), window
-        self.channels = list(channels)
+        self.propagators, self.channels = [c.propagator for c in classes], [c.channels for c in classes]
+        self.n_flat, self.window = len(normal), window
         first = self.propagators[0]
         self.run = np.zeros(1, dtype=RUN)
         self.classes = np.zeros(len(self.propagators), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
-        fixed = Block()
+        fixed = BlockLayout()
         halves: class_record.Halves = {}
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
@@ -211,11 +221,10 @@ class Image:
             **_placed(run or {}, fixed),
         }
         self._groups = [_placed(group, fixed) for group in groups]
-        none = [None] * len(self.propagators)
-        per_class = zip(self.propagators, channels, probes or none, sensors or none, strict=True)
-        self._rows = [class_record.constants(fixed, *given, normal, halves) for given in per_class]
-        for row, some_elsewhere in zip(self._rows, divided or none, strict=True):
-            row |= {"divided": int(bool(some_elsewhere)), "split": 1}
+        self._rows = [
+            class_record.constants(fixed, *given[:4], normal, halves) | {"divided": int(given.divided), "split": 1}
+            for given in classes
+        ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
         self._n_fixed, self._waiting = fixed.size, [fixed]
         self.bound: int | None = None  # key of the search direction in use
@@ -233,18 +242,18 @@ class Image:
         if self._run.get("static"):
             self.callouts.add({ADMITTANCE: partial(make_admittance, proxy(self))})
         for c, propagator in enumerate(self.propagators):
-            propagator.attach(self, c)
+            propagator.state.attach(self, c)
 
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
         """Places of state, work and output."""
-        block = Block()
+        block = BlockLayout()
         self.rows, self._n_state = layout.place_moving(block, self._run, self._groups, self._rows)
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
         """Take over loads and prescribed motions of the classes in a segment of time, and ``histories`` of the run."""
-        block = Block(self._tail)
+        block = BlockLayout(self._tail)
         fields = [class_record.histories(block, row, p) for row, p in zip(self._rows, self.propagators, strict=True)]
         self._kinds = [propagator.forcing.kind for propagator in self.propagators]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
@@ -302,9 +311,9 @@ class Image:
 
     def _place(
         self, start: int, run: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
-    ) -> tuple[_Direction, Block]:
+    ) -> tuple[_Direction, BlockLayout]:
         """The direction that is bound to the propagators, from ``start`` on in the fixed block."""
-        block = Block(start)
+        block = BlockLayout(start)
         own_run = _placed(run, block)
         rows = [
             class_record.direction(block, p, row, own_run) for p, row in zip(self.propagators, self._rows, strict=True)

@@ -247,20 +247,20 @@ class SubstructureModel:
     @cached_property
     def reduced(self) -> tuple[sp.csr_array, sp.csr_array | None, sp.csr_array]:
         """Mass, damping and stiffness of the reduced dofs (n, n): P^T A P, P the expansion."""
-        damping = None if self.damping is None else self._reduce(self.damping)
-        return self._reduce(self.inertia), damping, self.reduced_stiffness
+        damping = None if self.damping is None else _reduced(self.expansion, self.damping)
+        return _reduced(self.expansion, self.inertia), damping, self.reduced_stiffness
 
     @cached_property
     def reduced_stiffness(self) -> sp.csr_array:
         """P^T K P alone, (n, n)."""
-        return self._reduce(self.stiffness)
+        return _reduced(self.expansion, self.stiffness)
 
     @cached_property
     def reduced_landing(self) -> tuple[sp.csr_array, bool]:
         """P^T A P (n, n) of the viscosity of the contact layer, and whether it is not all of the damping."""
         assert self.landing is not None
         assert self.damping is not None
-        return self._reduce(self.landing), bool(abs(self.damping - self.landing).max() > 0)
+        return _reduced(self.expansion, self.landing), bool(abs(self.damping - self.landing).max() > 0)
 
     @cached_property
     def stiffness_by_nodes(self) -> sp.csr_array:
@@ -269,7 +269,7 @@ class SubstructureModel:
         matrix, alike = self.reduced_stiffness, self.__dict__.get("_alike")
         if matrix.nnz > _BY_NODES:
             return matrix
-        by_nodes = self._reduce(self.stiffness, zeros=True)
+        by_nodes = _reduced(self.expansion, self.stiffness, zeros=True)
         if not matrix.nnz < by_nodes.nnz <= _MOST_ADDED * matrix.nnz:
             return matrix
         first = by_nodes if alike is None else alike.stiffness_by_nodes
@@ -326,21 +326,6 @@ class SubstructureModel:
         """Transpose of the trace: forces on the interface dofs (n_gamma, n_channel) from forces on the channels."""
         return sp.csr_array(self.at_interface[1].T)
 
-    def _reduce(self, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
-        """P^T A P, with the ``zeros`` among the entries of A where they are wanted and P is a selection."""
-        p = self.expansion
-        if not _selects(p) or not matrix.has_sorted_indices:
-            return sp.csr_array(p.T @ matrix @ p)
-        free = np.diff(p.indptr) > 0
-        kept = free[matrix.indices] & np.repeat(free, np.diff(matrix.indptr))
-        if not zeros:
-            kept &= matrix.data != 0.0
-        counts, rows = np.zeros(len(free), dtype=np.int64), np.flatnonzero(np.diff(matrix.indptr))
-        counts[rows] = np.add.reduceat(kept, matrix.indptr[rows], dtype=np.int64)
-        indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts[free])])
-        indices = (np.cumsum(free) - 1)[matrix.indices[kept]]
-        return sp.csr_array((matrix.data[kept], indices, indptr), shape=(p.shape[1], p.shape[1]))
-
     @cached_property
     def reduced_parts(self) -> Array | None:
         """``parts`` of the reduced dofs, (n,)."""
@@ -348,19 +333,19 @@ class SubstructureModel:
 
     def with_sweeps(self) -> SubstructureModel:
         """The same model without dense matrices of its interfaces; what was reduced already is kept."""
-        return self._sharing(replace(self, swept=True))
+        return _sharing(self, replace(self, swept=True))
 
     def with_factor(self, kind: FactorKind) -> SubstructureModel:
         """The same model, factorised in another way; what was reduced already is kept."""
-        return self._sharing(replace(self, factor=kind))
+        return _sharing(self, replace(self, factor=kind))
 
     def displaced(self, displacement: Array) -> SubstructureModel:
         """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
-        return self._sharing(replace(self, displacement=displacement))
+        return _sharing(self, replace(self, displacement=displacement))
 
     def with_mass(self, mass: sp.csr_array) -> SubstructureModel:
         """The same model with another mass (n_full, n_full), kg; what was reduced already is kept but for the mass."""
-        return self._sharing(replace(self, mass=mass), _KEPT - _OF_MASS)
+        return _sharing(self, replace(self, mass=mass), _KEPT - _OF_MASS)
 
     @cached_property
     def with_lumped_mass(self) -> SubstructureModel:
@@ -371,21 +356,38 @@ class SubstructureModel:
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other
 
-    def _sharing(self, other: SubstructureModel, names: frozenset[str] | None = None) -> SubstructureModel:
-        """``other`` with what was reduced so far under these names (all), which is its own too."""
-        for key in _KEPT if names is None else names:
-            if key in self.__dict__:
-                other.__dict__[key] = self.__dict__[key]
-        return other
-
-    def share_operators(self, other: SubstructureModel) -> None:
-        """Give a model with equal matrices what was reduced already (loads may differ)."""
-        self._sharing(other, _KEPT - {"reduced_loads", "with_lumped_mass"})
-
     def node_values(self, full: Array) -> Array:
         """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
         values = full if self.nodal is None else self.nodal @ full
         return values.reshape(-1, 3)
+
+
+def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
+    """P^T A P for an expansion P, with the ``zeros`` of A where they are wanted and P is a selection."""
+    if not _selects(p) or not matrix.has_sorted_indices:
+        return sp.csr_array(p.T @ matrix @ p)
+    free = np.diff(p.indptr) > 0
+    kept = free[matrix.indices] & np.repeat(free, np.diff(matrix.indptr))
+    if not zeros:
+        kept &= matrix.data != 0.0
+    counts, rows = np.zeros(len(free), dtype=np.int64), np.flatnonzero(np.diff(matrix.indptr))
+    counts[rows] = np.add.reduceat(kept, matrix.indptr[rows], dtype=np.int64)
+    indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts[free])])
+    indices = (np.cumsum(free) - 1)[matrix.indices[kept]]
+    return sp.csr_array((matrix.data[kept], indices, indptr), shape=(p.shape[1], p.shape[1]))
+
+
+def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozenset[str] = _KEPT) -> SubstructureModel:
+    """``other`` with what was reduced so far of ``model`` under these names, which is its own too."""
+    for key in names:
+        if key in model.__dict__:
+            other.__dict__[key] = model.__dict__[key]
+    return other
+
+
+def share_operators(model: SubstructureModel, other: SubstructureModel) -> None:
+    """Give ``other``, with equal matrices, what of ``model`` was reduced already (loads may differ)."""
+    _sharing(model, other, _KEPT - {"reduced_loads", "with_lumped_mass"})
 
 
 def is_selection(expansion: sp.csr_array) -> bool:

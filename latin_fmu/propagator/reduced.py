@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
 from ..time_scheme import TimeScheme
-from .base import Propagator
+from .base import Propagator, nodal_forces
 from .model import Array, Index, LoadTerm, SubstructureModel
 from .reduction import modal_damping, reduce_model
 
@@ -133,7 +133,7 @@ class ReducedPropagator(Propagator):
         ops, state = self.operators, self.state
         unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u
         if traction.any():
-            unbalance += self._nodal(traction)
+            unbalance += nodal_forces(self, traction)
         if ops.damp is not None:
             unbalance -= ops.damp @ state.v
         inertia = self.forcing.inertia(0)

@@ -195,10 +195,6 @@ class StaticPropagator(Propagator):
         """Refused: a model without inertia has no mass."""
         raise TypeError("no inertia: a quasi-static substructure has no mass")
 
-    def initial_channels(self, factor: object, unbalance: Array) -> NoReturn:  # noqa: ARG002
-        """There are no accelerations."""
-        raise TypeError("no inertia: a quasi-static substructure has no accelerations")
-
     def relative_compliance(self, k: Array) -> Array:
         """The same on dashpots of WEAK times k, as D of a floating body does not exist; where those are lost in
         round-off, on stiffer ones."""

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from . import contrast, impact, joints, surfaces
-from .case import Bench, Case, Measure, Row, run_case, run_suite
+from .case import Bench, Case, CaseResult, Measure, run_case, run_suite
 
 CASES: tuple[Case, ...] = (
     *contrast.contrast_cases(),
@@ -28,4 +28,4 @@ def cases(quick: bool = False) -> tuple[Case, ...]:
     return tuple(case for case in CASES if case.quick or not quick)
 
 
-__all__ = ["CASES", "Bench", "Case", "Measure", "Row", "cases", "run_case", "run_suite"]
+__all__ = ["CASES", "Bench", "Case", "CaseResult", "Measure", "cases", "run_case", "run_suite"]

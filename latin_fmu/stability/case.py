@@ -111,7 +111,7 @@ def make_case(
 
 
 @dataclass(frozen=True)
-class Row:
+class CaseResult:
     """Outcome of one case.
 
     ``margin`` is the largest value over limit of its measures; ``iterations`` the largest number of LATIN
@@ -132,7 +132,7 @@ class Row:
     known: bool = False
 
 
-def run_case(case: Case, end: float | None = None) -> Row:
+def run_case(case: Case, end: float | None = None) -> CaseResult:
     """Row of one case. A case whose run fails is a failed row, with the message of the error as its measure.
 
     Raises
@@ -150,7 +150,7 @@ def run_case(case: Case, end: float | None = None) -> Row:
     limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
     counts = bench.iterations
     passed = bool(measures) and all(m.passed for m in measures)
-    return Row(
+    return CaseResult(
         case=case.name,
         family=case.family,
         expected=f"{case.expectation}: {limits}" if limits else case.expectation,
@@ -166,11 +166,11 @@ def run_case(case: Case, end: float | None = None) -> Row:
 
 
 def run_suite(
-    cases: Iterable[Case], report: Callable[[Row], None] | None = None, max_cpu: float | None = None
-) -> list[Row]:
+    cases: Iterable[Case], report: Callable[[CaseResult], None] | None = None, max_cpu: float | None = None
+) -> list[CaseResult]:
     """Rows of all cases, in their order; ``report`` is called with each. After ``max_cpu`` seconds of CPU time the case
     that runs is given up, and those after it are left out."""
-    rows: list[Row] = []
+    rows: list[CaseResult] = []
     end = None if max_cpu is None else time.process_time() + max_cpu
     for case in cases:
         if end is not None and time.process_time() >= end:

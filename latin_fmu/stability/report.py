@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..pictures.style import BAD, styled
-from .case import Bench, Row, energies, impulse, pressure_force
+from .case import Bench, CaseResult, energies, impulse, pressure_force
 from .impact import bouncing, kept
 from .scenes import thrown
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _KEYS = ("case", "expected", "measured", "passed", "iterations", "fallbacks", "seconds")
 
 
-def as_json(rows: Sequence[Row]) -> str:
+def as_json(rows: Sequence[CaseResult]) -> str:
     """One list of objects with the keys case, expected, measured, passed, iterations, fallbacks, seconds."""
     lines = (json.dumps({key: _plain(getattr(row, key)) for key in _KEYS}, allow_nan=False) for row in rows)
     return "[\n  " + ",\n  ".join(lines) + "\n]"
@@ -32,7 +32,7 @@ def _plain(value: object) -> object:
     return round(value, 4) if isinstance(value, float) and math.isfinite(value) else value
 
 
-def verdict(rows: Sequence[Row], left_out: int = 0) -> str:
+def verdict(rows: Sequence[CaseResult], left_out: int = 0) -> str:
     """One sentence on the whole suite; ``left_out``: cases that a limit of CPU time has left out."""
     failed = [row.case + ", a known fault" * row.known for row in rows if not row.passed]
     seconds = sum(row.seconds for row in rows)
@@ -41,7 +41,7 @@ def verdict(rows: Sequence[Row], left_out: int = 0) -> str:
     return kept + (f"; failed: {'; '.join(failed)}" if failed else "")
 
 
-def as_markdown(rows: Sequence[Row], schemes: str, figure: str | None, left_out: int = 0) -> str:
+def as_markdown(rows: Sequence[CaseResult], schemes: str, figure: str | None, left_out: int = 0) -> str:
     """The whole report: verdict, figure, one table of cases by family, the table of time schemes (not where a limit of
     CPU time has left out cases)."""
     parts = ["# Stability report", "", verdict(rows, left_out) + ".", ""]
@@ -77,7 +77,7 @@ _GOOD, _QUIET = "#0072B2", "#adb5bd"
 
 
 @styled
-def stability_figure(rows: Sequence[Row]) -> Figure:
+def stability_figure(rows: Sequence[CaseResult]) -> Figure:
     """Left: measured over allowed (1 is the limit); right: LATIN iterations per window, mean and largest."""
     from matplotlib.figure import Figure
 
@@ -101,7 +101,7 @@ def stability_figure(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _margins(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
+def _margins(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
     values = np.clip([row.margin for row in rows], _SMALLEST, 1e3)
     axes.hlines(place, _SMALLEST, values, color="0.85", linewidth=1)
     passed = np.array([row.passed for row in rows], dtype=bool)
@@ -114,7 +114,7 @@ def _margins(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
     axes.tick_params(axis="x", labelsize=7)
 
 
-def _counts(axes: Axes, rows: Sequence[Row], place: np.ndarray) -> None:
+def _counts(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
     largest = np.array([max(row.iterations, 0.8) for row in rows], dtype=float)
     mean = np.array([max(row.mean_iterations, 0.8) for row in rows])
     axes.hlines(place, mean, largest, color=_QUIET, linewidth=1.5)

@@ -149,13 +149,11 @@ class HHT(Newmark):
 class MasslessContact(Newmark):
     """Newmark 1/4, 1/2 with massless contact nodes."""
 
+    massless_contact = True
+    one_step_energy = True  # massless nodes need not be in balance at the old instant
+
     def __init__(self) -> None:
         super().__init__(beta=0.25, gamma=0.5, alpha=0.0, name="massless_contact")
-
-    @property
-    def massless_contact(self) -> bool:
-        """Contact nodes carry no mass."""
-        return True
 
     def interface_gain(self, dt: float) -> float:
         """Derivative dW/da = beta dt."""
@@ -168,11 +166,6 @@ class MasslessContact(Newmark):
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
         """Opening gap + dt * new, exactly."""
         return gap + dt * new, a
-
-    @property
-    def one_step_energy(self) -> bool:
-        """Massless nodes need not be in balance at the old instant."""
-        return True
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """The instant of the equation of motion."""
@@ -196,16 +189,8 @@ class GeneralizedAlpha(MasslessContact):
         a_m, a_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         shape = {"beta": 0.25 * (1 - a_m + a_f) ** 2, "gamma": 0.5 - a_m + a_f}
         Newmark.__init__(self, **shape, alpha=0.0, name="generalized_alpha")
-        object.__setattr__(self, "_old", (a_m, a_f))
-        object.__setattr__(self, "_viscosity", landing_damping)
-
-    _old: tuple[float, float]
-    _viscosity: float
-
-    @property
-    def landing_damping(self) -> float:
-        """Viscosity q of the contact layer."""
-        return self._viscosity
+        object.__setattr__(self, "old_weights", (a_m, a_f))
+        object.__setattr__(self, "landing_damping", landing_damping)
 
     @property
     def declared_order(self) -> int:
@@ -219,12 +204,7 @@ class GeneralizedAlpha(MasslessContact):
     @property
     def force_weight(self) -> float:
         """Weight 1 - a_f."""
-        return 1.0 - self._old[1]
-
-    @property
-    def old_weights(self) -> tuple[float, float]:
-        """Weights (a_m, a_f)."""
-        return self._old
+        return 1.0 - self.old_weights[1]
 
     @property
     def traction_weight(self) -> float:
@@ -234,7 +214,7 @@ class GeneralizedAlpha(MasslessContact):
     def operator(self, dt: float) -> tuple[float, float, float]:
         """A = (1 - a_m) M + (1 - a_f) (gamma dt C + beta dt^2 K)."""
         _, damping, stiffness = super().operator(dt)
-        return 1.0 - self._old[0], damping, stiffness
+        return 1.0 - self.old_weights[0], damping, stiffness
 
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:  # noqa: ARG002
         """The displacement u_w: springs of a layer are those of a mesh."""
@@ -242,7 +222,7 @@ class GeneralizedAlpha(MasslessContact):
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of the equation of motion."""
-        a_m, a_f = self._old
+        a_m, a_f = self.old_weights
         return (0.0, a_f, 1.0 - a_f), (a_m, 1.0 - a_m)
 
     def traction_weights(self) -> tuple[float, float, float]:
@@ -251,7 +231,7 @@ class GeneralizedAlpha(MasslessContact):
 
     def inertia_drift(self, dt: float) -> float:
         """Factor dt (1 - a_m - gamma)."""
-        return dt * (1.0 - self._old[0] - self.gamma)
+        return dt * (1.0 - self.old_weights[0] - self.gamma)
 
 
 @dataclass(frozen=True)

@@ -38,30 +38,28 @@ Array = NDArray[np.float64]
 
 
 class TimeScheme(Protocol):
-    """A one-step scheme in the acceleration a of the new instant (rules in the module docstring)."""
+    """A one-step scheme in the acceleration a of the new instant (rules in the module docstring).
 
-    @property
-    def name(self) -> str:
-        """Key in the registry of schemes."""
+    Attributes
+    ----------
+    name : key in the registry of schemes.
+    explicit : whether the march is explicit: a diagonal operator, a stable step, displacements between the instants.
+    massless_contact : whether the nodes of contact interfaces carry no mass.
+    landing_damping : viscosity of the layer of elements at faces that land, in units of (h / c_p) K_e of each element.
+    old_weights : weights of M a, and of f - C v - K u, of the old instant where the scheme takes each by its own.
+    one_step_energy : whether the energy identity is that of the equation of motion of the new instant alone.
+    """
+
+    name: str
+    explicit: bool = False
+    massless_contact: bool = False
+    landing_damping: float = 0.0
+    old_weights: tuple[float, float] = (0.0, 0.0)
+    one_step_energy: bool = False
 
     @property
     def declared_order(self) -> int:
         """Order of accuracy in dt."""
-
-    @property
-    def explicit(self) -> bool:
-        """Whether the march is explicit: a diagonal operator, a stable step, displacements between the instants."""
-        return False
-
-    @property
-    def massless_contact(self) -> bool:
-        """Whether the nodes of contact interfaces carry no mass."""
-        return False
-
-    @property
-    def landing_damping(self) -> float:
-        """Viscosity of the layer of elements at faces that land, in units of (h / c_p) K_e of each element."""
-        return 0.0
 
     def consistent_share(self, courant: float) -> float:
         """Share of the consistent mass in the mass, the rest is lumped; ``courant`` : the smallest of a body."""
@@ -76,11 +74,6 @@ class TimeScheme(Protocol):
     def memory_weight(self) -> float:
         """Weight of the residual force of the old instant (0 for Newmark)."""
         return 0.0
-
-    @property
-    def old_weights(self) -> tuple[float, float]:
-        """Weights of M a, and of f - C v - K u, of the old instant where the scheme takes each by its own."""
-        return 0.0, 0.0
 
     @property
     def traction_weight(self) -> float:
@@ -139,11 +132,6 @@ class TimeScheme(Protocol):
     def traction_weights(self) -> tuple[float, float, float]:
         """Weights of the interface tractions at (n-1, n, n+1) in the work over one step."""
         return self.energy_weights()[0]
-
-    @property
-    def one_step_energy(self) -> bool:
-        """Whether the energy identity is that of the equation of motion of the new instant alone."""
-        return False
 
     def inertia_dissipation(self, dt: float) -> float:
         """Factor of a_w . M (a_new - a_old) in the energy identity, s2 (a_w the weighted acceleration)."""

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.runs import Quantities, Resolution, Run, RunTimeFit, run_at
+from latin_fmu.accuracy.runs import MeasuredRun, Quantities, Resolution, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,
@@ -46,7 +46,7 @@ def made_up(mesh: float, steps: float, tolerance: float = 1e-3, cpu: float = 1.0
     """A run whose impulse is 1 + 0.04 h + 0.01 dt + 0.3 tolerance (+ ``left``)."""
     value = 1.0 + 0.04 / mesh + 0.01 / steps + 0.3 * tolerance + left
     at = Resolution(mesh, steps, tolerance)
-    run = Run(at, Quantities({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
+    run = MeasuredRun(at, Quantities({Q: value}, {Q: 1.0}), cpu, Timings(), (3.0, 4), True, "", 100, 4.0)
     return Row("", "own", tolerance, run)
 
 
@@ -98,7 +98,7 @@ def test_where_the_tolerance_stops_to_matter(linear: Study) -> None:
 
 
 def test_a_run_that_fails_is_kept(linear: Study) -> None:
-    linear.rows.append(Row(TOGETHER, "other", 1e-3, Run(Resolution(), status="no step is stable")))
+    linear.rows.append(Row(TOGETHER, "other", 1e-3, MeasuredRun(Resolution(), status="no step is stable")))
     assert math.isnan(linear.error(linear.rows[-1], Q))
     assert linear.of(TOGETHER, "other") == []
 

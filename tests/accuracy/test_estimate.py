@@ -14,8 +14,8 @@ import latin_fmu
 from latin_fmu.accuracy import estimate as estimate_module
 from latin_fmu.accuracy.estimate import Changes, coarser_runs_of, estimate_error, estimated_error, observed_order
 from latin_fmu.accuracy.runs import (
+    MeasuredRun,
     Resolution,
-    Run,
     aligned,
     at_resolution,
     in_short_windows,
@@ -236,7 +236,7 @@ def test_failed_coarser_runs_are_reported(monkeypatch: pytest.MonkeyPatch) -> No
         processes: None = None,
         stream: object = None,
         max_cpu: object = None,
-    ) -> Run:
+    ) -> MeasuredRun:
         del progress, stream, max_cpu
         if resolution.mesh < 0.4:
             raise latin_fmu.SceneError([Problem("substructure.bar", "two elements are needed")], "cannot be built")

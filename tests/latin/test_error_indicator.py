@@ -12,7 +12,7 @@ from latin_fmu.api import run
 from latin_fmu.kernels import entries
 from latin_fmu.latin.run_image import negligible_scales
 from latin_fmu.latin.search_direction import Direction
-from latin_fmu.latin.settings import Settings
+from latin_fmu.latin.settings import SolverSettings
 
 Array = np.ndarray
 NOTHING = np.zeros(3)
@@ -32,7 +32,7 @@ class Indicator:
 
     def __init__(self, march: Any, k: Array) -> None:
         self.image, self._k, self._run = march.image, k, march
-        direction = Direction(march.assembly, Settings(), 1)
+        direction = Direction(march.assembly, SolverSettings(), 1)
         direction.k, direction.z = k, np.divide(1.0, k, out=np.zeros_like(k), where=k > 0)
         direction.metric = march.assembly.layout.area * direction.z
         direction.bind()

@@ -59,7 +59,7 @@ def by_place(built: Any, field: str) -> dict[tuple[float, ...], np.ndarray]:
     values: dict[tuple[float, ...], np.ndarray] = {}
     for p in built.assembly.propagators:
         for j, name in enumerate(p.names):
-            imposed = getattr(p.forcing, f"imposed_{field}")(p.state.instant)[:, j]
+            imposed = getattr(p.forcing, f"imposed_{field}")(p.instant)[:, j]
             full = (p.members[j].expansion @ getattr(p.state, field)[:, j] + imposed).reshape(-1, 3)
             for x, value in zip(built.info[name].nodes, full, strict=True):
                 key = tuple(np.round(x, 9) + 0.0)

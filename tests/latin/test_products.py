@@ -10,7 +10,7 @@ from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.kernels import products
-from latin_fmu.propagator.class_record import Block, put_dense, put_symmetric
+from latin_fmu.propagator.class_record import BlockLayout, put_dense, put_symmetric
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
@@ -34,7 +34,7 @@ def scratch(n: int) -> np.ndarray:
     return np.full((n + SPARE) * LANES, np.nan)
 
 
-def written(block: Block) -> np.ndarray:
+def written(block: BlockLayout) -> np.ndarray:
     """Numbers of a block, NaN where nothing was put."""
     data = np.full(block.size, np.nan)
     block.fill(data)
@@ -43,7 +43,7 @@ def written(block: Block) -> np.ndarray:
 
 def packed(matrix: np.ndarray, m: int, diagonal: bool) -> np.ndarray:
     """A whole symmetric matrix as it lies in the fixed block."""
-    block = Block()
+    block = BlockLayout()
     at = put_dense(block, matrix, [np.arange(len(matrix))], m, diagonal)
     return written(block)[at:]
 
@@ -54,7 +54,7 @@ def test_symmetric_sparse_product(m: int) -> None:
     matrix = definite(41)
     x, out = RNG.normal(size=(2, 41, m))
     expected = out - 0.5 * (matrix @ x)
-    block, row = Block(), {"m": m, "n_piece": 0}
+    block, row = BlockLayout(), {"m": m, "n_piece": 0}
     put_symmetric(block, row, "a", matrix, {})
     data = written(block)
     form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]
@@ -77,7 +77,7 @@ def test_rows_of_a_node_are_taken_together(low: int, high: int) -> None:
     nodes = np.kron(RNG.random((10, 10)) < 0.5, [[1.0]]) + np.eye(10)
     matrix = np.repeat(np.repeat(nodes + nodes.T > 0, sizes, axis=0), sizes, axis=1) * RNG.normal(size=(26, 26))
     a = sp.csr_array(np.tril(matrix) + np.tril(matrix, -1).T)
-    block, row = Block(), {"m": 1, "n_piece": 0}
+    block, row = BlockLayout(), {"m": 1, "n_piece": 0}
     put_symmetric(block, row, "a", a, {})
     data = written(block)
     form = data.view(np.int64)[row["a_starts"] :], data.view(np.uint32)[row["a_columns"] :], data[row["a_values"] :]

@@ -24,7 +24,7 @@ from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RU
 from latin_fmu.kernels.tasks import CHUNK
 from latin_fmu.kernels.team import LINE, PARTS
 from latin_fmu.propagator import layout
-from latin_fmu.propagator.class_record import Block
+from latin_fmu.propagator.class_record import BlockLayout
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
@@ -214,7 +214,7 @@ def test_shapes_conditions_and_places_elsewhere() -> None:
         sizes = layout.sizes_of(run | {"shared": shared}, run, 1)
         assert fields.sizes(sizes) == expected
         record: dict[str, Any] = {}
-        fields.place(Block(), record, sizes)
+        fields.place(BlockLayout(), record, sizes)
         assert (record["b"] == record["a"]) == (shared == 0)
 
 
@@ -333,7 +333,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
         assert last == begun + instants
         state = {"state": run.image.state.copy(), "f": run.recorder.rows.f_hat[first : last + 1].copy()}
         for c, p in enumerate(run.assembly.propagators):
-            state |= {f"{c} {term}": values for term, values in p.totals.items()}
+            state |= {f"{c} {term}": values for term, values in p.alone.totals.items()}
         return state
 
     on()

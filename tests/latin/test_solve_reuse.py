@@ -10,7 +10,7 @@ import pytest
 import latin_fmu
 from latin_fmu.kernels import entries
 from latin_fmu.latin.run_image import reuse_bound
-from latin_fmu.latin.settings import Settings
+from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.propagator.image import take_marched
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
 
@@ -155,7 +155,7 @@ def test_one_instant_counts_by_its_own(made: Any, begun: Any, change: float, ask
 
 
 def test_settings() -> None:
-    assert reuse_bound(Settings(tolerance=1e-3, force_tolerance=1e-2)) == pytest.approx(1e-10)
-    assert reuse_bound(Settings(tolerance=1e-3, force_tolerance=1e-4)) == pytest.approx(1e-14)
-    assert reuse_bound(Settings(skip_unchanged=False)) < 0.0
-    assert reuse_bound(Settings(quasi_static=True)) < 0.0
+    assert reuse_bound(SolverSettings(tolerance=1e-3, force_tolerance=1e-2)) == pytest.approx(1e-10)
+    assert reuse_bound(SolverSettings(tolerance=1e-3, force_tolerance=1e-4)) == pytest.approx(1e-14)
+    assert reuse_bound(SolverSettings(skip_unchanged=False)) < 0.0
+    assert reuse_bound(SolverSettings(quasi_static=True)) < 0.0

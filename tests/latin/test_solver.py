@@ -15,7 +15,7 @@ from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from latin_fmu.kernels.sums import MEASURES
 from latin_fmu.latin.outcome import WindowRecord
 from latin_fmu.latin.run_image import Iterate, Stages
-from latin_fmu.latin.settings import Settings
+from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.latin.solver import WindowSolver
 from latin_fmu.propagator.image import pools_of
 
@@ -27,7 +27,7 @@ class OneNumber:
 
     n_flat = 1
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: SolverSettings) -> None:
         depth, most = settings.anderson_depth, 3 * settings.max_iterations + 64
         sizes = dict.fromkeys(("q", "local_f", "local_w", "r", "last_q", "last_r"), 2)
         sizes |= {"dq": 2 * depth, "dr": 2 * depth, "gram": depth**2, "least": (depth + 3) * depth}
@@ -81,7 +81,9 @@ class Scripted(Stages):
 
     n = 2
 
-    def __init__(self, settings: Settings, errors: list[float], force_residuals: list[float] | None = None) -> None:
+    def __init__(
+        self, settings: SolverSettings, errors: list[float], force_residuals: list[float] | None = None
+    ) -> None:
         self.image: Any = OneNumber(settings)
         self.direction: Any = SimpleNamespace(metric=np.ones(1))
         self.settings, self.errors = settings, errors
@@ -130,7 +132,7 @@ class Scripted(Stages):
 
 
 def test_stops_at_the_first_iterate_within_both_tolerances() -> None:
-    settings = Settings(tolerance=1e-3, force_tolerance=1e-2, anderson_depth=0)
+    settings = SolverSettings(tolerance=1e-3, force_tolerance=1e-2, anderson_depth=0)
     accepted, record = Scripted(settings, [1.0, 9e-4, 8e-4, 7e-4], [1.0, 0.5, 9e-3, 0.0]).go()
     assert record.converged
     assert record.iterations == 3
@@ -141,13 +143,13 @@ def test_stops_at_the_first_iterate_within_both_tolerances() -> None:
 
 
 def test_tolerances_are_met_with_equality() -> None:
-    settings = Settings(tolerance=1e-3, force_tolerance=1e-2, anderson_depth=0)
+    settings = SolverSettings(tolerance=1e-3, force_tolerance=1e-2, anderson_depth=0)
     assert Scripted(settings, [1e-3], [1e-2]).go()[1].converged
 
 
 def test_out_of_iterations_returns_the_best_and_not_the_last() -> None:
     errors = [1.0, 0.2, 0.05, 0.4, 0.3]
-    accepted, record = Scripted(Settings(max_iterations=5), errors).go()
+    accepted, record = Scripted(SolverSettings(max_iterations=5), errors).go()
     assert not record.converged
     assert record.iterations == 5
     assert accepted.error == 0.05
@@ -156,7 +158,7 @@ def test_out_of_iterations_returns_the_best_and_not_the_last() -> None:
 
 @pytest.mark.parametrize("broken", [float("nan"), float("inf")])
 def test_a_broken_iterate_ends_the_window_with_the_best(broken: float) -> None:
-    accepted, record = Scripted(Settings(), [1.0, 0.3, broken, 0.1]).go()
+    accepted, record = Scripted(SolverSettings(), [1.0, 0.3, broken, 0.1]).go()
     assert not record.converged
     assert record.iterations == 3
     assert accepted.error == 0.3
@@ -164,7 +166,7 @@ def test_a_broken_iterate_ends_the_window_with_the_best(broken: float) -> None:
 
 def test_stall_of_the_acceleration_gives_way_to_relaxation_from_the_best_iterate() -> None:
     errors = [1.0, 0.1, *[0.5] * 40]
-    scripted = Scripted(Settings(), errors)
+    scripted = Scripted(SolverSettings(), errors)
     accepted, record = scripted.go()
     assert record.fallbacks == ["relaxation 1/2"]
     assert not record.converged
@@ -177,7 +179,7 @@ def test_stall_of_the_acceleration_gives_way_to_relaxation_from_the_best_iterate
 
 def test_a_run_that_recovers_under_relaxation_is_converged() -> None:
     errors = [1.0, *[0.5] * 11, *[0.5 * 0.3**i for i in range(8)]]
-    _, record = Scripted(Settings(), errors).go()
+    _, record = Scripted(SolverSettings(), errors).go()
     assert record.converged
     assert record.fallbacks == ["relaxation 1/2"]
 
@@ -185,14 +187,14 @@ def test_a_run_that_recovers_under_relaxation_is_converged() -> None:
 def test_steady_progress_is_no_stall() -> None:
     for rate, depth in ((0.9, 6), (0.99, 0)):
         errors = [rate**i for i in range(120)]
-        _, record = Scripted(Settings(tolerance=1e-12, max_iterations=120, anderson_depth=depth), errors).go()
+        _, record = Scripted(SolverSettings(tolerance=1e-12, max_iterations=120, anderson_depth=depth), errors).go()
         assert record.fallbacks == [], f"rate {rate}"
 
 
 @pytest.mark.parametrize(("accelerated", "slow"), [(True, 0.98), (False, 0.9999)])
 def test_stall(accelerated: bool, slow: float) -> None:
     def stalls(errors: list[float]) -> list[bool]:
-        settings = Settings(tolerance=1e-30, max_iterations=60)
+        settings = SolverSettings(tolerance=1e-30, max_iterations=60)
         return [bool(flags & loop.STALLED) for flags in Scripted(settings, errors).flags(accelerated)]
 
     assert stalls([1.0] * 12) == [False] * 11 + [True]  # patience
@@ -202,7 +204,7 @@ def test_stall(accelerated: bool, slow: float) -> None:
 
 
 def test_the_best_iterate_is_marked() -> None:
-    settings = Settings(tolerance=1e-3, force_tolerance=1e-2)
+    settings = SolverSettings(tolerance=1e-3, force_tolerance=1e-2)
     flags = Scripted(settings, [0.5, 0.6, 0.4, float("nan"), 9e-4, 5e-4], [0, 0, 0, 0, 1.0, 1e-3]).flags(True)
     best = [bool(bits & loop.BEST) for bits in flags]
     assert best == [True, False, True, False, True, True]
@@ -212,7 +214,7 @@ def test_the_best_iterate_is_marked() -> None:
 
 def test_a_warm_start_within_tolerance_is_not_taken_as_it_is() -> None:
     """In windows of one instant, unless nothing happens at all."""
-    settings = Settings(tolerance=1e-3, force_tolerance=1e-2)
+    settings = SolverSettings(tolerance=1e-3, force_tolerance=1e-2)
     for error, n, converged in ((9e-4, 1, False), (9e-4, 2, True), (0.9e-5, 1, True)):
         scripted = Scripted(settings, [error])
         scripted.n = n
@@ -220,7 +222,7 @@ def test_a_warm_start_within_tolerance_is_not_taken_as_it_is() -> None:
 
 
 def test_without_acceleration_the_given_relaxation_is_used() -> None:
-    scripted = Scripted(Settings(anderson_depth=0, relaxation=0.25), [1.0, 0.5, 1e-9])
+    scripted = Scripted(SolverSettings(anderson_depth=0, relaxation=0.25), [1.0, 0.5, 1e-9])
     scripted.go()
     assert scripted.asked == [0.0, 0.25, 0.5]
 

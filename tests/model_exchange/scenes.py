@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.model_exchange.equations import Equations, Modes
+from latin_fmu.model_exchange.equations import ContactModes, Equations
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, Material, column
 
@@ -57,7 +57,7 @@ def thrown(**changes: Any) -> Scene:
     return latin_fmu.scene_from_dict(data | changes)
 
 
-def random_state(equations: Equations, seed: int) -> tuple[np.ndarray, Modes]:
+def random_state(equations: Equations, seed: int) -> tuple[np.ndarray, ContactModes]:
     """States of the sizes expected, and the discrete states that go with them."""
     rng = np.random.default_rng(seed)
     while True:  # shapes have no sign of their own: whether a state presses is not known beforehand

@@ -12,9 +12,9 @@ from latin_fmu.model_exchange.equations import (
     N_WORK,
     Amplitudes,
     ContactLaw,
+    ContactModes,
+    ContactMotion,
     Equations,
-    Modes,
-    Motion,
     Regularisation,
 )
 from latin_fmu.model_exchange.reduce import reduced_system
@@ -74,7 +74,7 @@ def test_coulomb(equations):
     for speed, stick in ((0.3, True), (5.0, False)):
         sliding = np.zeros((2, n))
         sliding[0] = speed * bound
-        motion = Motion(np.full(n, -1e-7), np.zeros(n), sliding)
+        motion = ContactMotion(np.full(n, -1e-7), np.zeros(n), sliding)
         traction = law.traction(motion, law.called_for(motion, 0))
         np.testing.assert_allclose(traction.shear[0], mu * traction.pressure * (speed if stick else 1.0))
         np.testing.assert_array_equal(traction.shear[1], 0.0)
@@ -87,7 +87,7 @@ def test_an_event_does_not_call_for_the_next_one(equations, seed):
     rng = np.random.default_rng(seed)
     y, right = random_state(equations, seed)
     n = len(right.closed)
-    modes = Modes(rng.random(n) < 0.5, rng.random(n) < 0.5, 0)
+    modes = ContactModes(rng.random(n) < 0.5, rng.random(n) < 0.5, 0)
     for _ in range(2):
         modes, _ = equations.switch(0.0, y, modes)
     assert (equations.indicators(0.0, y, modes) > 0.0).all()
@@ -98,8 +98,8 @@ def test_an_event_does_not_call_for_the_next_one(equations, seed):
 def test_at_the_bound_a_state_is_kept_and_left_beyond_it(equations):
     law, n = equations.law, len(equations.system.contacts.area)
     for gap, after in ((0.5, True), (2.0, False)):
-        motion = Motion(gap * GAP_MARGIN * law.penetration, np.zeros(n), np.zeros((2, n)))
-        modes, _ = law.switched(motion, Modes(np.ones(n, bool), np.ones(n, bool), 0))
+        motion = ContactMotion(gap * GAP_MARGIN * law.penetration, np.zeros(n), np.zeros((2, n)))
+        modes, _ = law.switched(motion, ContactModes(np.ones(n, bool), np.ones(n, bool), 0))
         np.testing.assert_array_equal(modes.closed, after)
         modes, changed = law.switched(motion, modes)
         assert changed == 0
@@ -121,7 +121,7 @@ def test_preload_is_in_equilibrium():
 def test_damped_contact_never_pulls(equations):
     n = len(equations.system.contacts.area)
     law = ContactLaw(equations.system, replace(Regularisation.of(equations.system), damping=2.0))
-    motion = Motion(np.full(n, -1e-7), np.full(n, 10 * equations.system.speed), np.zeros((2, n)))
+    motion = ContactMotion(np.full(n, -1e-7), np.full(n, 10 * equations.system.speed), np.zeros((2, n)))
     assert (law.traction(motion, law.called_for(motion, 0)).pressure == 0.0).all()
 
 

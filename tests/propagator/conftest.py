@@ -17,6 +17,7 @@ from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
 from latin_fmu.interface.geometry import local_frames
 from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
+from latin_fmu.propagator.base import channel_velocity, full_displacement, full_velocity
 from latin_fmu.time_scheme import HHT, Newmark, TimeScheme
 
 Array = NDArray[np.float64]
@@ -197,8 +198,8 @@ def commit_all(propagator: DirectPropagator, tractions: Array) -> Motion:
     """Commit tractions (n + 1, n_channel, n_member) from the present instant on; full motion of member 0."""
     fields = [_state(propagator)]
     for traction in tractions[propagator.instant + 1 :]:
-        propagator.predict()
-        propagator.commit(traction)
+        propagator.alone.predict()
+        propagator.alone.commit(traction)
         fields.append(_state(propagator))
     return Motion(*(np.array(f) for f in zip(*fields, strict=True)))
 
@@ -208,7 +209,7 @@ def _state(propagator: DirectPropagator) -> tuple[Array, Array, Array]:
         propagator.members[0].expansion @ propagator.state.a[:, 0]
         + propagator.forcing.imposed_a(propagator.instant)[:, 0]
     )
-    return propagator.full_displacement(0).ravel(), propagator.full_velocity(0).ravel(), a
+    return full_displacement(propagator, 0).ravel(), full_velocity(propagator, 0).ravel(), a
 
 
 @pytest.fixture(params=SCHEMES)
@@ -284,11 +285,11 @@ def admittance_columns() -> Callable[..., dict[int, Array]]:
             traction = np.zeros((n, 1))
             if j >= 0:
                 traction[j] = 1.0
-            snapshot = propagator.snapshot()
-            propagator.predict()
-            propagator.commit(traction)
-            velocities[j] = propagator.channel_velocity()[:, 0]
-            propagator.restore(snapshot)
+            snapshot = propagator.alone.snapshot()
+            propagator.alone.predict()
+            propagator.alone.commit(traction)
+            velocities[j] = channel_velocity(propagator)[:, 0]
+            propagator.alone.restore(snapshot)
         free = velocities.pop(-1)
         return {j: column - free for j, column in velocities.items()}
 
@@ -300,11 +301,11 @@ def unbalanced() -> Callable[..., float]:
     """Largest error of the energy balance over a march with given tractions, relative to the largest term."""
 
     def march(propagator: Any, tractions: Array) -> float:
-        start, worst = dict(propagator.totals), 0.0
+        start, worst = dict(propagator.alone.totals), 0.0
         for traction in tractions:
-            propagator.predict()
-            propagator.commit(traction)
-            now = propagator.totals
+            propagator.alone.predict()
+            propagator.alone.commit(traction)
+            now = propagator.alone.totals
             change = {t: now[t] - start[t] for t in now}
             balance = (
                 change["kinetic"]
@@ -323,8 +324,8 @@ def unbalanced() -> Callable[..., float]:
 
 def continue_from(propagator: Any, other: Any) -> None:
     """Let a propagator go on from where another one is, as a run does: from the state of its image and the motions."""
-    image = propagator._alone()
-    image.state[:] = other._alone().state
+    image = propagator.alone.image()
+    image.state[:] = other.alone.image().state
     propagator.resume(image, 0, other.motions())
 
 
@@ -338,20 +339,20 @@ def resumes(tractions: Callable[..., Array]) -> Callable[..., None]:
 
         def on(propagator: Any) -> Array:
             for traction in given[5:9]:
-                propagator.predict()
-                propagator.commit(traction)
-            terms = [propagator.totals[t] for t in sorted(propagator.totals)]
-            fields = propagator.full_displacement(0), propagator.full_velocity(0)
+                propagator.alone.predict()
+                propagator.alone.commit(traction)
+            terms = [propagator.alone.totals[t] for t in sorted(propagator.alone.totals)]
+            fields = full_displacement(propagator, 0), full_velocity(propagator, 0)
             return np.concatenate([*(field.ravel() for field in fields), *terms])
 
         propagator = start()
         for traction in given[1:5]:
-            propagator.predict()
-            propagator.commit(traction)
-        kept, other = propagator.snapshot(), start()
+            propagator.alone.predict()
+            propagator.alone.commit(traction)
+        kept, other = propagator.alone.snapshot(), start()
         continue_from(other, propagator)
         whole = on(propagator)
-        propagator.restore(kept)
+        propagator.alone.restore(kept)
         np.testing.assert_array_equal(on(propagator), whole)
         rest = type(m.histories)(
             m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]

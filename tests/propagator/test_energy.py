@@ -55,7 +55,7 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
     rows: list[list[Any]] = [[] for _ in range(m)]
 
     def look() -> None:
-        totals, now = propagator.totals, propagator.state
+        totals, now = propagator.alone.totals, propagator.state
         for j, member in enumerate(propagator.members):
             full = [
                 member.expansion @ field[:, j] + imposed(propagator.instant)[:, j]
@@ -69,12 +69,12 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
 
     look()
     for given in tractions[1:]:
-        propagator.predict()
+        propagator.alone.predict()
         if incoming:
-            acted.append(given - propagator.k * propagator.respond(given))
+            acted.append(given - propagator.k * propagator.alone.respond(given))
         else:
             acted.append(given)
-        propagator.commit(given)
+        propagator.alone.commit(given)
         look()
     fields = []
     for j in range(m):

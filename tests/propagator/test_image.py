@@ -13,7 +13,7 @@ import pytest
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
-from latin_fmu.propagator.image import Image
+from latin_fmu.propagator.image import Image, ImageClass
 from latin_fmu.time_scheme import TimeScheme
 
 Array = np.ndarray
@@ -25,13 +25,13 @@ has_panels = pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has no
 def marched(model: Make, begin: Make, hht: TimeScheme) -> DirectPropagator:
     """A propagator at its first instant, before the interface forces."""
     propagator = begin([model("held")], hht)
-    propagator.predict()
+    propagator.alone.predict()
     return propagator
 
 
 def respond(propagator: DirectPropagator) -> Array:
     """Velocities of the channels for q = 1 with the direction that the image uses."""
-    image, n = propagator._image, propagator.n_channel
+    image, n = propagator.state.image, propagator.n_channel
     image.field("q", n)[:] = 1.0
     image.call(entries.RESPOND, 0)
     return image.field("w", n).copy()
@@ -39,13 +39,13 @@ def respond(propagator: DirectPropagator) -> Array:
 
 def expected(propagator: DirectPropagator, k: Array) -> Array:
     """The same from dense algebra."""
-    free, d = propagator._part("w_free", len(k)), propagator.operators.admittance
+    free, d = propagator.state.part("w_free", len(k)), propagator.operators.admittance
     return np.linalg.solve(np.eye(len(k)) + d * k, free + d @ np.ones(len(k)))
 
 
 @pytest.mark.parametrize("between", [False, True], ids=["last", "before_another"])
 def test_a_direction_set_afresh_takes_no_further_memory(marched: DirectPropagator, between: bool) -> None:
-    image, rng, sizes = marched._image, np.random.default_rng(3), []
+    image, rng, sizes = marched.state.image, np.random.default_rng(3), []
     for i in range(60):
         k = rng.uniform(0.1, 4.0, marched.n_channel)
         marched.bind(k)
@@ -61,14 +61,14 @@ def test_a_propagator_alone_takes_no_further_memory(marched: DirectPropagator) -
     rng, sizes = np.random.default_rng(3), []
     for _ in range(60):
         marched.bind(rng.uniform(0.1, 4.0, marched.n_channel))
-        marched.respond(np.ones((marched.n_channel, 1)))
-        sizes.append(marched._image.fixed.size)
+        marched.alone.respond(np.ones((marched.n_channel, 1)))
+        sizes.append(marched.state.image.fixed.size)
     assert sizes[-1] == sizes[1]
 
 
 def test_directions_placed_before_are_kept(marched: DirectPropagator) -> None:
     """Bit for bit, whatever was placed since."""
-    image, rng, first = marched._image, np.random.default_rng(4), []
+    image, rng, first = marched.state.image, np.random.default_rng(4), []
     for key in range(10, 16):
         marched.bind(rng.uniform(0.1, 4.0, marched.n_channel))
         image.bind(key)
@@ -82,13 +82,13 @@ def test_directions_placed_before_are_kept(marched: DirectPropagator) -> None:
 
 def free_velocity(propagator: DirectPropagator) -> Array:
     """Velocities of the channels without interface forces, computed again by the kernels."""
-    propagator._image.call(entries.PREDICT, propagator._class, 1)
-    return propagator._part("w_free", propagator.n_channel).copy()
+    propagator.state.image.call(entries.PREDICT, propagator.state.number, 1)
+    return propagator.state.part("w_free", propagator.n_channel).copy()
 
 
 def test_a_run_continues_on_a_copy_of_its_blocks(marched: DirectPropagator) -> None:
     """The records hold positions: nothing is read where the blocks were before."""
-    image, first = marched._image, free_velocity(marched)
+    image, first = marched.state.image, free_velocity(marched)
     old, image.fixed, image.moving = (image.fixed, image.moving), image.fixed.copy(), image.moving.copy()
     image._write_records()
     for block in old:
@@ -104,9 +104,9 @@ def test_panels_lie_in_memory_once(model: Make, begin: Make, hht: TimeScheme, pr
     propagator = begin([replace(held, model=held.model.with_factor(precision))], hht)
     factor, load = propagator.operators.factor, np.random.default_rng(5).normal(size=(propagator.n_dof, 4))
     own, solution = weakref.ref(factor.panels), factor.solve(load)
-    panels, velocity = factor.panels.copy(), propagator.predict().ravel()
+    panels, velocity = factor.panels.copy(), propagator.alone.predict().ravel()
     assert own() is None
-    image, blocks, rng = propagator._image, [], np.random.default_rng(6)
+    image, blocks, rng = propagator.state.image, [], np.random.default_rng(6)
     for key in range(10, 18):
         propagator.bind(rng.uniform(0.1, 4.0, propagator.n_channel))
         image.bind(key)
@@ -130,10 +130,15 @@ def test_classes_with_one_factor_share_its_panels(model: Make, begin: Make, hht:
     second.start(np.zeros((second.n_channel, 1)), second.mass_factor())
     factor = first.operators.factor
     assert second.operators.factor is factor
-    velocity = first.predict().ravel()
-    before, n = first._image, first.n_channel
+    velocity = first.alone.predict().ravel()
+    before, n = first.state.image, first.n_channel
     places = [np.arange(n)[:, None], np.arange(n, 2 * n)[:, None]]
-    both = Image([first, second], places, np.ones(2 * n, dtype=bool), n_time=len(held.histories.time), histories={})
+    both = Image(
+        [ImageClass(first, places[0]), ImageClass(second, places[1])],
+        np.ones(2 * n, dtype=bool),
+        n_time=len(held.histories.time),
+        histories={},
+    )
     for propagator in (first, second):
         np.testing.assert_array_equal(free_velocity(propagator), velocity)
     assert len({int(row["panels"]) for row in both.classes}) == 1

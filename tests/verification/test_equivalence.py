@@ -12,6 +12,7 @@ from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.merged_assembly import _check_start, merge
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.propagator import DirectPropagator
+from latin_fmu.propagator.base import full_displacement
 from tests.scenes import solve
 
 from .blocks import apart, stack
@@ -39,11 +40,11 @@ def displacements(body: DirectPropagator, n: int) -> np.ndarray:
     """March of a body over n instants, (n + 1, n_node, 3), m."""
     nothing = np.zeros((0, 1))
     body.start(nothing, body.mass_factor())
-    fields = [body.full_displacement(0)]
+    fields = [full_displacement(body, 0)]
     for _ in range(n):
-        body.predict()
-        body.commit(nothing)
-        fields.append(body.full_displacement(0))
+        body.alone.predict()
+        body.alone.commit(nothing)
+        fields.append(full_displacement(body, 0))
     return np.stack(fields)
 
 
