@@ -15,7 +15,7 @@ from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, body_sides, build_bodies
-from .bolts import cuts_of
+from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
@@ -128,6 +128,21 @@ def discretise(
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
+    problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
+    return replace(problem, remarks=(*remarks, *_remarks(problem, bodies, units)), sensors=sensors)
+
+
+def _problem(
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: dict[str, Conditions],
+    units: list[InterfaceUnit],
+    cuts: Mapping[str, BoltCut],
+    kept: KeptOperators | None,
+    leave_out: bool,
+) -> DiscretisedProblem:
+    """The problem of checked bodies and interfaces, with its classes; ``kept`` and ``leave_out`` as for
+    ``discretise``."""
     names = frozenset[str]()
     if leave_out:
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
@@ -143,7 +158,7 @@ def discretise(
         time, arrival = problem.time, arrival_times(scene, left, joined, problem.time)
         marched = {name: marched_share(t, time) for name, t in arrival.items()}
         problem = replace(problem, classes=cut_by_arrival(problem.classes, marched))
-    return replace(problem, remarks=(*remarks, *_remarks(problem, bodies, units)), sensors=sensors)
+    return problem
 
 
 def _units(
