@@ -19,8 +19,9 @@ from .assembly.models import KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.supports import port_lines
+from .assembly.untouched import touched
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line
-from .errors import InputError, Problems, SolverError
+from .errors import InputError, Problems, ResultsError, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
@@ -186,21 +187,29 @@ def solve(
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
-    with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = discretise(scene, behaviours, kept)
-        prediction = Prediction(discretised)
-        check_memory(prediction, stream is not None)
+    # observers and given first guesses see all interfaces
+    leave_out = (observer, behaviours, fields, processes) == (None,) * 4
+    while True:
+        problem, prediction = _made(scene, behaviours, kept, stream is not None, processes, leave_out)
         if stream is not None:
             check_folder(stream, least_output(prediction))
-        if processes is not None:
-            check_distributable(discretised, processes.size)
-        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size)
-        if scene.time.quasi_static:
-            problem.assembly.lost = loss_of_equilibrium(discretised)
-    timings.setup = clock.process_time() - start
-    digest = "" if checkpoint is None else scene_digest(scene, behaviours or ())
-    options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
-    outcome = run(problem, timings, options, wall, digest)
+        timings.setup = clock.process_time() - start
+        left_out = problem.untouched
+        names = [] if left_out is None else [*left_out.info]
+        digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
+        options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
+        try:
+            outcome = run(problem, timings, options, wall, digest)
+        except ResultsError:
+            if left_out is None:
+                raise
+            leave_out = False  # the checkpoint may be of a run with all bodies
+            continue
+        if left_out is None or not touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
+            break
+        leave_out, timings = False, Timings()  # the run is void
+        if checkpoint is not None:
+            checkpoint.remove()
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -212,6 +221,28 @@ def solve(
         surfaces=scene.output.surfaces,
         units=scene.unit_system,
     )
+
+
+def _made(
+    scene: Scene,
+    behaviours: Mapping[str, Behaviour] | None,
+    kept: KeptOperators | None,
+    stream: bool,
+    processes: Processes | None,
+    leave_out: bool,
+) -> tuple[SolverReadyProblem, Prediction]:
+    """The problem of a scene, ready to run, and what it will take; parameters and errors as for ``solve``,
+    ``leave_out`` as for ``discretise``."""
+    with one_thread(), nullcontext() if processes is None else processes.agreed():
+        discretised = discretise(scene, behaviours, kept, leave_out)
+        prediction = Prediction(discretised)
+        check_memory(prediction, stream)
+        if processes is not None:
+            check_distributable(discretised, processes.size)
+        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size)
+        if scene.time.quasi_static:
+            problem.assembly.lost = loss_of_equilibrium(discretised)
+    return problem, prediction
 
 
 def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
@@ -287,20 +318,25 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     """Results of a run at its end."""
     assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
-    histories, balance = recorder.interfaces(), resultants(problem, march.tractions)
+    histories, bodies = recorder.interfaces(), recorder.substructures()
+    balance, indicators, n_body = resultants(problem, march.tractions), march.named_indicator(), assembly.n_substructure
+    if problem.untouched is not None:
+        histories, bodies = problem.untouched.complete(histories, bodies, recorder, assembly)
+        indicators = {name: indicators.get(name, 0.0) for name in histories}
+        n_body += len(problem.untouched.info)
     time, ends = assembly.time[: recorder.n_kept], body_ends(problem)
     faults = faults_of(problem, histories, march.account(), ends)
     return Outcome(
         time=time,
         interfaces=histories,
-        substructures=recorder.substructures(),
+        substructures=bodies,
         windows=march.windows,
-        interface_indicator=march.named_indicator(),
+        interface_indicator=indicators,
         converged=converged,
         status=with_faults(sentence + (balance_words(balance) if converged else ""), faults),
         faults=tuple(faults),
-        passes=(march.marched + march.condensed) / (assembly.n_substructure * assembly.n_instant),
-        marched=march.marched / (assembly.n_substructure * assembly.n_instant),
+        passes=(march.marched + march.condensed) / (n_body * assembly.n_instant),
+        marched=march.marched / (n_body * assembly.n_instant),
         energy=energy,
         timings=march.timings,
         warnings=(

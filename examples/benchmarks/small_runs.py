@@ -1,6 +1,6 @@
 """Small runs: the march of blocks of up to 216 elements, and what a run costs beside its march.
 
-    python examples/benchmarks/small_runs.py [--former FOLDER] [--rounds N] [--only march blocks set-up reduced first]
+    python examples/benchmarks/small_runs.py [--former FOLDER] [--rounds N] [--only PART ...]
 
   march    march of P1, P2 and P3 (``harness``) per pass, a substructure marched over one instant once, us; with
            --former over that of a former tree of this repository, for example of ``git worktree add FOLDER e281a00``,
@@ -9,6 +9,7 @@
            over the time in which the processor reads the factors as often as the march does, twice an instant
   set-up   a second run of P1 and of P2: laying out the image, and all beside the march, ms
   reduced  P3 with reduced blocks: march of identical blocks together over the march of each on its own
+  lid      P2 with 6,000 unknowns below a block that rests behind a gap and is never touched, over P2 alone
   first    a new process that solves P1: its CPU time, s, and its memory at most, MB
 
 CPU time of one thread, in turn, median of the rounds.
@@ -16,6 +17,7 @@ CPU time of one thread, in turn, median of the rounds.
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import os
 import subprocess
@@ -33,11 +35,12 @@ from floor import Floor
 from harness import OWN, Case, bars, contact_run, cpu, crushing, prepared, tower
 from threadpoolctl import threadpool_limits
 
+import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.latin import run_state
 from latin_fmu.latin.outcome import Outcome
 
-PARTS = ("march", "blocks", "set-up", "reduced", "first")
+PARTS = ("march", "blocks", "set-up", "reduced", "lid", "first")
 ROUNDS = 15
 TARGET = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "+avx2,+fma,+bmi,+bmi2,+lzcnt,+popcnt"}
 """What numba compiles a former package for: the processor of ``latin_fmu.aot``."""
@@ -216,6 +219,36 @@ def compare_reduced(rounds: int) -> Iterator[float]:
         yield seconds["together"] / seconds["apart"]
 
 
+# -- a body that is never touched -------------------------------------------------------------------------------------
+def with_lid(description: dict[str, Any]) -> dict[str, Any]:
+    """P2 with a third block, held at its top, 2 mm above the two."""
+    tables = copy.deepcopy(description)
+    lid = tables["substructure"]["lid"] = copy.deepcopy(tables["substructure"]["b2"])
+    lid["box"]["origin"][2] += lid["box"]["size"][2] + 2e-3
+    tables["interface"]["top"] = {"sides": ["b2.zmax", "lid.zmin"], "friction_coefficient": 0.3, "gap": 2e-3}
+    tables["boundary"]["held"] = {"type": "fixed", "face": "lid.zmax"}
+    return tables
+
+
+def compare_lid(rounds: int, elements: int = 9) -> Iterator[float]:
+    """Print set-up and march with the lid over those without; these ratios."""
+    alone = crushing(elements, 0.3).description
+    scenes = [latin_fmu.scene_from_dict(tables) for tables in (alone, with_lid(alone))]
+    found: list[list[tuple[float, float]]] = [[], []]
+    for _ in range(rounds):
+        for times, scene in zip(found, scenes, strict=True):
+            timings = latin_fmu.solve(scene).outcome.timings
+            times.append((timings.setup, timings.march))
+    (set_up_alone, march_alone), (set_up_both, march_both) = ([median(t) for t in zip(*f, strict=True)] for f in found)
+    print(
+        f"P2 n={elements} below a lid: set-up {set_up_both / set_up_alone:5.2f}, march {march_both / march_alone:5.2f} "
+        f"of those without ({set_up_alone:.2f} and {march_alone:.2f} s)",
+        flush=True,
+    )
+    yield set_up_both / set_up_alone
+    yield march_both / march_alone
+
+
 # -- first run --------------------------------------------------------------------------------------------------------
 def compare_first(rounds: int) -> Iterator[float]:
     """Print what a process that solves P1 takes; seconds."""
@@ -245,6 +278,7 @@ def main(argv: Sequence[str] | None = None) -> dict[str, list[float]]:
         "blocks": lambda: compare_blocks(said.rounds),
         "set-up": lambda: compare_set_up(said.rounds),
         "reduced": lambda: compare_reduced(said.rounds),
+        "lid": lambda: compare_lid(said.rounds),
         "first": lambda: compare_first(min(said.rounds, 5)),
     }
     return {name: list(part()) for name, part in parts.items() if name in said.only}

@@ -14,8 +14,8 @@ from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
-from .body import Body, build_bodies
-from .bolts import cuts_of
+from .body import Body, body_sides, build_bodies
+from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
@@ -24,10 +24,11 @@ from .initial_state import InitialState, check_fields, field_remarks, initial_pr
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
-from .problem import DiscretisedProblem, SolverReadyProblem
+from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
 from .supports import port_places
+from .untouched import Untouched, never_touched
 
 
 def build(
@@ -65,12 +66,15 @@ def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[st
 
 
 def discretise(
-    scene: Scene, behaviours: Mapping[str, Behaviour] | None = None, kept: KeptOperators | None = None
+    scene: Scene,
+    behaviours: Mapping[str, Behaviour] | None = None,
+    kept: KeptOperators | None = None,
+    leave_out: bool = False,
 ) -> DiscretisedProblem:
     """Meshes, matrices and interfaces of a scene, nothing factorised (parameters and errors: ``build``).
 
     kept : of the scene solved before, used where nothing they depend on has changed, then replaced by those of this
-        one.
+        one. leave_out : the bodies that are probably never touched (``untouched``).
     """
     problems = Problems(box_memory(scene))
     if problems:
@@ -124,14 +128,37 @@ def discretise(
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts=cuts, kept=kept)
+    problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
+    return replace(problem, remarks=(*remarks, *_remarks(problem, bodies, units)), sensors=sensors)
+
+
+def _problem(
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: dict[str, Conditions],
+    units: list[InterfaceUnit],
+    cuts: Mapping[str, BoltCut],
+    kept: KeptOperators | None,
+    leave_out: bool,
+) -> DiscretisedProblem:
+    """The problem of checked bodies and interfaces, with its classes; ``kept`` and ``leave_out`` as for
+    ``discretise``."""
+    names = frozenset[str]()
+    if leave_out:
+        time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))
+    left = {name: body for name, body in bodies.items() if name not in names}
+    joined = [unit for unit in units if not any(owner in names for _, _, owner in body_sides([unit]))]
+    problem = DiscretisedProblem.of(scene, left, conditions, joined, cuts, kept).with_classes()
+    if names:
+        problem = replace(problem, untouched=Untouched.of(bodies, units, names))
     if kept is not None:
         kept.bodies = bodies
     if scene.solver.skip_at_rest == "tolerance" and units:
-        time, arrival = problem.time, arrival_times(scene, bodies, units, problem.time)
+        time, arrival = problem.time, arrival_times(scene, left, joined, problem.time)
         marched = {name: marched_share(t, time) for name, t in arrival.items()}
         problem = replace(problem, classes=cut_by_arrival(problem.classes, marched))
-    return replace(problem, remarks=(*remarks, *_remarks(problem)), sensors=sensors)
+    return problem
 
 
 def _units(
@@ -150,14 +177,15 @@ def _units(
     return [unit for unit in made if unit is not None]
 
 
-def _remarks(problem: DiscretisedProblem) -> list[Remark]:
-    """Remarks on sizes, materials, loads, interfaces, meshes, laws and the time scheme."""
-    scene, bodies, scheme = problem.scene, problem.bodies, problem.scheme
+def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[InterfaceUnit]) -> list[Remark]:
+    """Remarks on sizes, materials, loads, interfaces, meshes, laws and the time scheme; ``bodies`` and ``units`` : all
+    of the scene."""
+    scene, scheme = problem.scene, problem.scheme
     return [
-        *plausibility_remarks(problem),
+        *plausibility_remarks(replace(problem, bodies=bodies, units=units)),
         *remarks_of("redundant", redundancy_remarks(scene)),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *remarks_of("scheme", scheme_remarks(bodies, problem.units, scheme, problem.dt, problem.layers)),
+        *remarks_of("scheme", scheme_remarks(problem.bodies, problem.units, scheme, problem.dt, problem.layers)),
     ]

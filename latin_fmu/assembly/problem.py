@@ -38,6 +38,7 @@ from .initial_state import InitialState, TightBolts, field_tractions
 from .models import ContactLayer, Kept, KeptOperators, ModelClass, chosen_scheme, contact_layers, load_terms, store_of
 from .propagator_choice import divided, made_propagators
 from .supports import PrescribedMotion, port_motions, port_supports, supports
+from .untouched import Untouched
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -134,6 +135,8 @@ class SolverReadyProblem:
     """Where the bolts clamp."""
     flexibility: Mapping[str, float] = field(default_factory=dict)
     """Elastic approach of both bodies under a mean pressure, by interface, m Pa-1."""
+    untouched: Untouched | None = None
+    """What is left out of the run, None where nothing is."""
 
     @property
     def choices(self) -> dict[str, str]:
@@ -141,7 +144,8 @@ class SolverReadyProblem:
         start = {} if self.start is None else {"start": self.start.message}
         stores = {id(p.members[0].store): p.members[0].store for p in self.assembly.propagators}
         kept = "; ".join(filter(None, (store.remark() for store in stores.values())))
-        return {"time scheme": self.scheme, **start, **({"operators": kept} if kept else {})}
+        out = {} if self.untouched is None else {"left out, never touched": ", ".join(self.untouched.info)}
+        return {"time scheme": self.scheme, **start, **out, **({"operators": kept} if kept else {})}
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,8 @@ class DiscretisedProblem:
     """Contact layers of the elastic bodies (``models.contact_layers``)."""
     kept: KeptOperators | None = None
     """Operators of a scene solved before, replaced by those of this one."""
+    untouched: Untouched | None = None
+    """Bodies of the scene that are left out of this problem, None where none are."""
 
     @staticmethod
     def of(
@@ -173,14 +179,12 @@ class DiscretisedProblem:
         bodies: dict[str, Body],
         conditions: dict[str, Conditions],
         units: list[InterfaceUnit],
-        moved: Mapping[str, ContactLayer] | None = None,
         cuts: Mapping[str, BoltCut] = NO_BOLTS,
         kept: KeptOperators | None = None,
     ) -> DiscretisedProblem:
-        """The problem with the time scheme, instants and classes of identical substructures of the scene.
+        """The problem with the time scheme and instants of the scene, without classes (``with_classes``).
 
-        moved : contact layers of the body forces where they are others (static start). cuts : of the bolts.
-        kept : operators of a scene solved before.
+        cuts : of the bolts. kept : operators of a scene solved before.
         """
         layout = Layout(units)
         scheme, reason = chosen_scheme(scene, bodies, units)
@@ -188,8 +192,12 @@ class DiscretisedProblem:
         dt = float(time[1] - time[0])
         layers = contact_layers(bodies, units, scheme, dt)
         made = DiscretisedProblem(scene, bodies, conditions, units, layout, [], scheme, time, scheme_reason=reason)
-        made = replace(made, cuts=cuts, layers=layers, kept=kept)
-        return replace(made, classes=_model_classes(made, moved))
+        return replace(made, cuts=cuts, layers=layers, kept=kept)
+
+    def with_classes(self, moved: Mapping[str, ContactLayer] | None = None) -> DiscretisedProblem:
+        """The problem with its classes of identical substructures; ``moved`` : contact layers of the body forces where
+        they are others (static start)."""
+        return replace(self, classes=_model_classes(self, moved))
 
     @property
     def scheme_in_words(self) -> str:
@@ -307,6 +315,7 @@ class DiscretisedProblem:
                 for n, cut in self.cuts.items()
             ],
             flexibility(self.bodies, units, layout),
+            self.untouched,
         )
 
     def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:
@@ -326,6 +335,7 @@ class DiscretisedProblem:
             keys.interfaces_every,
             supported,
             bolts.places(self.cuts) if self.cuts and not self.ramps else {},
+            {} if self.untouched is None else self.untouched.faces,
         )
 
 
@@ -508,6 +518,8 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
     stiffest = max(impedances.values())
     for interface in scene.interface.values():
         substructure, face = split_face(interface.sides[0])
+        if substructure not in bodies:  # one that is left out, without preload
+            continue
         sizes.append(interface.initial_pressure(float(bodies[substructure].face(face).areas.sum())))
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity

@@ -28,12 +28,13 @@ from ..propagator.model import SubstructureModel
 from .assembly import Array, Assembly, Index
 from .outcome import BoltHistory, ReactionHistory, SensorHistory
 
-SERIES: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
+SERIES: Final[Mapping[str, tuple[str, tuple[int, ...] | None]]] = {
     "motion": ("sensors", (3, 3)),  # displacement, velocity, acceleration
     "force": ("supports", (2, 3)),  # of the reaction: what explicit schemes take as a mean over the step, and the rest
     "tension": ("bolts", ()),
+    "path": ("faces", None),
 }
-"""What is kept at every instant: field of the request with the places, and shape."""
+"""What is kept at every instant: field of the request with the places, and shape; None where it is that of a place."""
 
 
 class Measured(Protocol):
@@ -168,9 +169,35 @@ class BoltPlace:
 
 
 @dataclass(frozen=True)
+class FacePlace:
+    """Side of an interface that is left out of the run.
+
+    Attributes
+    ----------
+    substructure : its body. trace : (3 n_point, 3 n_node) from the nodes to the points, global axes.
+    """
+
+    substructure: str
+    trace: sp.csr_array
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """That of its series at an instant."""
+        return 2, self.trace.shape[0]
+
+    def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
+        """Those of the trace."""
+        return self.trace
+
+    def read(self, values: Array, _of: Reading, /) -> Array:
+        """Displacements and velocities (n, 2, 3 n_point) of the points."""
+        return values[:, :2]
+
+
+@dataclass(frozen=True)
 class OutputRequest:
     """What to keep: displacement and velocity fields, mean stress, energies; fields every ``every`` instants; the
-    motion of sensors, the reactions of supports and the tensions of bolts at every instant.
+    motion of sensors, the reactions of supports, the tensions of bolts and the paths of faces at every instant.
 
     interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
@@ -185,6 +212,7 @@ class OutputRequest:
     interfaces_every: int = 1
     supports: Mapping[str, Support] = field(default_factory=dict)
     bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
+    faces: Mapping[str, FacePlace] = field(default_factory=dict)
 
     def places(self, key: str) -> Mapping[str, Measured]:
         """Places of a kind of ``SERIES`` by name."""
@@ -193,7 +221,11 @@ class OutputRequest:
 
     def series(self, n_time: int) -> dict[str, dict[str, Array]]:
         """Room for what is kept at so many instants, by kind and name."""
-        return {k: {name: np.zeros((n_time, *shape)) for name in self.places(k)} for k, (_, shape) in SERIES.items()}
+        paths = {name: np.zeros((n_time, *place.shape)) for name, place in self.faces.items()}
+        shapes = {key: shape for key, (_, shape) in SERIES.items() if shape is not None}
+        return {k: {name: np.zeros((n_time, *shape)) for name in self.places(k)} for k, shape in shapes.items()} | {
+            "path": paths
+        }
 
 
 def nodes_of(model: SubstructureModel) -> sp.csr_array:

@@ -244,24 +244,24 @@ class Recorder:
             return self.rows.fields(self.rows.row(self.n_kept))
         return {name: h.points_over_time for name, h in histories.items()}
 
-    def _kept(self, kind: str) -> dict[str, Array]:
-        """Series of a kind over the kept instants by name."""
+    def series(self, kind: str) -> dict[str, Array]:
+        """Series of a kind of ``probes.SERIES`` over the kept instants by name."""
         return {name: values[: self.n_kept] for name, values in self._series[kind].items()}
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:
         """Histories of the sensors over the kept instants; names with a dot are those of ports."""
         places = {name: place for name, place in self.request.sensors.items() if "." not in name}
         massless = set() if self._probes is None else self._probes.massless
-        return sensor_histories(assembly, places, self._kept("motion"), massless)
+        return sensor_histories(assembly, places, self.series("motion"), massless)
 
     def reactions(self, assembly: Assembly, ports: bool = False) -> dict[str, ReactionHistory]:
         """Reactions of the supports over the kept instants, or of faces that ``ports`` move, by names with a dot."""
         supports = {name: support for name, support in self.request.supports.items() if ("." in name) is ports}
-        return reaction_histories(assembly, supports, self._kept("force"))
+        return reaction_histories(assembly, supports, self.series("force"))
 
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""
-        kept = self._kept("tension")
+        kept = self.series("tension")
         return {name: replace(bolt.description, force=kept[name]) for name, bolt in self.request.bolts.items()}
 
     def substructures(self) -> dict[str, SubstructureHistory]:

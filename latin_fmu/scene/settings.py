@@ -399,7 +399,8 @@ class Solver(SceneTable):
         Literal["off", "exact", "round_off", "tolerance"],
         about(
             "substructures still at rest are not solved while the tractions on them are exactly zero (exact), or below "
-            "1e-13 (round_off) or tolerance / 100 (tolerance) of the largest tractions that the loads can cause"
+            "1e-13 (round_off) or tolerance / 100 (tolerance) of the largest tractions that the loads can cause; a run "
+            "leaves those out that nothing touches, but for off"
         ),
     ] = "round_off"
     skip_unchanged: Annotated[

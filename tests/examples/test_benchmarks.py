@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from latin_fmu import scene_from_dict, solve
 from latin_fmu.assembly.build import discretise
 from latin_fmu.effects.cost import SECONDS, march_counts, operator_counts, run_size
 
@@ -175,6 +176,8 @@ def test_small_runs(example: ModuleType, capsys: pytest.CaptureFixture[str]) -> 
     assert [len(numbers) for numbers in found.values()] == [5, 2]
     assert all(0.0 < number < 1e4 for numbers in found.values() for number in numbers)
     assert len(capsys.readouterr().out.splitlines()) == 7
+    lidded = scene_from_dict(example.with_lid(example.crushing(2, 0.3).description))
+    assert solve(lidded).outcome.settings["left out, never touched"] == "lid"
 
 
 @pytest.mark.parametrize("example", ["against_cholmod"], indirect=True)
