@@ -157,7 +157,7 @@ def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSyst
     return [
         f"interface {name}: its sides never touch in this run"
         + ("" if history.gap is None else f" (smallest gap {float(history.gap.min()):.4g} {units['m']})")
-        + ": check the gap, the direction of the motion and time.end, or leave it out, which costs less"
+        + ": check the gap, the direction of the motion and time.end, or take it out of the scene, which costs less"
         for name, history in histories.items()
         if history.contact_status is not None
         and history.contact_status.size

@@ -76,9 +76,10 @@ typedef struct {
     double *t, *value; /* one block, at t */
 } History;
 
-/* Outputs and fields of the points at n instants from the first on; lost: there was no memory for one. */
+/* Rows of n instants from the first on: a number that no other row of the process has, outputs, fields of the points.
+   lost: there was no memory for one. */
 typedef struct {
-    double *numbers;
+    Word *rows;
     int64_t room, first, n;
     int lost;
 } Records;
@@ -131,6 +132,10 @@ int solve_histories(Instance *);
 /* results.c */
 int keeps_results(const Instance *);
 void keep_record(const Instance *, int64_t instant, const double *outputs, const double *fields);
+int has_record(const Instance *, int64_t instant);
+void no_records(struct Object *);
+uint64_t record_now(const Instance *); /* number of the row of the present instant; 0 where there is none */
+void go_on_from(const Instance *, uint64_t record); /* after a state was restored: rows of another past are dropped */
 int results_ready(const Instance *);
 int write_results(const Instance *);
 

@@ -54,7 +54,7 @@ FILE *file_at(const char *path, const char *how)
 {
 #ifdef _WIN32
     wchar_t wide[LONGEST];
-    if (wide_of(path, wide)) return _wfopen(wide, *how == 'w' ? L"wb" : L"rb");
+    if (wide_of(path, wide)) return _wfopen(wide, *how == 'w' ? L"wb" : *how == 'a' ? L"ab" : L"rb");
 #endif
     return fopen(path, how);
 }

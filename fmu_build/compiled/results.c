@@ -14,29 +14,63 @@ int keeps_results(const Instance *c)
     return reference >= 0 && *c->fmu->texts[reference];
 }
 
-static size_t width(const Instance *c) { return (size_t)(c->fmu->image->n_output + size_of_fields(c)); }
+static size_t width(const Instance *c) { return (size_t)(1 + c->fmu->image->n_output + size_of_fields(c)); }
 
-/* Keeps outputs and fields of an instant; instants are kept in their order, so that what was rolled back is overwritten. */
+static int64_t instant_now(const Instance *c)
+{
+    const struct Object *o = c->fmu;
+    if (parameter(c, T_MODE, 0.0) == PRESCRIBED) return o->n_row - 1;
+    return (int64_t)o->moving[o->image->head[M_PROGRESS].i];
+}
+
+static Word *row_of(const Instance *c, int64_t instant)
+{
+    const Records *r = &c->fmu->records;
+    return instant < r->first || instant >= r->first + r->n ? NULL : r->rows + (size_t)(instant - r->first) * width(c);
+}
+
+/* Keeps outputs and fields of an instant. Instants are kept in their order: a row that is written again drops those behind
+   it, so that a row and all before it are of one past as long as its number is the same. */
 void keep_record(const Instance *c, int64_t instant, const double *outputs, const double *fields)
 {
+    static uint64_t last;
     struct Object *o = c->fmu;
     Records *r = &o->records;
     size_t n = width(c), n_output = (size_t)o->image->n_output;
-    if (instant < r->first || instant > r->first + r->n) *r = (Records){r->numbers, r->room, instant, 0, r->lost};
+    if (instant < r->first || instant > r->first + r->n) *r = (Records){r->rows, r->room, instant, 0, r->lost};
     int64_t row = instant - r->first;
     if (row >= r->room) {
         int64_t room = 2 * row + 16;
-        double *numbers = realloc(r->numbers, 8 * (size_t)room * n);
-        if (numbers == NULL) {
+        Word *rows = realloc(r->rows, 8 * (size_t)room * n);
+        if (rows == NULL) {
+            if (!r->lost) msg(c, WARNING, "no memory for the results: they will not be written");
             r->lost = 1;
             return;
         }
-        r->numbers = numbers;
+        r->rows = rows;
         r->room = room;
     }
-    memcpy(r->numbers + (size_t)row * n, outputs, 8 * n_output);
-    memcpy(r->numbers + (size_t)row * n + n_output, fields, 8 * (size_t)size_of_fields(c));
+    Word *to = r->rows + (size_t)row * n;
+    to->u = (uint64_t)(uintptr_t)&last + __atomic_add_fetch(&last, 1, __ATOMIC_RELAXED); /* the address is another in each process */
+    memcpy(to + 1, outputs, 8 * n_output);
+    memcpy(to + 1 + n_output, fields, 8 * (size_t)size_of_fields(c));
     r->n = row + 1;
+}
+
+int has_record(const Instance *c, int64_t instant) { return row_of(c, instant) != NULL; }
+
+void no_records(struct Object *o) { o->records = (Records){o->records.rows, o->records.room, 0, 0, 0}; }
+
+uint64_t record_now(const Instance *c)
+{
+    const Word *row = keeps_results(c) ? row_of(c, instant_now(c)) : NULL;
+    return row ? row->u : 0;
+}
+
+void go_on_from(const Instance *c, uint64_t record)
+{
+    Records *r = &c->fmu->records;
+    if (keeps_results(c) && record_now(c) != record) *r = (Records){r->rows, r->room, instant_now(c), 0, r->lost};
 }
 
 /* -- the file ---------------------------------------------------------------------------------------------------------- */
@@ -56,11 +90,11 @@ static unsigned char *put_record(const Instance *c, int64_t row, unsigned char *
 {
     const struct Object *o = c->fmu;
     const Word *table = table_of(c), *of_file = table + table[T_RECORDS].i;
-    const double *numbers = o->records.numbers + (size_t)row * width(c);
+    const Word *numbers = o->records.rows + (size_t)row * width(c) + 1;
     for (int64_t i = 0; i < table[T_N_RECORD].i; i++, of_file += R_ROW) {
         int64_t place = of_file[R_PLACE].i + (of_file[R_KIND].i == R_FIELD ? o->image->n_output : 0);
         for (int64_t k = 0; k < of_file[R_COUNT].i; k++) {
-            double value = of_file[R_KIND].i == R_TIME ? (double)(o->records.first + row) * o->image->dt : numbers[place + k];
+            double value = of_file[R_KIND].i == R_TIME ? (double)(o->records.first + row) * o->image->dt : numbers[place + k].d;
             to = put_number(to, value, of_file[R_WHOLE].i);
         }
     }
@@ -128,14 +162,12 @@ int results_ready(const Instance *c)
     unsigned char *head = head_of(c, &length);
     if (head == NULL) return ERROR;
     aligned_free(head);
-    char *other = beside(path);
-    FILE *file = other ? file_at(other, "wb") : NULL;
-    if (file != NULL) {
-        fclose(file);
-        removed_file(other);
-    }
-    free(other);
-    return file ? OK : cannot_be_written(c, path);
+    FILE *there = file_at(path, "rb"), *file = file_at(path, "ab"); /* a folder can be opened to read, not to write */
+    if (there != NULL) fclose(there);
+    if (file == NULL) return cannot_be_written(c, path);
+    fclose(file);
+    if (there == NULL) removed_file(path);
+    return OK;
 }
 
 /* The file is whole or not there: it is written beside its place first. */
@@ -158,8 +190,7 @@ int write_results(const Instance *c)
 {
     const struct Object *o = c->fmu;
     const char *path = o->texts[table_of(c)[T_RESULTS].i];
-    int prescribed = parameter(c, T_MODE, 0.0) == PRESCRIBED;
-    int64_t now = prescribed ? o->n_row - 1 : (int64_t)o->moving[o->image->head[M_PROGRESS].i];
+    int64_t now = instant_now(c);
     int64_t first = o->records.first, n = now + 1 - first;
     if (o->records.lost) return msg(c, ERROR, "%.500s was not written: no memory for the results", path);
     if (n > o->records.n || n < 1) n = 0; /* a state was restored, and no step followed */

@@ -29,7 +29,7 @@ static int renewed(Instance *c)
     memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
     o->discarded = o->opened = 0;
     o->n_row = o->n_fields = 0;
-    o->records = (Records){o->records.numbers, o->records.room, 0, 0, 0};
+    no_records(o);
     o->start = c->time = 0.0;
     c->last = OK;
     memset(o->now, 0, 8 * (size_t)image->n_output);
@@ -102,7 +102,7 @@ void closed(Instance *c)
         free(o->rows);
         free(o->times);
         free(o->fields);
-        free(o->records.numbers);
+        free(o->records.rows);
         image_freed(o->image);
         free(o);
     }
@@ -176,10 +176,11 @@ static void keep(const Instance *c, int64_t from, int64_t row, int64_t instant, 
         memcpy(o->rows + row * image->n_output, outputs, 8 * (size_t)image->n_output);
         o->times[row] = (double)instant * image->dt;
     }
-    if (field_row < 0 && !keeps_results(c)) return;
+    int recorded = keeps_results(c) && (from > 0 || !has_record(c, instant)); /* row 0 is the end of the step before */
+    if (field_row < 0 && !recorded) return;
     act(o, M_FIELDS, from, 0, 0, 0);
     if (field_row >= 0) memcpy(o->fields + field_row * size_of_fields(c), fields, 8 * (size_t)size_of_fields(c));
-    if (keeps_results(c)) keep_record(c, instant, outputs, fields);
+    if (recorded) keep_record(c, instant, outputs, fields);
 }
 
 /* -- initialization ---------------------------------------------------------------------------------------------------- */
@@ -225,6 +226,7 @@ static int present(Instance *c)
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
+    no_records(o);
     keep(c, 0, 0, 0, n_field - 1);
     o->n_row = 1;
     o->n_fields = n_field;

@@ -6,7 +6,7 @@
 #include "compiled.h"
 
 enum { S_MAGIC, S_CHECKSUM, S_N_WORD, S_TABLE, S_PHASE, S_DISCARDED, S_N_ROW, S_N_FIELDS, S_N_ARRAY, S_START, S_TIME,
-       S_HEADER };
+       S_RECORD, S_HEADER };
 static const char magic[] = "LATINST1";
 
 /* Where the words are, how many have gone by, and what is done with them. */
@@ -48,6 +48,7 @@ static void own_lengths(const Instance *c, Word *head, int64_t *lengths)
     head[S_N_ARRAY].i = o->n_array;
     head[S_START].d = o->start;
     head[S_TIME].d = c->time;
+    head[S_RECORD].u = record_now(c);
     for (int64_t r = 0; r < table_of(c)[T_N_VARIABLE].i; r++) *lengths++ = o->texts[r] ? (int64_t)strlen(o->texts[r]) : 0;
     for (int64_t i = 0; i < n_input; i++) *lengths++ = o->histories[i].n;
     for (int64_t i = 0; i <= n_input; i++) *lengths++ = o->arrays[i] != NULL;
@@ -196,6 +197,7 @@ static int unpacked(Instance *c, Word *words)
         c->phase = (int)head[S_PHASE].i;
         c->last = OK;
         o->opened = 0; /* outputs at the start are computed anew */
+        go_on_from(c, head[S_RECORD].u);
     }
     free_read(&fresh);
     free(lengths);

@@ -13,6 +13,7 @@ from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
+from ..scene.settings import ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, body_sides, build_bodies
 from .bolts import BoltCut, cuts_of
@@ -22,7 +23,7 @@ from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
-from .models import Kept, KeptOperators, scheme_remarks, store_of
+from .models import Kept, KeptOperators, chosen_scheme, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
@@ -144,11 +145,15 @@ def _problem(
     """The problem of checked bodies and interfaces, with its classes; ``kept`` and ``leave_out`` as for
     ``discretise``."""
     names = frozenset[str]()
-    if leave_out:
+    # other schemes and reduced bodies have masses, layers or modes that depend on faces which may open
+    plain = not isinstance(scene.solver.propagator, ReducedPropagatorTable)
+    if leave_out and plain and chosen_scheme(scene, bodies, units)[0].name == "hht":
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))
-    left = {name: body for name, body in bodies.items() if name not in names}
-    joined = [unit for unit in units if not any(owner in names for _, _, owner in body_sides([unit]))]
+    left, joined = _without(names, bodies, units)
+    if names and chosen_scheme(scene, left, joined)[0].name != "hht":
+        names = frozenset()
+        left, joined = _without(names, bodies, units)
     problem = DiscretisedProblem.of(scene, left, conditions, joined, cuts, kept).with_classes()
     if names:
         problem = replace(problem, untouched=Untouched.of(bodies, units, names))
@@ -159,6 +164,14 @@ def _problem(
         marched = {name: marched_share(t, time) for name, t in arrival.items()}
         problem = replace(problem, classes=cut_by_arrival(problem.classes, marched))
     return problem
+
+
+def _without(
+    names: frozenset[str], bodies: dict[str, Body], units: list[InterfaceUnit]
+) -> tuple[dict[str, Body], list[InterfaceUnit]]:
+    """Bodies that are not among the names, and the interfaces between them."""
+    left = {name: body for name, body in bodies.items() if name not in names}
+    return left, [unit for unit in units if not any(owner in names for _, _, owner in body_sides([unit]))]
 
 
 def _units(

@@ -12,11 +12,11 @@ the law of contact (``kernels.local_stage``) gives no traction as long as
 
     G / dt + d > 0
 
-at every instant. If that does not hold the run is void, and is repeated with all bodies.
+at every instant of the finished run. If that does not hold the run is void, and is repeated with all bodies.
 
-The run has the bits of the scene without these bodies: time scheme, masses at contact faces, search directions and
-scales follow from what is left. So an automatic time scheme differs from the one with all bodies where a gap that stays
-open would be taken for a landing.
+Bodies are left out with HHT and bodies that are not reduced alone: there the others keep their masses and the scheme,
+and the run differs from that with all bodies by the tolerance of the iteration (4e-8 of the largest at 1e-8). With the
+other schemes a face that may open has a layer or massless points of its own, whether it is touched or not.
 """
 
 from __future__ import annotations

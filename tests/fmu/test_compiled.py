@@ -482,7 +482,7 @@ def test_damaged_states_are_refused(opened, fmi):
         at = generator.randrange(len(block))
         damaged.append(block[:at] + bytes([block[at] ^ 1 << generator.randrange(8)]) + block[at + 1 :])
     words = len(block) // 8
-    for at in [*range(3, 9), *range(11, 30), *generator.sample(range(60, words), 60)]:
+    for at in [*range(3, 9), *range(12, 31), *generator.sample(range(60, words), 60)]:
         wrong = struct.pack("<d", float("nan")), struct.pack("<q", -1)  # as an integer beyond all sizes
         damaged += [resealed(block[: 8 * at] + bits + block[8 * at + 8 :]) for bits in wrong]
     damaged.append(resealed(block[:-8], length=words - 1))
@@ -622,6 +622,33 @@ def test_the_results_are_those_of_the_run(fmi, tmp_path):
             assert not list(tmp_path.glob("*.part"))
 
 
+def test_results_are_of_the_past_of_the_state_that_was_restored(fmus, tmp_path):
+    """Another branch has overwritten what was recorded before the state: its rows are not mixed with those after it."""
+    forces = {}
+    for branch in (True, False):
+        host, target = Host(fmus["3"], tmp_path / str(branch)), tmp_path / f"{branch}.nc"
+        host.set(resultsFile=str(target), load__press__value=0.7)
+        host.start()
+        start = host.save()
+        assert host.step(0.0, 10 * DT), host.messages
+        saved = host.save()
+        if branch:
+            host.restore(start)
+            host.set(load__press__value=0.1)
+            assert host.step(0.0, 15 * DT), host.messages
+            host.restore(saved)
+            host.set(load__press__value=0.7)
+        assert host.step(10 * DT, 5 * DT), host.messages
+        host.fmu.terminate()
+        with open_results(target) as tree:
+            forces[branch] = dict(zip(tree["energy/time"].values, tree["interfaces/crush/force"].values, strict=True))
+        assert bool([text for *_, text in host.messages if "begins at 2e-06 s" in text]) == branch
+        host.close()
+    assert len(forces[False]) == 16
+    assert len(forces[True]) == 6
+    assert all((forces[True][t] == forces[False][t]).all() for t in forces[True])
+
+
 def test_results_begin_where_a_state_of_another_instance_was_restored(opened, tmp_path):
     """What lies before was not made by this instance; a folder that is not there is an error with a sentence."""
     first, second = opened("3"), opened("3")
@@ -640,3 +667,7 @@ def test_results_begin_where_a_state_of_another_instance_was_restored(opened, tm
     lost.prepare()
     assert lost.status(lost.fmu.exitInitializationMode) == 3
     assert "lost.nc cannot be written: give a path" in lost.messages[-1][2]
+    folder = opened("3")
+    folder.set(resultsFile=str(tmp_path))
+    folder.prepare()
+    assert folder.status(folder.fmu.exitInitializationMode) == 3

@@ -1,4 +1,4 @@
-"""Random chains of bars with exact answers, on which no constant of the error estimate was fitted.
+"""Random chains of bars with exact answers: one half sets constants of the error estimate, the other judges them.
 
     python -m tests.verification.strangers --seeds 0:60
 
