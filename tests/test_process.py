@@ -92,6 +92,7 @@ def test_interruptions_at_any_time_leave_no_traceback(place: Path) -> None:
 
 FIRST = """
 import builtins, os, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs behind with it ignored
 from latin_fmu.__main__ import main
 load = builtins.__import__
 
