@@ -145,7 +145,8 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
 
 
 def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
-    """One remark for each reason why waves are not followed at sides of interfaces (``latin.unresolved_sides``)."""
+    """One remark for each reason why waves are not followed at sides of interfaces, as
+    ``latin.search_direction.unresolved_sides`` says."""
     reasons: dict[str, list[str]] = {}
     for sentence in sides:
         side, _, rest = sentence.partition(": ")

@@ -19,8 +19,8 @@ Matrices C of velocities give, to first order, for a mode phi of the mass M that
     zeta = phi^T C phi / (2 omega phi^T M phi),    K phi = omega^2 M phi
 
 or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
-(``fem.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and that of
-absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
+(``assembly.models.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and
+that of absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
 
 Natural frequencies and shapes of an assembly without loads, its joints open, sticking or bonded.
 
