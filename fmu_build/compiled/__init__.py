@@ -10,7 +10,7 @@ words of 8 bytes   content (numbers little-endian; places count words from the s
 0                  ``LATINVAR``
 1 to ``HEADER``    ``HEADER`` in its order: checksum of all that follows, length, token, checksum of the image, ...
 then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state,
-                   of 4 for each part of a record of the results (``results``)
+                   of 4 for each part of a record of the results file (``RecordPart``)
 then               texts, each with a zero behind it; rows refer to them by bytes from their start
 =================  ================================================================================================
 """
@@ -18,22 +18,30 @@ then               texts, each with a zero behind it; rows refer to them by byte
 from __future__ import annotations
 
 import hashlib
+import re
 import struct
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
+import netCDF4
 import numpy as np
 
+import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim.communication import CommunicationRun, write
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
+from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.cosim.variables import inputs_of, table_of
 from latin_fmu.errors import InputError, Problem
+from latin_fmu.latin.interface_rows import InterfaceRows
+from latin_fmu.results.dataset import interface_group
+from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
+from latin_fmu.results.quantities import AXES, BOLT, ENERGY, LABELS, SENSOR, named
 from latin_fmu.scene.schema import Scene
-
-from .results import RecordPart, results_file
 
 HEADER: Final = (
     *("magic", "checksum", "length", "token", "image", "n_variable", "variables", "n_input", "inputs"),
@@ -277,3 +285,155 @@ def checksum(content: bytes) -> int:
     mixed = (mixed ^ mixed >> np.uint64(27)) * third
     mixed ^= mixed >> np.uint64(31)
     return (int(mixed.sum(dtype=np.uint64)) + len(words)) % 2**64
+
+
+# -- the results file ---------------------------------------------------------------------------------------------
+# netCDF-3 has no groups: ``interfaces.crush.traction`` stands for the variable ``traction`` of the group
+# ``interfaces/crush``; its dimensions and the attributes of groups are named in the same way. An instant is a record:
+# the time, scalar outputs, and fields at the points (``cosim.communication``, action FIELDS).
+_PARTS: Final = ("time", "output", "field")
+"""What a part of a record is, in the order of the names R_... of compiled.h."""
+_POINTS: Final = {"traction": "traction", "velocity": "velocity", "gap": "gap", "contact_status": "status"}
+"""Names in the results of what ``interface.NAME.points`` has."""
+_COMPONENT: Final = re.compile(r"(.*)\[([123])\]")
+_FAMILIES: Final = {"sensor": ("sensors", SENSOR), "bolt": ("bolts", BOLT), "energy": ("energy", ENERGY)}
+"""Groups of the results by the first part of the name of an output, and what their variables mean."""
+
+
+@dataclass(frozen=True)
+class RecordPart:
+    """A variable of the file in a record.
+
+    kind : of ``_PARTS``. place, count : of its numbers among outputs, or fields. whole : it has integers of 4 bytes.
+    """
+
+    kind: str
+    place: int
+    count: int
+    whole: bool
+
+    def row(self) -> tuple[int, int, int, int]:
+        """Words in the table of variables."""
+        return _PARTS.index(self.kind), self.place, self.count, int(self.whole)
+
+
+def results_file(
+    run: CommunicationRun, table: Sequence[FmiVariable], places: Mapping[str, int]
+) -> tuple[bytes, list[RecordPart]]:
+    """The file without records, and the parts of a record in the order of the file.
+
+    Parameters
+    ----------
+    table : variables of the FMU. places : of scalar outputs in a row, of arrays at points among the fields, by name.
+    """
+    root = {
+        "source": f"latin_fmu {latin_fmu.__version__}: LATIN method, compiled FMU",
+        "scene_name": run.scene.name,
+        "schema_version": SCHEMA_VERSION,
+        "unit_system": run.scene.unit_system.name,
+    }
+    time = StoredGroup.of((), named(LABELS, {"time": np.zeros(1)}), root)
+    groups = in_units({"/": time, **dict(_interfaces(run)), **dict(_outputs(table))}, run.scene.unit_system)
+    parts: dict[str, RecordPart] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "results.nc"
+        with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_OFFSET") as file:
+            file.createDimension("time", None)
+            for of_group, group in groups.items():
+                parts |= _add_group(file, of_group, group, places)
+        whole = path.read_bytes()
+    record = sum(part.count * (4 if part.whole else 8) for part in parts.values())
+    # the file has one record, which is cut off; the number of records stands behind the magic number
+    return whole[:4] + bytes(4) + whole[8:-record], list(parts.values())
+
+
+def _add_group(
+    file: netCDF4.Dataset, path: str, group: StoredGroup, places: Mapping[str, int]
+) -> dict[str, RecordPart]:
+    """Write a group; its variables over time in their order."""
+    parts: dict[str, RecordPart] = {}
+    attributes = {**group.attrs, "coordinates": " ".join(sorted(group.labels))}
+    for name, value in attributes.items():
+        file.setncattr(_flat(path, name), value)
+    for name, variable in group.variables.items():
+        if name == "time" and path != "/":
+            continue
+        if "time" in variable.dims:
+            source = ("time", 0) if name == "time" else _source(path, name, places)
+            if source is None:
+                continue
+            whole, count = variable.values.dtype.kind in "iu", variable.values[0].size
+            parts[_flat(path, name)] = RecordPart(*source, count, whole)
+        _add_variable(file, path, name, variable)
+    return parts
+
+
+def _flat(path: str, name: str) -> str:
+    """Name in the file of what a group has."""
+    return ".".join([*(part for part in path.split("/") if part), name])
+
+
+def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: StoredVariable) -> None:
+    """Write a variable with its dimensions; texts as characters along a dimension of their own."""
+    values = np.asarray(variable.values)
+    dims = ["time" if dim == "time" else _flat(path, dim) for dim in variable.dims]
+    if values.dtype.kind in "OUS":
+        values = np.char.encode(values.astype(str), "utf-8")
+        dims.append(f"text{values.dtype.itemsize}")
+        values = values.view("S1").reshape(*values.shape, -1)
+    elif values.dtype.kind in "iub":
+        values = values.astype("i4")
+    for dim, size in zip(dims, values.shape, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, size)
+    made = file.createVariable(_flat(path, name), values.dtype, dims)
+    if values.dtype.kind == "S":
+        made.setncattr("_Encoding", "utf-8")
+        made.set_auto_chartostring(False)
+    made[...] = values
+    for key, value in variable.attrs.items():
+        made.setncattr(key, value.astype("i4") if isinstance(value, np.ndarray) and value.dtype.kind == "i" else value)
+
+
+def _interfaces(run: CommunicationRun) -> Iterator[tuple[str, StoredGroup]]:
+    """Groups of the interfaces in the present state, one instant."""
+    assembly, image = run.run.assembly, run.image
+    rows = InterfaceRows(assembly, np.zeros((1, InterfaceRows.width_of(assembly))))
+    rows.keep(image, None, 0, 1, 0)
+    for name, history in rows.histories(1, None).items():
+        group = interface_group(history, np.zeros(1))
+        for of_the_whole in ("peak_force", "peak_force_raw"):
+            del group.variables[of_the_whole]
+        yield f"/interfaces/{name}", group
+
+
+def _outputs(table: Sequence[FmiVariable]) -> Iterator[tuple[str, StoredGroup]]:
+    """Groups of sensors, bolts and energies from the scalar outputs, one instant."""
+    names = {
+        _COMPONENT.sub(r"\1", v.name): 3 if _COMPONENT.fullmatch(v.name) else 1
+        for v in table
+        if v.causality == "output" and not v.is_array
+    }
+    made: dict[str, dict[str, np.ndarray]] = {}
+    for name, n in names.items():
+        family, *own, what = name.split(".") if "." in name else ("", name)
+        if family in _FAMILIES and what in _FAMILIES[family][1]:
+            path = "/".join(["", _FAMILIES[family][0], *own])
+            made.setdefault(path, {})[what] = np.zeros((1, 3) if n == 3 else 1)
+    meanings = dict(_FAMILIES.values())
+    for path, arrays in made.items():
+        labels = {"component": AXES} if any(values.ndim > 1 for values in arrays.values()) else {}
+        yield path, StoredGroup.of(named(meanings[path.split("/")[1]], arrays), named(LABELS, labels))
+
+
+def _source(path: str, name: str, places: Mapping[str, int]) -> tuple[str, int] | None:
+    """Where a variable of a record comes from; None where C has no such numbers."""
+    family, _, own = path.removeprefix("/").partition("/")
+    prefix = {known: key for key, (known, _) in _FAMILIES.items()} | {"interfaces": "interface"}
+    stem = ".".join(part for part in (prefix[family], own) if part)
+    if family == "interfaces" and name in _POINTS:
+        return "field", places[f"{stem}.points.{_POINTS[name]}"]
+    for known in (f"{stem}.{name}", f"{stem}.{name}[1]"):
+        if known in places:
+            return "output", places[known]
+    return None

@@ -29,14 +29,14 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from ..kernels import entries
+from ..kernels.energy_parts import TERMS
 from ..time_scheme import TimeScheme
-from .alone import Alone
 from .forcing import Forcing, MotionState
-from .image import Image
+from .image import Image, ImageClass
 from .interface_matrices import condensed
 from .interface_probing import Table
 from .model import Array, Histories, SubstructureModel, closest_reduced
-from .state import ClassState
 
 _STEPS_KEPT = 4
 
@@ -47,6 +47,207 @@ class MassFactor(Protocol):
     def solve(self, b: Array) -> Array:
         """M^-1 b for b (n_dof, m)."""
         ...
+
+
+_FIELDS = ("u", "v", "a", "residual")
+
+
+class ClassState:
+    """Motion of a class, (n_dof, n_member) each: displacements, velocities, accelerations, residual forces; m, m s-1,
+    m s-2, N.
+
+    Parameters
+    ----------
+    n_dof, n_member : shape of the fields. energy : whether energies are accounted for.
+
+    Attributes
+    ----------
+    image : that the fields stand in; None: they are kept here. number : of the class in the image.
+    """
+
+    def __init__(self, n_dof: int, n_member: int, energy: bool) -> None:
+        self._shape, self._energy = (n_dof, n_member), energy
+        self.image: Image | None = None
+        self.number = 0
+        self._own: dict[str, Array] = {name: np.zeros(self._shape) for name in _FIELDS}
+        self._account: Array | None = None  # of energies, where a state was set before there is an image
+
+    @property
+    def u(self) -> Array:
+        """Displacements, a view where they stand in an image; likewise the others."""
+        return self._field("u")
+
+    @property
+    def v(self) -> Array:
+        """Velocities at the present instant."""
+        return self._field("v")
+
+    @property
+    def a(self) -> Array:
+        """Accelerations at the present instant."""
+        return self._field("a")
+
+    @property
+    def residual(self) -> Array:
+        """Residual forces at the present instant."""
+        return self._field("residual")
+
+    @property
+    def fields(self) -> list[Array]:
+        """All four, in the order of the arguments of ``set``."""
+        return [self._field(name) for name in _FIELDS]
+
+    def set(self, u: Array, v: Array, a: Array | None = None, residual: Array | None = None) -> None:
+        """Set the motion; zeros for what is not given."""
+        zero = np.zeros_like(u)
+        new = (u, v, zero if a is None else a, zero if residual is None else residual)
+        if self.image is None:
+            self._own = dict(zip(_FIELDS, (np.array(x) for x in new), strict=True))
+            return
+        for into, x in zip(self.fields, new, strict=True):
+            into[...] = x
+        self.part("rest", 1)[0] = float(not any(x.any() for x in new))
+
+    @property
+    def account(self) -> Array | None:
+        """The account of energies, in the image or kept for one; None where there is none, or none yet."""
+        if not self._energy or self.image is None:
+            return self._account
+        return self.part("energy", self.image.row(self.number)["n_energy"])
+
+    def set_account(self, account: Array) -> None:
+        """Set the account of energies."""
+        if self.image is None:
+            self._account = account.copy()
+        else:
+            self.part("energy", len(account))[:] = account
+
+    def part(self, first: str, size: int) -> Array:
+        """View of numbers of the class in the image, from the field ``first`` of its record on."""
+        assert self.image is not None
+        at = self.image.row(self.number)[first]
+        return self.image.moving[at : at + size]
+
+    def _field(self, name: str) -> Array:
+        if self.image is None:
+            return self._own[name]
+        return self.part(name, self._shape[0] * self._shape[1]).reshape(self._shape)
+
+    # -- from image to image ------------------------------------------------------------------------------------
+    def attach(self, image: Image, number: int) -> None:
+        """Move the motion into an image, as its class ``number``."""
+        own, account = self.fields, self.account
+        self.stand_in(image, number)
+        self.set(*own)
+        there = self.account
+        if account is not None and there is not None and account.size == there.size:
+            there[:] = account
+
+    def stand_in(self, image: Image, number: int) -> None:
+        """Take the motion that stands in an image, as its class ``number``."""
+        self.image, self.number, self._own = image, number, {}
+
+    def detach(self) -> None:
+        """Keep a copy of the motion: the image belongs to other operators."""
+        if self.image is None:
+            return
+        account = self.account
+        kept = {name: field.copy() for name, field in zip(_FIELDS, self.fields, strict=True)}
+        self._account = None if account is None else account.copy()
+        self._own, self.image = kept, None
+
+
+class Alone:
+    """March of a propagator by itself: ``predict``, then ``respond`` for one or more q, then ``commit``.
+
+    Parameters
+    ----------
+    propagator : begun and started; its search direction is that of its last ``bind``.
+    """
+
+    def __init__(self, propagator: Any) -> None:
+        self._propagator = propagator
+        self._made: Image | None = None  # of this class only
+        self._token: Any = None  # histories that it has begun with
+        self._bound: Array | None = None  # its search direction
+
+    def image(self) -> Image:
+        """The image of the run, or one of this class only, with the operators of now."""
+        p, state = self._propagator, self._propagator.state
+        if state.image is None:
+            m = len(p.members)
+            flat = np.arange(p.n_channel * m, dtype=np.int64).reshape(p.n_channel, m)
+            run = {"area": np.repeat(p.operators.area, m), "static": int(p.scheme.name == "quasi_static")}
+            self._made = Image([ImageClass(p, flat)], np.ones(flat.size, dtype=bool), run=run)
+            self._token, self._bound = object(), None
+        image: Image = state.image
+        if image is not self._made:
+            return image
+        if self._bound is not p.k:
+            image.bind(0, afresh=True)
+            self._bound = p.k
+        if self._token is not p.forcing.token:
+            image.begin(p.forcing.n_time, {})
+            self._token = p.forcing.token
+        if p.opening is not None:
+            image.field("f_hat", *p.opening.shape)[:] = p.opening
+            image.set({"first_row": p.instant})
+            image.call(entries.OPEN_ACCOUNTS)
+            p.opening = None
+        return image
+
+    def predict(self) -> Array:
+        """March to the next instant without interface forces; velocities of the channels (n_channel, n_member)."""
+        image, p = self.image(), self._propagator
+        image.set({"first_row": p.instant + 1})
+        image.call(entries.PREDICT, p.state.number, p.instant + 1)
+        shape = p.n_channel, len(p.members)
+        free: Array = p.state.part("w_free", shape[0] * shape[1]).reshape(shape).copy()
+        return free
+
+    def respond(self, q: Array) -> Array:
+        """W for q = F + k W after ``predict``, both (n_channel, n_member)."""
+        image = self.image()
+        image.field("q", q.size)[:] = q.reshape(-1)
+        image.call(entries.RESPOND, self._propagator.state.number)
+        return image.field("w", *q.shape).copy()
+
+    def commit(self, traction: Array) -> None:
+        """End the instant with tractions (a quasi-static class: incoming quantities q), Pa."""
+        image, p = self.image(), self._propagator
+        image.field("local_f", *traction.shape)[:] = traction
+        if p.scheme.name == "quasi_static":  # tractions are what the springs leave of q
+            image.field("f", *traction.shape)[:] = traction - p.k * self.respond(traction)
+        image.call(entries.END_CLASS, p.state.number, p.instant + 1)
+        p.instant += 1
+
+    @property
+    def totals(self) -> dict[str, Array]:
+        """Terms of the account of energies at the present instant, (n_member,) each, J."""
+        account, m = self._account(), len(self._propagator.members)
+        assert account is not None, "energies are not accounted for"
+        return {term: account[i * m : (i + 1) * m].copy() for i, term in enumerate(TERMS)}
+
+    def _account(self) -> Array | None:
+        """The account of energies, begun where it is not yet."""
+        p = self._propagator
+        if p.energy and p.begun and p.state.account is None:
+            self.image()
+        account: Array | None = p.state.account
+        return account
+
+    def snapshot(self) -> tuple[int, list[Array], Array | None]:
+        """All that determines the next instants of this segment."""
+        account = self._account()
+        fields = [field.copy() for field in self._propagator.state.fields]
+        return self._propagator.instant, fields, None if account is None else account.copy()
+
+    def restore(self, snapshot: tuple[int, list[Array], Array | None]) -> None:
+        """Return to the state and the energies of a ``snapshot``."""
+        self._propagator.instant, fields, account = snapshot
+        self._propagator.state.set(*fields)
+        if account is not None:
+            self._propagator.state.set_account(account)
 
 
 class Propagator(ABC):
