@@ -25,8 +25,8 @@ CHOICE = "left out, never touched"
 
 
 def lidded(gap: float = GAP, speed: float = 0.0, long: int = 4, **tables: Any) -> dict[str, Any]:
-    """Two blocks, crushed on their sides, with a lid above a gap, which is held at its top; ``speed`` of the upper, ``long``
-    elements high."""
+    """Two blocks, crushed on their sides, with a lid above a gap, which is held at its top; ``speed`` of the upper,
+    ``long`` elements high."""
     low, up = (Box(material, (EDGE,) * 3, (3, 3, long)) for material in (ALUMINIUM, STEEL))
     tables = {"solver": {"tolerance": 1e-8}, "output": {"energy": True}, "time": {}} | tables
     made = column(
