@@ -18,10 +18,10 @@ import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
+from latin_fmu.cosim.input_table import inputs_of
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variable import input_variable
-from latin_fmu.cosim.variables import inputs_of
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TableLaw, TimeLaw

@@ -23,6 +23,7 @@ import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Final
 
@@ -33,9 +34,11 @@ import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim.communication import CommunicationRun, write
+from latin_fmu.cosim.input_table import inputs_of
+from latin_fmu.cosim.output_table import AT_POINTS
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
-from latin_fmu.cosim.variables import inputs_of, table_of
+from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, Problem
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
@@ -187,10 +190,10 @@ def _points(run: CommunicationRun) -> Iterator[tuple[str, int]]:
     """Arrays at the points by name, and where they begin among the fields of the points."""
     at = 0
     for unit in run.run.assembly.interfaces:
-        sizes = {"traction": 3, "velocity": 6, **({"gap": 1, "status": 1} if unit.behaviour.opens else {})}
-        for what, size in sizes.items():
-            yield f"interface.{unit.name}.points.{what}", at
-            at += size * unit.geometry.n_point
+        for what, (_, _, shape) in AT_POINTS.items():
+            if len(shape) > 1 or unit.behaviour.opens:
+                yield f"interface.{unit.name}.points.{what}", at
+                at += prod(size or unit.geometry.n_point for size in shape)
 
 
 # -- the file -----------------------------------------------------------------------------------------------------

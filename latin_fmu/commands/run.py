@@ -200,8 +200,8 @@ def _folder(path: Path) -> Path:
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:
     """Print the values that inputs keep: nothing sets them in a run by the command line."""
+    from ..cosim.input_table import inputs_of
     from ..cosim.variable import variable_of
-    from ..cosim.variables import inputs_of
 
     stay = [f"{variable_of(name)} = {law.start_value:g}" for name, law in inputs_of(scene).items()]
     if stay and not quiet:

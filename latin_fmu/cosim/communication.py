@@ -125,8 +125,7 @@ class CommunicationRun:
         with one_thread():
             drives = Drives(self._segmented, self.sources)
             recorder = Recorder(problem.assembly, problem.output, problem.info)
-            signals = Signals(drives, recorder)
-            fields = signals.fields(scene) | history_fields(drives)
+            fields = Signals(scene, drives, recorder).fields() | history_fields(drives)
             fields |= opening_fields(drives, scene.time.start.type == "static")
             self._make(drives, fields)
 

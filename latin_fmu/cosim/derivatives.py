@@ -36,14 +36,13 @@ from ..latin.outcome import WindowRecord
 from ..latin.run_image import Stages, rate_of
 from ..latin.windows import Run
 from ..laws.dispatch import law_tangents
+from .output_table import CONSTANT, EVENTS
 from .variable import input_of, is_wave
-from .variables import EVENTS, INNER_TIME
 from .windowed import LastStep, Windowed
 
 _EFFECT = 1e-2  # on the tractions, relative: smaller ones are enlarged, as far as they exceed round-off
 _LARGEST = 1e8  # factor
-_CONSTANT = ("closed", "sticking", "slipping", INNER_TIME, *EVENTS)
-_INSTANTS = tuple(last for last, _ in EVENTS.values())
+_INSTANTS = tuple(row.name for row in EVENTS.rows if row.unit)
 _LINE_RATE = "a wave whose rate is 0 is the straight line to its value, which has no derivative by the rate"
 _ROUNDS, _SMALL, _ENOUGH = 6, 1e-14, 1e-9
 """Solutions of the system of an instant, each for the residual of the last; residual over q at which they end, and
@@ -130,7 +129,7 @@ class Derivatives:
         assert step is mode.last_step
         column = (rows[0] - rows[1]) / (2.0 * size)
         for i, output in enumerate(self._outputs):
-            if output.startswith("solver.") or output.rpartition(".")[2] in _CONSTANT:
+            if output.rpartition(".")[2] in CONSTANT:
                 column[i] = 0.0
         return np.asarray(column)
 

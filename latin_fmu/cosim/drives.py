@@ -18,16 +18,14 @@ import scipy.sparse as sp
 from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 from ..assembly.supports import PrescribedMotion
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
-from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
+from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
 from ..latin.run_image import histories
 from ..propagator.forcing import SUMS
-from ..scene.boundaries import Driven
-from ..scene.laws import ConstantLaw, InputLaw, TimeLaw, sampled
+from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
-from .loads import Loads
-from .variables import inputs_of
+from .input_table import Source, given_of, sources_of
 
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
 
@@ -38,7 +36,7 @@ class Sources:
 
     Attributes
     ----------
-    inputs, laws : names, as in ``variables.inputs_of``. kinds : of the inputs. table : (n_law, n) of the own laws at
+    inputs, laws : names, as in ``input_table.sources_of``. kinds : of the inputs. table : (n_law, n) of the own laws at
     the time steps; of a displacement its rate. end : time steps that the table holds, -1 where its last row holds ever
     after.
     """
@@ -53,18 +51,19 @@ class Sources:
     @classmethod
     def of(cls, scene: Scene) -> Sources:
         """The sources of a scene."""
-        given, loads = inputs_of(scene), Loads(scene)
-        time, laws = np.linspace(0.0, scene.time.end, scene.time.n_step + 1), _own_laws(scene)
-        own = {name: sample(time) for name, (_, sample) in laws.items()}
-        varies = any(not isinstance(law, ConstantLaw) for law, _ in laws.values())
-        start = np.array([law.start_value for law in given.values()], dtype=float)
+        given = given_of(scene)
+        time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        own = {name: sample(time) for name, sample in _own_laws(scene).items()}
+        varies = any(not isinstance(s.law, ConstantLaw) for s in sources_of(scene) if s.name in own)
+        start = np.array([source.start for source in given], dtype=float)
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
-        return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
+        names, kinds = tuple(s.name for s in given), tuple(s.drives for s in given)
+        return cls(names, tuple(own), kinds, start, table, len(time) - 1 if varies else -1)
 
     def own(self, scene: Scene, time: Array) -> Array:
         """Amplitudes of the own laws at other instants, (n, n_law)."""
         laws = _own_laws(scene)
-        return np.stack([laws[name][1](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
+        return np.stack([laws[name](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.laws)
@@ -80,25 +79,21 @@ class Sources:
         return dict(zip((*self.inputs, *self.laws), amplitudes.T, strict=True))
 
 
-def _own_laws(scene: Scene) -> dict[str, tuple[TimeLaw, Callable[[Array], Array]]]:
-    """Laws of the scene that vary or move, and what samples what they drive the run by, by source."""
-    given, own = inputs_of(scene), dict[str, tuple[TimeLaw, Callable[[Array], Array]]]()
-    for name, force in scene.force_laws.items():
-        if not isinstance(force, InputLaw | ConstantLaw):
-            own[name] = force, partial(sampled, force)
-    for name, boundary in scene.boundary.items():
-        if isinstance(boundary, Driven) and f"boundary.{name}" not in given:
-            motion = PrescribedMotion(boundary.law, 1.0, boundary.type)
-            of_rate = motion.step_velocity if scene.time.quasi_static else motion.velocity
-            own[f"boundary.{name}"] = boundary.law, of_rate if boundary.type == "displacement" else boundary.law.sample
-    for name, interface in scene.joints.items():
-        if interface.ground_velocity is not None and f"ground.{name}" not in given:
-            own[f"ground.{name}"] = interface.ground_velocity.law, interface.ground_velocity.law.sample
-    for name, port in scene.port.items():
-        for source, component in port.inputs(name).items() if port.causality == "motion_in" else ():
-            if source not in given:
-                own[source] = port.law(component), port.law(component).sample
-    return own
+def _own_laws(scene: Scene) -> dict[str, Callable[[Array], Array]]:
+    """What samples the laws of the scene that vary or move, as they drive the run, by source."""
+    return {
+        source.name: _sampler(source, scene.time.quasi_static)
+        for source in sources_of(scene)
+        if not isinstance(source.law, InputLaw | ConstantLaw)
+        or (isinstance(source.law, ConstantLaw) and source.drives not in (LOAD, WAVE))
+    }
+
+
+def _sampler(source: Source, static: bool) -> Callable[[Array], Array]:
+    if source.drives == DISPLACEMENT:
+        motion = PrescribedMotion(source.law, 1.0, "displacement")
+        return motion.step_velocity if static else motion.velocity
+    return source.law.sample if source.drives == MOTION else partial(sampled, source.law)
 
 
 class Drives:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
-from ..kernels.outputs import N_SOLVER
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.windows import Run
@@ -23,9 +22,7 @@ from ..scene.schema import Scene
 from .loads import GridPart, Loads
 from .output_rows import OutputRows
 from .outputs import first_event
-from .variables import ENERGIES
 
-_WORK: Final = list(ENERGIES).index("interface_work")
 _CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
 _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
 
@@ -136,7 +133,7 @@ class KernelSteps:
         if run.problem.output.energy:
             friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
             if self._followed:  # the interfaces dissipate the work that the bodies do on them
-                work = row[self._outputs.of_solver + N_SOLVER + _WORK]
+                work = row[self._outputs.places["energy.interface_work"]]
                 run.running["contact_dissipation"] = -float(work) - friction
         return row
 
@@ -261,8 +258,9 @@ class KernelSteps:
     # -- what follows from the outputs ----------------------------------------------------------------------------
     def _gains_energy(self, row: Array) -> bool:
         """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
-        first = self._outputs.of_solver + N_SOLVER
-        _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
+        names = "work_of_loads", "interface_work", "damping_dissipation", "landing_dissipation", "scheme_dissipation"
+        places = [self._outputs.places[f"energy.{name}"] for name in names]
+        of_loads, work, damping, landing, scheme = row[places].tolist()
         put_in = (self._run.stored or 0.0) + max(of_loads, 0.0) + _CANCELLED * abs(work)
         return not work - damping - landing - scheme <= _SAFE * put_in
 

@@ -27,8 +27,9 @@ from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
-from .variable import input_variable, is_motion, is_wave, variable_of
-from .variables import HOLD, LINE, inputs_of
+from .input_table import given_of
+from .variable import input_variable, is_wave, variable_of
+from .variables import HOLD, LINE
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
@@ -60,16 +61,15 @@ class GivenLoads:
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load.
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load. kinds : of
+    the loads (``kernels.inputs``).
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._start = {name: law.start_value for name, law in inputs_of(scene).items()}
-        self._displacements = {
-            name
-            for name in self._start
-            if name.startswith("boundary.") and scene.boundary[name[9:]].type == "displacement"
-        }
+        given = given_of(scene)
+        self._start = {source.name: source.start for source in given}
+        self.kinds = np.array([source.drives for source in given], dtype=np.int64)
+        self._displacements = {source.name for source in given if source.drives == inputs.DISPLACEMENT}
         self._static = scene.time.quasi_static
         self.reset()
 
@@ -166,17 +166,8 @@ class Loads(GivenLoads):
     Attributes
     ----------
     memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
-    the last instant. kinds : of the loads, as there.
+    the last instant.
     """
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self.kinds = np.array([self._kind(name) for name in self._start], dtype=np.int64)
-
-    def _kind(self, name: str) -> int:
-        if name in self._displacements:
-            return inputs.DISPLACEMENT
-        return inputs.MOTION if is_motion(name) else inputs.WAVE if is_wave(name) else inputs.LOAD
 
     def reset(self) -> None:
         """Set every load to its start value; remove the histories, and what steps have left."""

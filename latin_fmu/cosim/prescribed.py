@@ -15,10 +15,10 @@ from ..latin.state_serialization import check_numbers, encode
 from ..scene.schema import Scene
 from .loads import Loads
 from .output_rows import OutputRecorder, OutputRows
-from .outputs import COLUMNS, between, first_event, shifted
+from .output_table import first_of_events, places_of
+from .outputs import between, first_event, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
-from .variables import INNER_TIME, opening_interfaces, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
@@ -34,10 +34,8 @@ class Prescribed:
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
-        self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
-        names = [v.name for v in scalar_table(scene) if v.causality == "output"]
-        self._inner_time = names.index(INNER_TIME)
-        self._first_event = self._n_output - COLUMNS * len(opening_interfaces(scene))
+        places = places_of(scene)
+        self._n_output, self._inner_time, self._first_event = len(places), places["innerTime"], first_of_events(places)
         self._solved_for = ""
         self.run: SegmentedRun | None = None
         self.segment: Segment | None = None

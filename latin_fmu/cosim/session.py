@@ -32,12 +32,13 @@ from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
 from ..scene.schema import Scene
 from .derivatives import Derivatives
+from .input_table import with_laws
 from .loads import Curve, Loads
 from .prescribed import Prescribed
 from .settings import Settings, StepReport, refused, why_not
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of
-from .variables import scalar_table, with_laws
+from .variables import scalar_table
 from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")

@@ -283,7 +283,7 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
 def open_outputs(pools: Any) -> None:
     """Outputs of row 0, in which a simulation begins."""
     run, moving = pools.run[0], pools.moving
-    moving[run.impulse : run.impulse + 3 * run.n_interface] = 0.0
+    moving[run.integral : run.integral + run.n_integral] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0

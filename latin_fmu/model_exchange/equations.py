@@ -37,6 +37,14 @@ STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelo
 EVENTS = "model.events"
 WORKS: Final = ("work_of_loads", "interface_work", "friction_dissipation", "contact_dissipation", "damping_dissipation")
 """Energies that are states, in the order of the states."""
+OUTPUTS: Final = {
+    "interface": (
+        *("force", "impulse", "velocityE", "velocityEp", "relativeVelocity", "normalForce"),
+        *("gap", "smallestGap", "closed", "sticking", "slipping"),
+    ),
+    "sensor": ("displacement", "velocity"),
+}
+"""Outputs of ``cosim.output_table`` that a reduced model has, in the order of ``Outputs.row``."""
 ENERGY_NAMES: Final = ("kinetic", "elastic", "contact", *WORKS, "balance")
 _KIND = "reduced system 1"
 

@@ -25,9 +25,9 @@ from ..assembly.interfaces import completed
 from ..assembly.merged_assembly import jump, merge, placed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction
 from ..cholesky.factor import interface_factor
+from ..cosim.output_table import ENERGY
 from ..cosim.variable import Variable, output, parameter
-from ..cosim.variables import ENERGIES, scalar_table
-from ..cosim.variables import EVENTS as CONTACT_EVENTS
+from ..cosim.variables import scalar_table
 from ..errors import Problem, SceneError
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit
@@ -44,6 +44,7 @@ from .equations import (
     DAMPING,
     ENERGY_NAMES,
     EVENTS,
+    OUTPUTS,
     SLIDING,
     STIFFNESS,
     WORKS,
@@ -632,8 +633,7 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
 
 
 def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
-    counted = tuple(f".{word}" for count, (instant, _) in CONTACT_EVENTS.items() for word in (count, instant))
-    rows = [row for row in scalar_table(scene) if not row.name.endswith(counted)]
+    rows = scalar_table(scene)
     stiffness = (
         "stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they penetrate "
         "by 1 / this of their static shortening"
@@ -649,7 +649,8 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
     yield parameter(SLIDING, "real", default.sliding, sliding, unit="m s-1", minimum=0.0)
     yield from (row for row in rows if row.causality == "input")
     for row in rows:
-        if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
+        family, _, name = row.name.partition(".")
+        if row.causality == "output" and name.rpartition(".")[2].partition("[")[0] in OUTPUTS.get(family, ()):
             share = row.name.endswith((".closed", ".sticking", ".slipping"))
             yield replace(row, variability="discrete" if share else row.variability, initial_dependencies=())
     if scene.output.energy:
@@ -659,7 +660,7 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
 
 def _energies() -> dict[str, str]:
     texts = {
-        **ENERGIES,
+        **{row.name: row.meaning for row in ENERGY.rows},
         "contact": "energy stored in the springs of the contacts",
         "contact_dissipation": "energy dissipated by the damping of the contacts since the start",
     }

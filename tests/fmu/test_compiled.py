@@ -28,9 +28,9 @@ from latin_fmu import load_scene, open_results, solve
 from latin_fmu.aot import linking
 from latin_fmu.cli import main
 from latin_fmu.compiled import library
+from latin_fmu.cosim.input_table import with_laws
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
-from latin_fmu.cosim.variables import with_laws
 from latin_fmu.errors import InputError
 from latin_fmu.scene.laws import TableLaw
 from latin_fmu.scene.schema import Scene
