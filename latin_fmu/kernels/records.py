@@ -371,6 +371,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("history_w", "output (R, N): accepted velocities, m s-1"),
     ("history_gap", "output (R, n_point): gaps, m"),
     ("history_works", "output (R,): work of the drift on the interfaces owned here since the start, J"),
+    ("state_size", "numbers of the state, which the moving block begins with"),
     ("n_input", "amplitudes set from outside; this and all below 0 but in a co-simulation (``communication``)"),
     ("n_source", "amplitudes that drive the run: those, then laws of the scene that vary"),
     ("n_motion_state", "numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from"),
