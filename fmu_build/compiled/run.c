@@ -8,7 +8,7 @@ int32_t kernels_entries_call_0(const int64_t *slots, void *result);
 
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
-enum { BEYOND_LAWS = -1, NO_MEMORY = INT32_MIN };
+enum { BEYOND_LAWS = -1 };
 
 int msg(const Instance *c, int status, const char *format, ...)
 {
@@ -30,6 +30,7 @@ static int renewed(Instance *c)
     o->discarded = o->opened = 0;
     o->n_row = o->n_fields = 0;
     no_records(o);
+    no_step(o);
     o->start = c->time = 0.0;
     c->last = OK;
     memset(o->now, 0, 8 * (size_t)image->n_output);
@@ -65,7 +66,7 @@ static int filled(Instance *c, const char *token, const char *resources)
     o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
     o->before = malloc(8 * (size_t)o->image->n_state + 8);
     o->now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (!o->moving || !o->before || !o->now || !renewed(c))
+    if (!o->moving || !o->before || !o->now || !room_for_step(o) || !renewed(c))
         return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
     set_slots(o);
     return 1;
@@ -94,6 +95,7 @@ void closed(Instance *c)
     if (o != NULL) {
         if (o->image != NULL) free_variables(o);
         free_states(o);
+        free_step(o);
         aligned_free(o->moving);
         free(o->before);
         free(o->now);
@@ -113,8 +115,7 @@ void closed(Instance *c)
 int reset(Instance *c) { return renewed(c) ? OK : msg(c, ERROR, "no memory for an instance"); }
 
 /* -- kernels ----------------------------------------------------------------------------------------------------------- */
-/* Result of an action of the kernels. */
-static int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
+int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
 {
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
@@ -129,7 +130,7 @@ static void give_inputs(struct Object *o)
     }
 }
 
-static int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
+int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
@@ -416,7 +417,7 @@ static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *eve
 }
 
 /* Gives inputs and place of a communication step to the kernels; its time steps. */
-static int64_t placed(Instance *c, double t, double h)
+int64_t placed(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     double *place = o->moving + o->image->head[M_PLACE].i, dt = o->image->dt;
@@ -437,6 +438,7 @@ static int marched(Instance *c, double t, double h)
     int64_t n = placed(c, t, h), arrays = has_arrays(c), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
     if (n == 0) {
         act(o, M_COMMUNICATE, 0, rule, 0, 0);
+        keep_step(o, t, h, 0, 0);
         c->time = t + h;
         return hold_last(o), OK;
     }
@@ -458,6 +460,7 @@ static int marched(Instance *c, double t, double h)
     double *unused[] = {whole ? rows : o->rows, whole ? times : o->times, whole ? fields : o->fields};
     for (int i = 0; i < 3; i++) free(unused[i]);
     if (whole) {
+        keep_step(o, t, h, n, event);
         o->n_row = part.kept;
         o->n_fields = arrays;
         memcpy(o->now, o->rows + (part.kept - 1) * image->n_output, 8 * (size_t)image->n_output);
@@ -517,11 +520,4 @@ int read_vector(Instance *c, const char *method, double *values, size_t size)
 int write_vector(Instance *c, const char *method, const double *values, size_t size)
 {
     return (void)values, (void)size, unsupported(c, method);
-}
-
-int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
-                           const double *seed, size_t size_of_seed, double *values, size_t size)
-{
-    (void)unknowns, (void)n, (void)knowns, (void)m, (void)seed, (void)size_of_seed, (void)values, (void)size;
-    return unsupported(c, "the directional derivative");
 }

@@ -197,6 +197,7 @@ static int unpacked(Instance *c, Word *words)
         c->phase = (int)head[S_PHASE].i;
         c->last = OK;
         o->opened = 0; /* outputs at the start are computed anew */
+        no_step(o);
         go_on_from(c, head[S_RECORD].u);
     }
     free_read(&fresh);

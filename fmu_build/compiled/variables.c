@@ -28,7 +28,7 @@ double parameter(const Instance *c, int header, double otherwise)
     return reference < 0 ? otherwise : c->fmu->numbers[reference];
 }
 
-static int known(const Instance *c, const uint32_t *references, size_t n)
+int known(const Instance *c, const uint32_t *references, size_t n)
 {
     int64_t count = table_of(c)[T_N_VARIABLE].i;
     for (size_t i = 0; i < n; i++)

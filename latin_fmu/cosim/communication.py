@@ -27,6 +27,10 @@ during a communication step, and returns the time steps that converged, or a neg
 step of none has to be made, too. After fewer than a, or a negative status, the caller restores the state. ``PRESENT``
 puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
 are.
+``DERIVE`` (a 2 e for the value, 2 e + 1 for the rate of the input e; b rule; c time steps that the communication step
+ended after; d of the whole one) needs a copy of the record of the run, and a moving block with as many numbers behind
+it as it returns for a = -1, with inputs, place and state before the step: it writes the derivatives of the outputs at
+the end into row 0 (``kernels.derivatives``).
 ``FIELDS`` (a row of the last call) gathers what describes the points of the interfaces at that instant: of one
 interface after the other tractions (n_point, 3), velocities (2, n_point, 3), and where it can open gaps and contact
 states (n_point,), global axes.
@@ -79,11 +83,6 @@ WORDS: Final = (
     "output",  # (n_row, n_output)
     "progress",  # (9,), see ``kernels.communication``; the caller may set number 6
     "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
-    "n_flat",
-    "n_point",
-    "history_f",  # (n_row, n_flat)
-    "history_w",
-    "history_gap",  # (n_row, n_point)
     "n_field",
     "field",  # (n_field,) of the points of the interfaces, after FIELDS
     "communicate",  # number of the action
@@ -93,6 +92,7 @@ WORDS: Final = (
     "of_event",  # place of the outputs of contact events: pairs of a count and an instant
     "place",  # (3,) of the next communication step, for PLACE
     "placing",  # number of the action
+    "derive",
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")
@@ -209,6 +209,7 @@ def write(run: CommunicationRun) -> bytes:
         "present": entries.PRESENT,
         "fields": entries.FIELDS,
         "placing": entries.PLACE,
+        "derive": entries.DERIVE,
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}

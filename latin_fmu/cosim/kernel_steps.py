@@ -77,7 +77,8 @@ class KernelSteps:
         )
 
     @property
-    def _image(self) -> Image:
+    def image(self) -> Image:
+        """The image of the run."""
         assert self._run.run is not None
         return self._run.run.image
 
@@ -100,7 +101,7 @@ class KernelSteps:
     def _open(self, loads: Loads, part: GridPart) -> None:
         """The state at t = 0 under the loads of the first step."""
         image = self._lay_out(loads, part).image
-        self._give(loads, part, 0)
+        self.give(image, loads, part, 0)
         image.call(entries.PRESENT, self._rule, part.n)
         if self._run.problem.output.energy and not self._run.problem.assembly.quasi_static:
             self._run.stored = float(image.field("progress", 9)[4])
@@ -124,14 +125,14 @@ class KernelSteps:
             return None
         row = self._marched(self.begun, early=early)
         if row is not None and self._ends < part.n:
-            self._image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
+            self.image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
             row = self._marched(self.begun)
         if row is None or (self._followed and self._gains_energy(row)):
             return None
         self._has_rows = self.begun.n < COMMUNICATION_ROWS
         run.made += self.begun.n
         if run.problem.output.energy:
-            friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
+            friction = run.running["friction_dissipation"] = float(self.image.field("progress", 9)[5])
             if self._followed:  # the interfaces dissipate the work that the bodies do on them
                 work = row[self._outputs.places["energy.interface_work"]]
                 run.running["contact_dissipation"] = -float(work) - friction
@@ -146,23 +147,22 @@ class KernelSteps:
 
     def accept(self, loads: Loads) -> None:
         """End the step that was made to its end: let the loads go on from what it has left of them."""
-        progress = self._image.field("progress", 9).tolist()
-        loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
+        progress = self.image.field("progress", 9).tolist()
+        loads.memory[:] = self.image.field("inputs", *loads.memory.shape)
         loads.span, loads.behind = progress[3], progress[7]
 
-    def keep_state(self) -> dict[str, Any] | None:
-        """The state before the step that was made, None for t = 0; it is kept until the step after the next one."""
+    def keep_state(self) -> None:
+        """Keep the state before the step that was made until the next one is."""
         self.origin = self.begun
         assert self.origin is not None
         self._states = self._states[1], self.origin.state["state"]
-        return self.origin.state if self.origin.state["made"] else None
 
     def recorded(self, early: bool = False) -> Segment:
         """The step as a segment: what ``march`` has just made, else it is made now; taken back where it is not
         accepted. ``early`` : as there."""
         assert self.begun is not None
         step, run = self.begun, self._run
-        after = self._image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
+        after = self.image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
         run.set_state(step.state)
 
         def solve(run: Run) -> None:
@@ -185,9 +185,9 @@ class KernelSteps:
             return self.recorded()
         return segment
 
-    def _give(self, loads: Loads, part: GridPart, made: int) -> Array:
-        """Write inputs and place of a step into the image; its ``progress``."""
-        image, inputs = self._image, self.sources.inputs
+    def give(self, image: Image, loads: Loads, part: GridPart, made: int) -> Array:
+        """Write inputs and place of a step into an image; its ``progress``."""
+        inputs = self.sources.inputs
         image.field("input_value", len(inputs))[:] = [loads.value[name] for name in inputs]
         image.field("input_rate", len(inputs))[:] = [loads.rate[name] for name in inputs]
         image.field("inputs", *loads.memory.shape)[:] = loads.memory
@@ -199,9 +199,9 @@ class KernelSteps:
     def _marched(self, step: Origin, run: Run | None = None, early: bool = False) -> Array | None:
         """Outputs at the end of a step from the state in the image, None where a time step did not converge; ``run`` :
         records the instants, with fall-backs; ``early`` : up to a contact event, which ends the time step ``_ends``."""
-        march, image, self._ends = self._run.run, self._image, step.n
+        march, image, self._ends = self._run.run, self.image, step.n
         assert march is not None
-        self._give(step.loads, step.part, step.state["made"])
+        self.give(image, step.loads, step.part, step.state["made"])
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         outputs = image.field("output", image.rows, self._outputs.n)
         most, done, row = self._most, 0, 0
@@ -209,7 +209,7 @@ class KernelSteps:
             most = 1  # fields of the instants in between are kept
         while done < self._ends:
             n = min(most, step.n - done)
-            self._tabulate(step.state["made"] + done, n)
+            self.tabulate(step.state["made"] + done, n)
             row = march.communicate(n, self._rule, done, step.part.n)
             if run is None and row < n:
                 return None
@@ -242,9 +242,9 @@ class KernelSteps:
         return n
 
     # -- own laws of the scene ------------------------------------------------------------------------------------
-    def _tabulate(self, made: int, n: int) -> None:
+    def tabulate(self, made: int, n: int) -> None:
         """Let the table of own laws hold the next n time steps, beyond the end of the scene too."""
-        sources, image = self.sources, self._image
+        sources, image = self.sources, self.image
         first, end = int(image.run_fields.get("law_first", 0)), sources.end
         if end < 0 or first <= made <= first + end - n:
             return
@@ -276,7 +276,7 @@ class KernelSteps:
         assembly, duration = run.problem.assembly, run.problem.output.peak_duration
         rows = InterfaceRows(assembly, np.zeros((n, InterfaceRows.width_of(assembly))))
         if self._has_rows and run.room and not rows.slide:
-            rows.keep(self._image, None, 0, n, 0)
+            rows.keep(self.image, None, 0, n, 0)
             return rows.histories(n, duration)
         before, self.begun = run.get_state(), self.origin
         segment = self.recorded()

@@ -292,7 +292,7 @@ def _event(count: str, instant: str, becomes: str) -> tuple[Output, Output]:
     about = f"number of times that the interface became {becomes}"
     last = f"instant of the last of interface.{{name}}.{count}; 0 before the first"
     of_count = Output(count, "", about, None, _opening, least=0.0, constant=True)
-    return of_count, Output(instant, "s", last, None, _opening)
+    return of_count, Output(instant, "s", last, None, _opening, constant=True)
 
 
 EVENTS: Final = Family(
@@ -307,10 +307,6 @@ EVENTS: Final = Family(
 )
 FAMILIES: Final = INTERFACE, SENSOR, PORT, BOLT, SOLVER, ENERGY, EVENTS
 """In the order of the outputs; those of events are the last."""
-CONSTANT: Final = frozenset(row.name.rpartition(".")[2] for family in FAMILIES for row in family.rows if row.constant)
-"""Last parts of the names of outputs whose derivatives are 0."""
-
-
 AT_POINTS: Final[Mapping[str, tuple[str, str, tuple[int, ...]]]] = {
     "traction": ("Pa", "traction on the first side at the points", (0, 3)),
     "velocity": ("m s-1", "velocity of both sides at the points", (2, 0, 3)),

@@ -167,7 +167,7 @@ class Session:
         ``knowns`` (``load.NAME.value``, ``load.NAME.rate``, ...) of d unknown / d known times ``seed``.
 
         Exact, for the solution at hand, while a small change of the inputs changes the contact state of no point; it
-        solves the step anew, once and three times for each input. Windowed mode.
+        makes the step anew, three or six times for each input. Windowed mode.
 
         Raises
         ------

@@ -301,6 +301,7 @@ class Signals(SignalPlaces):
         """Fields of the record of the run: outputs from the signals, and what is read point by point."""
         assembly, places = self._assembly, places_of(self._scene)
         kept, groups = self._kept(), assembly.layout.groups
+        constant = [places[name] for placed in outputs_of(self._scene) if placed.row.constant for name in placed.names]
         matrix, integrals = self._output_rows(kept)
         summary = np.zeros((len(assembly.interfaces), N_SUMMARY), dtype=np.int64)
         share = np.zeros(sum(g.n_point for g in groups))
@@ -321,6 +322,8 @@ class Signals(SignalPlaces):
             "of_energy": self._energies if self._energies < self.n else -1,
             "of_event": first_of_events(places),
             "n_integral": len(integrals),
+            "n_constant": len(constant),
+            "constant_outputs": np.array(constant, dtype=np.int64),
             "integrals": np.array(integrals, dtype=np.int64).reshape(-1, 2),
             "summary": summary,
             "area_share": share,

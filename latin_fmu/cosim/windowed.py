@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -13,9 +12,10 @@ from ..assembly.segments import Segment, SegmentedRun
 from ..errors import SolverError
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
-from ..latin.windows import Run
 from ..machine import one_thread
+from ..propagator.image import Image
 from ..scene.schema import Scene
+from .communication import CommunicationRun
 from .kernel_steps import KernelSteps
 from .loads import GridPart, Loads
 from .output_rows import OutputRows
@@ -27,14 +27,10 @@ _OF_SOLVER: Final = (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlg
 
 
 class LastStep(NamedTuple):
-    """The last step: a function that returns to the state before it, the loads then, what of the grid it took, its
-    number of time steps (fewer than that where it ended early), and its length, s."""
+    """The last step: its loads, and its number of time steps."""
 
-    before: Callable[[], None]
     loads: Loads
-    part: GridPart
     n: int
-    h: float
 
 
 class Windowed:
@@ -46,21 +42,23 @@ class Windowed:
     Attributes
     ----------
     row : scalar outputs now, (n_output,). rule : of interpolation.
-    segment : the last step, None before the first, after a state was restored, and where it was not recorded.
+    kernels : make the steps. segment : the last step, None before the first, after a state was restored, and where it
+    was not recorded.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self.rule, self._keeps = settings.interpolation, settings.keep
         self._outputs = OutputRows(scene, self.run)
-        self._kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
+        self.kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
         self.row = np.zeros(0)
         self._window = 0, 0  # time steps made before the last step, and in it
         self._histories: Callable[[], dict[str, InterfaceHistory]] = dict
-        self._before: Callable[[], None] = self.run.reset  # return to the state before the last step
         self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
+        self._scene = scene
+        self._at_start: Image | None = None
 
     @property
     def time(self) -> Array:
@@ -117,10 +115,10 @@ class Windowed:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
         n = self._window[1]
         if n and n == part.n:
-            self._kernels.accept(loads)
+            self.kernels.accept(loads)
         else:
             loads.accept(part, dt, self.rule, n)
-        self._last_step = LastStep(self._before, given, part, n, h)
+        self._last_step = LastStep(given, n)
         return report if n == part.n else report._replace(early=float(t0 + self.time[-1]))
 
     def _held(self) -> StepReport:
@@ -133,7 +131,7 @@ class Windowed:
 
     def _marched(self, loads: Loads, part: GridPart, early: bool) -> StepReport:
         """A step in calls of the kernels; not accepted: nothing has changed, and the message says what the run says."""
-        kernels, made, segment = self._kernels, self.run.made, None
+        kernels, made, segment = self.kernels, self.run.made, None
         try:
             row = kernels.march(loads, part, early)
             if row is None or self._keeps or kernels.must_record:
@@ -147,26 +145,17 @@ class Windowed:
         if row is None:
             kernels.take_back()
             return StepReport(False, "" if segment is None else segment.status)
-        before = kernels.keep_state()
-        self._before = partial(self.run.set_state, before)
+        kernels.keep_state()
         self._window, self.segment, self.row = (made, self.run.made - made), segment, row
         self._histories = kernels.histories if segment is None else lambda: segment.interfaces
         return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
-    def advance(self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all) -> Segment:
-        """Solve n time steps, for which ``loads`` has amplitudes or more, and nothing but the run changes; nothing at
-        all where the segment is not accepted. ``solve`` : as for ``SegmentedRun.advance``."""
-        given = {name: line[: n + 1] for name, line in loads.items()}
-        try:
-            with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                recorder = self._outputs.recorder(given)
-                return self.run.advance((self.run.made + n) * self.run.dt, n, given, solve=solve, recorder=recorder)
-        except _OF_SOLVER as error:
-            raise SolverError(f"the solver cannot make this step: {error}") from error
-
-    def outputs_of(self, segment: Segment) -> Array:
-        """Scalar outputs (n_output,) at the end of a segment that ``advance`` has just made."""
-        return self._outputs.at_end(segment)
+    def at_start(self) -> Image:
+        """The image of a run at t = 0 as a compiled FMU has it, whose state follows from the inputs. Raises InputError
+        for a scene that the kernels do not hold."""
+        if self._at_start is None:
+            self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance).image
+        return self._at_start
 
     @property
     def last_step(self) -> LastStep | None:

@@ -41,12 +41,27 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     communication step ends after those made, at its own end before the next instant where ``whole`` is 0. Where fewer
     converged than n, and always where the caller solves the windows (``by_caller``), the histories of the others are
     there: the caller solves the next ones, and has each end (``conclude``)."""
-    run, moving = pools.run[0], pools.moving
-    made = int(moving[run.progress])
+    run = pools.run[0]
     if n == 0:
         keep_inputs(pools, before, whole, rule)
     if n < 1 or n >= run.n_time or before + n > whole:
         return 0
+    status = begin_rows(pools, n, rule, before, whole)
+    if status != 0:
+        return status
+    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)
+    for i in range(1, done + 1):
+        count_iterations(pools, i - 1)
+        conclude(pools, i, before + i - 1, whole, rule)
+    return done
+
+
+@kernel
+def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
+    """Row 0 of the state, and the histories of the n time steps behind it (``communicate``); 0, or a negative
+    status."""
+    run, moving = pools.run[0], pools.moving
+    made = int(moving[run.progress])
     if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
         return BEYOND_LAWS
     if before == 0:
@@ -63,11 +78,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
             set_start_columns(pools, made, whole, rule)
     for i in range(1, n + 1):
         set_histories(pools, i, before + i, made + i, whole, rule)
-    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)
-    for i in range(1, done + 1):
-        count_iterations(pools, i - 1)
-        conclude(pools, i, before + i - 1, whole, rule)
-    return done
+    return 0
 
 
 @kernel

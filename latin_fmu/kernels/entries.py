@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..compiled import entry, fields, kernel, share
 from .acceleration import difference_parts, shorten, weighted_products
 from .communication import communicate, conclude, follow, place, present
+from .derivatives import derive
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
     correct,
@@ -97,7 +98,8 @@ from .tasks import end_class, serve
     FOLLOW,
     PLACE,
     CONCLUDE,
-) = range(32)
+    DERIVE,
+) = range(33)
 """Actions of ``call``."""
 
 Array = NDArray[np.float64]
@@ -190,6 +192,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         return present(pools, a, b)
     if action == PLACE:
         return place(pools)
+    if action == DERIVE:
+        return derive(pools, a, b, c, d)
     if action == END_INSTANT:
         end_instant(pools, a, b)
     elif action == FIRST_GUESS:

@@ -400,15 +400,6 @@ class WindowRun(RunState, ABC):
             self._set_instant(first + i)
             after(i)
 
-    def use_single_instants(self) -> None:
-        """Bind the search direction of windows of one instant, without tables."""
-        self._use(1, exact=True)
-
-    def end_instant(self, stages: Stages) -> None:
-        """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
-        self._set_first_row(stages.first)
-        self._march_accepted(stages, self._record_instant)
-
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""
         image = self.image

@@ -249,6 +249,7 @@ class Image:
         """Places of state, work and output."""
         block = BlockLayout()
         self.rows, self._n_state = layout.place_moving(block, self._run, self._groups, self._rows)
+        self._run["state_size"] = self._n_state
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
@@ -425,6 +426,18 @@ def complete(image: Image) -> None:
     for c in range(len(image.classes) if run.get("static") and run.get("newton") else 0):
         if image.fixed[image.row(c)["admittance"]] == 0.0:
             make_admittance(image, c)
+
+
+@contextmanager
+def aside(image: Image, room: int) -> Iterator[None]:
+    """Context with a copy of the moving block that has ``room`` numbers behind it: what the kernels change there, and
+    in the records, is as before after it."""
+    kept = image.moving
+    try:
+        image.moving, image._written, image._views = class_record.grown(kept, len(kept) + room), False, {}
+        yield
+    finally:
+        image.moving, image._written, image._views = kept, False, {}
 
 
 def take_marched(image: Image) -> tuple[int, int]:

@@ -207,21 +207,6 @@ def test_time_steps_that_the_kernels_leave_are_solved_in_their_rows(monkeypatch)
     walk.assert_agrees(LIMIT)
 
 
-def test_derivatives_are_those_of_the_step_as_a_segment():
-    walk = Walk(blocks(time=LONG, **FREE), PRESS, 0, False)
-    outputs = ["interface.crush.force[3]", "interface.crush.impulse[3]", "energy.kinetic", "sensor.head.velocity[3]"]
-    for _ in range(6):
-        walk.give(walk.sessions)
-        for session in walk.sessions:
-            assert session.step(walk.t, walk.dt)
-        walk.t = walk.t + walk.dt
-        straight, other, python = walk.sessions
-        own, known = (s.derivative(outputs, ["load.press.value"], [1.0]) for s in (straight, python))
-        assert np.abs(own - known).max() <= 1e-7 * np.abs(known).max()
-        assert np.array_equal(straight.row, other.row)
-    assert straight.snapshot() == other.snapshot()
-
-
 def test_a_step_beyond_the_laws_of_the_scene_is_made():
     """Their tables end with the scene, and are made anew beyond."""
     walk = Walk(blocks(), PRESS, 0, False)
