@@ -44,7 +44,8 @@ enum { HOLD, BY_RATE, LINE, CAUSAL };
 enum {
     M_MAGIC, M_VERSION, M_RUN_SIZE, M_N_CLASS, M_CLASS_SIZE, M_N_GROUP, M_GROUP_SIZE, M_N_FIXED, M_N_MOVING, M_N_STATE,
     M_N_INPUT, M_N_OUTPUT, M_N_ROW, M_MOST_STEPS, M_VALUE, M_RATE, M_OUTPUT, M_PROGRESS, M_LAST_STEP, M_N_FIELD, M_FIELD,
-    M_COMMUNICATE, M_PRESENT, M_FIELDS, M_RUN_DIGEST, M_OF_EVENT, M_PLACE, M_PLACING, M_DERIVE, M_DT = 33, M_HEADER = 41
+    M_COMMUNICATE, M_PRESENT, M_FIELDS, M_RUN_DIGEST, M_OF_EVENT, M_PLACE, M_PLACING, M_DERIVE,
+    M_DEPTH_AT, M_RELAXATION_AT, M_DT = 33, M_HEADER = 41
 };
 
 typedef struct Image Image;
@@ -97,6 +98,7 @@ struct Object {
     const Image *image;
     int64_t discarded, opened; /* whether the last step was; whether the outputs at the start follow from what is set */
     double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
+    char *relaxed;           /* record of the run for a time step that has stalled */
     LastStep made;
     int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
     double *numbers;         /* by reference */
@@ -141,6 +143,7 @@ int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_f
 int solve_histories(Instance *);
 enum { NO_MEMORY = INT32_MIN };
 int64_t act(struct Object *, int action, int64_t n, int64_t rule, int64_t made, int64_t whole); /* result of the kernels */
+int64_t relaxed(struct Object *, int64_t rule, int64_t made, int64_t whole); /* one time step, after a stall */
 int64_t placed(Instance *, double t, double h);
 int refused_by_kernels(const Instance *, int64_t result, double t, int status);
 

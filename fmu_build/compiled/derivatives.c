@@ -45,8 +45,8 @@ void keep_step(struct Object *o, double t, double h, int64_t whole, int64_t ende
     memcpy(o->made.given, o->given, 16 * (size_t)o->image->table[T_N_INPUT].i);
 }
 
-/* Derivatives of the outputs by value or rate of an input, by the kernels; status of the kernels. */
-static int64_t derived(const Instance *c, int64_t which, double *column)
+/* Derivatives of the outputs by value or rate of an input, by the kernels with a record of the run; status of the kernels. */
+static int64_t derived(const Instance *c, int64_t which, const char *record, double *column)
 {
     struct Object own = *c->fmu; /* with a block and a record of its own, which are changed */
     Instance copy = *c;
@@ -59,7 +59,7 @@ static int64_t derived(const Instance *c, int64_t which, double *column)
     memcpy(block, own.image->moving, 8 * n_moving);
     memset(block + n_moving, 0, 8 * room);
     memcpy(block, own.made.state, 8 * (size_t)own.image->n_state);
-    memcpy(block + n_moving + room, own.image->records[0], 8 * n_record);
+    memcpy(block + n_moving + room, record, 8 * n_record);
     own.moving = block;
     own.given = own.made.given;
     own.slots[0] = (int64_t)(intptr_t)(block + n_moving + room);
@@ -81,7 +81,9 @@ static const double *column_of(Instance *c, int64_t which)
     struct Object *o = c->fmu;
     if (o->made.columns[which] != NULL) return o->made.columns[which];
     double *column = calloc((size_t)o->image->n_output + 1, sizeof *column);
-    int64_t status = column == NULL ? NO_MEMORY : o->made.ended > 0 ? derived(c, which, column) : 0; /* else held */
+    int64_t status = column == NULL ? NO_MEMORY : 0; /* without time steps outputs are held */
+    if (status == 0 && o->made.ended > 0) status = derived(c, which, o->image->records[0], column);
+    if (status == UNSOLVED) status = derived(c, which, o->relaxed, column);
     if (status == 0) return o->made.columns[which] = column;
     free(column);
     if (status == UNSOLVED)

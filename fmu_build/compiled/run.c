@@ -52,6 +52,17 @@ static void set_slots(struct Object *o)
     }
 }
 
+/* A record of the run whose iteration has no differences, and a relaxation of 1/2. */
+static void set_relaxed(struct Object *o)
+{
+    const Word *head = o->image->head;
+    int64_t depth = 0;
+    double relaxation = 0.5;
+    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
+    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
+    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
+}
+
 static int filled(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
@@ -65,10 +76,12 @@ static int filled(Instance *c, const char *token, const char *resources)
     if (o->image == NULL) return msg(c, ERROR, "%s", trouble), 0;
     o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
     o->before = malloc(8 * (size_t)o->image->n_state + 8);
+    o->relaxed = malloc((size_t)o->image->head[M_RUN_SIZE].i);
     o->now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (!o->moving || !o->before || !o->now || !room_for_step(o) || !renewed(c))
+    if (!o->moving || !o->before || !o->relaxed || !o->now || !room_for_step(o) || !renewed(c))
         return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
     set_slots(o);
+    set_relaxed(o);
     return 1;
 }
 
@@ -98,6 +111,7 @@ void closed(Instance *c)
         free_step(o);
         aligned_free(o->moving);
         free(o->before);
+        free(o->relaxed);
         free(o->now);
         free(o->numbers);
         free(o->given);
@@ -120,6 +134,16 @@ int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made,
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
     return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
+}
+
+/* A time step by a new iteration with relaxation 1/2, where the acceleration has stalled: it passes most stalls. */
+int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
+{
+    int64_t kept = o->slots[0];
+    o->slots[0] = (int64_t)(intptr_t)o->relaxed;
+    int64_t result = act(o, M_COMMUNICATE, 1, rule, made, whole);
+    o->slots[0] = kept;
+    return result;
 }
 
 static void give_inputs(struct Object *o)
@@ -273,6 +297,7 @@ int solve_histories(Instance *c)
         for (int64_t i = 0; i < n_input; i++)
             if (o->histories[i].n) value[i] = history_at(o->histories + i, (double)step * dt);
         int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
+        if (made == 0) made = relaxed(o, LINE, 0, 1);
         if (made != 1)
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
         else
@@ -400,20 +425,23 @@ static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *eve
     struct Object *o = c->fmu;
     const Image *image = o->image;
     int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
-    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, some = 0;
-    for (*result = 0; made < n && *result == some; made += some) {
-        some = n - made < most ? n - made : most;
-        *result = act(o, M_COMMUNICATE, some, rule, made, part.whole);
-        if (*result != some) break;
-        for (int64_t i = made == 0 ? 0 : 1; i <= some; i++)
+    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, stalled = 0;
+    while (made < n) {
+        int64_t some = n - made < most ? n - made : most;
+        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : act(o, M_COMMUNICATE, some, rule, made, part.whole);
+        *result = done;
+        if (done < 0 || (stalled && done == 0)) break;
+        stalled = !stalled && done < some;
+        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++)
             keep(c, i, made + i - (n + 1 - part.kept), before + made + i, made + i == n ? arrays - 1 : -1);
-        int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, some + 1) : 0;
+        int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, done + 1) : 0;
+        made += done;
         if (row > 0) {
-            *event = made + row;
-            return made + some;
+            *event = made - done + row;
+            break;
         }
     }
-    return *result > 0 && *result != some ? made + *result : made;
+    return made;
 }
 
 /* Gives inputs and place of a communication step to the kernels; its time steps. */

@@ -23,7 +23,8 @@ are the first ``n_state`` words of the moving block.
 ``COMMUNICATE`` (a time steps to make, at most ``most_steps``; b rule of interpolation; c time steps of the
 communication step made before; d time steps of the whole one) reads value and rate of the inputs, which stay the same
 during a communication step, and returns the time steps that converged, or a negative status
-(``kernels.communication``). ``PLACE`` before it returns d for a communication step of any length, which may be 0: the
+(``kernels.communication``). A time step that stalls may be made by a copy of the record of the run without differences,
+with a relaxation of 1/2. ``PLACE`` before it returns d for a communication step of any length, which may be 0: the
 step of none has to be made, too. After fewer than a, or a negative status, the caller restores the state. ``PRESENT``
 puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
 are.
@@ -41,7 +42,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,8 @@ WORDS: Final = (
     "place",  # (3,) of the next communication step, for PLACE
     "placing",  # number of the action
     "derive",
+    "depth_at",  # byte of the number of differences of the acceleration in the record of the run
+    "relaxation_at",  # likewise of the relaxation
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")
@@ -210,6 +213,8 @@ def write(run: CommunicationRun) -> bytes:
         "fields": entries.FIELDS,
         "placing": entries.PLACE,
         "derive": entries.DERIVE,
+        "depth_at": cast(Any, RUN.fields)["depth"][1],
+        "relaxation_at": cast(Any, RUN.fields)["relaxation"][1],
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}

@@ -16,6 +16,7 @@ from ..kernels import entries
 from ..kernels.communication import BEYOND_LAWS
 from ..kernels.derivatives import SINGULAR, UNSOLVED
 from ..latin.outcome import Array
+from ..latin.run_image import RELAXATION
 from ..machine import one_thread
 from ..propagator.image import aside
 from .output_table import EVENTS
@@ -28,6 +29,7 @@ _WHY_NOT: Final = {
     SINGULAR: "the interfaces about the present solution have no unique solution",
     BEYOND_LAWS: "the step is longer than the time laws of the scene are known",
 }
+_RELAXED: Final = {"depth": 0, "relaxation": RELAXATION}
 _FROM_START: Final = "the state at t = 0 is known for the start value of this input alone: make a second step"
 _LINE_RATE = "a wave whose rate is 0 is the straight line to its value, which has no derivative by the rate"
 
@@ -107,12 +109,18 @@ class Derivatives:
             image = self._mode.at_start()
         image.set({"first_row": 0})
         which = 2 * kernels.sources.inputs.index(name) + int(what == "rate")
-        with one_thread(), aside(image, image.call(entries.DERIVE, -1)), np.errstate(all="ignore"):
-            if made:
-                image.state[:] = step.state["state"]
-            kernels.give(image, step.loads, step.part, made)
-            status = image.call(entries.DERIVE, which, self._mode.rule, step.n, step.part.n)
-            column: Array = image.field("output", n_output).copy()
+        kept = {name: image.run_fields[name] for name in _RELAXED}
+        for rules in (kept, _RELAXED):  # after a stall
+            with one_thread(), aside(image, image.call(entries.DERIVE, -1)), np.errstate(all="ignore"):
+                image.set(rules)
+                if made:
+                    image.state[:] = step.state["state"]
+                kernels.give(image, step.loads, step.part, made)
+                status = image.call(entries.DERIVE, which, self._mode.rule, step.n, step.part.n)
+                column: Array = image.field("output", n_output).copy()
+                image.set(kept)
+            if status != UNSOLVED:
+                break
         if status != 0:
             raise SolverError(f"there is no derivative here: {_WHY_NOT.get(status, _FROM_START)}")
         return column

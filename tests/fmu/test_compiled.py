@@ -149,20 +149,20 @@ def test_a_library_without_these_functions_is_not_used(monkeypatch):
         libraries()
 
 
-@pytest.mark.parametrize(("solver", "stops"), [({}, 28), ({"acceleration": PLAIN, "max_iterations": 2000}, None)])
-def test_a_time_step_that_stalls_is_made_without_acceleration(tmp_path, solver, stops):
-    """A stalled acceleration needs a fall-back, which the compiled FMU has not; the plain iteration does not stall."""
+@pytest.mark.parametrize(
+    ("solver", "limit"),
+    [({}, 1e-3), ({"acceleration": PLAIN, "max_iterations": 2000}, LIMIT)],
+    ids=["relaxed", "plain"],
+)
+def test_a_time_step_that_stalls_is_made_by_relaxation(tmp_path, solver, limit):
+    """Without acceleration nothing stalls; with it three time steps do, and are made anew, to the tolerance."""
     given = load_scene(Path(__file__).parents[2] / "models" / "gripped_bar" / "scene.toml")
     given = given.model_copy(update={"solver": given.solver.model_copy(update=solver)})
     with closing(Host(build_fmu(given, tmp_path / "bar.fmu", "2", compiled=True), tmp_path / "fmu")) as host:
         host.start()
-        made = [host.step(0.1 * i, 0.1) for i in range(50 if stops is None else stops + 1)]
-        assert made == [i != stops for i in range(len(made))], host.messages
-        if stops is None:
-            sensor, names = solve(given).sensors["end"], [f"sensor.end.displacement[{i}]" for i in (1, 2, 3)]
-            assert host.read(names) == pytest.approx(
-                sensor.displacement[-1], abs=LIMIT * np.abs(sensor.displacement).max()
-            )
+        assert all(host.step(0.1 * i, 0.1) for i in range(50)), host.messages
+        sensor, names = solve(given).sensors["end"], [f"sensor.end.displacement[{i}]" for i in (1, 2, 3)]
+        assert host.read(names) == pytest.approx(sensor.displacement[-1], abs=limit * np.abs(sensor.displacement).max())
 
 
 def test_each_platform_has_its_folder(monkeypatch):
