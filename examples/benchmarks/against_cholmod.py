@@ -42,6 +42,7 @@ from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse, quotient_graph
 from latin_fmu.cholesky.tree import column_counts, elimination_tree
 from latin_fmu.fem.dissection import nested_dissection
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import Mesh, box_mesh
 
@@ -98,7 +99,7 @@ def bodies(quick: bool) -> Iterator[tuple[str, Mesh, sp.csr_array]]:
 def _operator(mesh: Mesh) -> tuple[Mesh, sp.csr_array]:
     """M + c K of a free body; a step of about the transit of an element."""
     basis = Elements(mesh)
-    stiff, heavy = stiffness(basis, 1.0, 0.3), mass(basis, 1.0)
+    stiff, heavy = stiffness(basis, Isotropic(1.0, 1.0, 0.3)), mass(basis, 1.0)
     return mesh, sp.csr_array(heavy + heavy.diagonal().mean() / stiff.diagonal().mean() * stiff)
 
 

@@ -24,6 +24,7 @@ from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.scene.boundaries import AXES, Fixed, PrescribedDisplacement, PrescribedVelocity, Symmetry
 from latin_fmu.scene.fields import split_face
+from latin_fmu.scene.materials import MaterialTable
 
 Array = NDArray[np.float64]
 
@@ -194,13 +195,15 @@ class Deck:
 
     def _materials(self) -> Iterator[str]:
         for name, material in self.ready.scene.material.items():
+            yield from _orientation(name, material)
             yield f"*MATERIAL, NAME={name.upper()}"
-            yield "*ELASTIC"
-            yield f"{material.young_modulus:.9e}, {material.poisson_ratio:.9g}"
+            yield from _elastic(material)
             yield "*DENSITY"
             yield f"{material.density:.9e}"
         for name, body in self.ready.scene.substructure.items():
-            yield f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={body.material.upper()}"
+            turned = self.ready.scene.material[body.material].orthotropic is not None
+            own = f", ORIENTATION={body.material.upper()}" if turned else ""
+            yield f"*SOLID SECTION, ELSET={name.upper()}, MATERIAL={body.material.upper()}{own}"
 
     def _faces_named(self) -> list[str]:
         """Faces that something is done with, each once."""
@@ -222,7 +225,7 @@ class Deck:
     def _contacts(self) -> Iterator[str]:
         for name, interface in self.ready.scene.interface.items():
             sides = [self._bodies[split_face(s)[0]] for s in interface.sides]
-            moduli = [b.shape.material.young_modulus for b in sides]
+            moduli = [b.shape.elasticity.young_moduli[0] for b in sides]
             size = min(
                 float(np.sqrt(facet_area(b.mesh, split_face(s)[1])))
                 for b, s in zip(sides, interface.sides, strict=True)
@@ -276,6 +279,27 @@ class Deck:
 
 
 # -- run --------------------------------------------------------------------------------------------------------------
+def _orientation(name: str, material: MaterialTable) -> Iterator[str]:
+    """Axes of an orthotropic material."""
+    if material.orthotropic is not None:
+        axes = material.orthotropic.axes
+        rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)) if axes is None else axes.rows[:2]
+        yield f"*ORIENTATION, NAME={name.upper()}, SYSTEM=RECTANGULAR"
+        yield ", ".join(f"{x:.12g}" for row in rows for x in row)
+
+
+def _elastic(material: MaterialTable) -> Iterator[str]:
+    own = material.orthotropic
+    if own is None:
+        yield "*ELASTIC"
+        yield f"{material.young_moduli[0]:.9e}, {material.poisson_ratio:.9g}"
+        return
+    yield "*ELASTIC, TYPE=ENGINEERING CONSTANTS"
+    constants = [f"{x:.9e}" for x in (*own.young_moduli, *own.poisson_ratios, *own.shear_moduli)]
+    yield ", ".join(constants[:8])  # eight numbers a line at most
+    yield f"{constants[8]}, 294."
+
+
 MISSING = "CalculiX (ccx) is not installed: Debian and Ubuntu have it as calculix-ccx; nothing is compared with it"
 _TIME = re.compile(r"time\s+([-+.\dEe]+)\s*$")
 _LONG = re.compile(r"(\.\d+)([+-]\d{3})\b")  # an exponent of three digits pushes its E out

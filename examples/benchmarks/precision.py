@@ -23,6 +23,7 @@ from harness import contact_run, crushing, force_error, in_turn, prepared
 
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.fem.dissection import nested_dissection
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin.outcome import Outcome
@@ -38,7 +39,9 @@ def block(n: int) -> tuple[sp.csr_array, np.ndarray]:
     """Operator M + 0.4 K of a cube of n^3 hexahedra, and the nested dissection of its nodes."""
     mesh = box_mesh(np.zeros(3), np.full(3, float(n)), (n, n, n))
     basis = Elements(mesh)
-    return sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, 1.0, 0.3)), np.repeat(nested_dissection(mesh), 3)
+    return sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, Isotropic(1.0, 1.0, 0.3))), np.repeat(
+        nested_dissection(mesh), 3
+    )
 
 
 def refined(factor: CholeskyFactor, matrix: sp.csr_array, b: np.ndarray, steps: int) -> Solve:

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from ..assembly.body import elasticity_of
 from ..errors import LatinError
-from ..fem.elements import wave_speeds
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
@@ -206,8 +206,7 @@ def step_ratio(scene: Scene) -> float:
     for body in scene.substructure.values():
         if body.box is None:
             continue
-        material = scene.material[body.material]
-        speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
         sizes = [s / n for s, n in zip(body.box.size, body.box.elements, strict=True) if n > 1]
         if sizes:
             largest = max(largest, speed * scene.time.time_step / min(sizes))

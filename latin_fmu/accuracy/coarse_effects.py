@@ -16,7 +16,7 @@ import numpy as np
 from .. import api
 from ..assembly.build import discretise
 from ..assembly.problem import DiscretisedProblem
-from ..fem.elements import rigid_modes, wave_speeds
+from ..fem.elements import rigid_modes
 from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import Array, InterfaceHistory, SubstructureHistory
 from ..results.solution import Solution
@@ -171,8 +171,7 @@ def _crossings(problem: DiscretisedProblem, name: str, history: SubstructureHist
     """The number of wave crossings after which a body follows its loads, in words."""
     body, energy = problem.bodies[name], history.energy
     assert energy is not None
-    material = body.shape.material
-    speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+    speed = body.shape.elasticity.wave_speeds[0]
     strained = np.flatnonzero(energy["elastic"] > NEGLIGIBLE * energy["elastic"].max())
     first = history.time[strained[0]]
     late = np.flatnonzero(share > QUASI_STATIC)

@@ -14,10 +14,10 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
+from ..assembly.body import elasticity_of
 from ..assembly.build import discretise
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
-from ..fem.elements import wave_speeds
 from ..latin.outcome import Array, InterfaceHistory, SensorHistory, Timings
 from ..results.quantities_of_interest import (
     CONTACT_SHARE,
@@ -133,12 +133,11 @@ def element_transit(scene: Scene, interface: str, spacing: float) -> float:
         body = scene.substructure.get(name)
         if body is None or body.rigid:
             continue
-        material = scene.material[body.material]
         size = spacing
         if body.box is not None:
             edges = np.divide(body.box.size, body.box.elements)
             size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
-        speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
         longest = max(longest, size / speed)
     return longest
 

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from ..errors import MeshError, Problem, Problems
 from ..fem.dissection import dissection
+from ..fem.elasticity import Elasticity, Isotropic, Orthotropic
 from ..fem.elements import (
     BENDING_CELLS,
     Elements,
@@ -20,12 +21,10 @@ from ..fem.elements import (
     Recovery,
     RigidBody,
     body_load,
-    lame,
     lumped_mass,
     mass,
     rigid_body,
     stiffness,
-    wave_speeds,
 )
 from ..fem.faces import Face, Surface, face_of, nodal_values
 from ..fem.mesh import Array, FacetSet, Index, Mesh, boundary, box_mesh, nearest
@@ -33,8 +32,9 @@ from ..latin.assembly import InterfaceUnit, Layout
 from ..remarks import Remark
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, DisplacementFile, Gradient, VelocityFile
+from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
-from ..scene.substructures import MaterialTable, MeshFile, Substructure
+from ..scene.substructures import MeshFile, Substructure
 from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -54,11 +54,26 @@ _OF_MOTION: Final = (
 """Keys of a substructure that its mesh and its matrices do not depend on."""
 
 
+def elasticity_of(material: MaterialTable) -> Elasticity:
+    """Elasticity of a material of the scene."""
+    own = material.orthotropic
+    if own is None:
+        assert material.poisson_ratio is not None, "material_problems"
+        return Isotropic(material.density, material.young_moduli[0], material.poisson_ratio)
+    constants = own.young_moduli, own.poisson_ratios, own.shear_moduli
+    return Orthotropic(material.density, *constants, *([] if own.axes is None else [own.axes.rows]))
+
+
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
     def __init__(self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False) -> None:
         self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
+
+    @cached_property
+    def elasticity(self) -> Elasticity:
+        """Elasticity of the material."""
+        return elasticity_of(self.material)
 
     @cached_property
     def elements(self) -> Elements:
@@ -79,8 +94,7 @@ class Shape:
     @cached_property
     def stiffness(self) -> sp.csr_array:
         """Stiffness (3 n_node, 3 n_node), N m-1."""
-        m = self.material
-        return stiffness(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
+        return stiffness(self.elements, self.elasticity, self.bending_modes)
 
     @cached_property
     def rank(self) -> tuple[Array, Array]:
@@ -91,14 +105,12 @@ class Shape:
     @cached_property
     def stress(self) -> MeanStress:
         """Stress recovery: displacements (n_node, 3) to mean stress (n_cell, 6), Pa."""
-        m = self.material
-        return MeanStress(self.elements, m.young_modulus, m.poisson_ratio)
+        return MeanStress(self.elements, self.elasticity)
 
     @cached_property
     def recovery(self) -> Recovery:
         """Strains of the elements and stresses at the nodes from displacements."""
-        m = self.material
-        return Recovery(self.elements, m.young_modulus, m.poisson_ratio, self.bending_modes)
+        return Recovery(self.elements, self.elasticity, self.bending_modes)
 
     def body_load(self, force: Array) -> Array:
         """Nodal forces (3 n_node,) of a uniform body force, N."""
@@ -106,10 +118,9 @@ class Shape:
 
     @property
     def impedances(self) -> tuple[float, float]:
-        """(rho c_p, rho c_s), Pa s m-1."""
-        m = self.material
-        c_p, c_s = wave_speeds(m.young_modulus, m.poisson_ratio, m.density)
-        return m.density * c_p, m.density * c_s
+        """(rho c_p, rho c_s), Pa s m-1, of the fastest and of the slowest wave."""
+        c_p, c_s = self.elasticity.wave_speeds
+        return self.material.density * c_p, self.material.density * c_s
 
 
 @dataclass(frozen=True)
@@ -277,7 +288,8 @@ def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
             channels = layout.channels(i, side)
-            impedance[channels[:, 0]], impedance[channels[:, 1:]] = bodies[name].shape.impedances
+            along, across = bodies[name].shape.elasticity.impedances(units[i].geometry.frames[:, 0])
+            impedance[channels[:, 0]], impedance[channels[:, 1:]] = along, across[:, None]
     return impedance
 
 
@@ -286,10 +298,10 @@ def side_stiffness(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
     along the normal (lambda + 2 mu would make nearly incompressible bodies too stiff), mu along the face."""
     stiffness = np.zeros(layout.n_flat)
     for i, side, name in body_sides(units):
-        material, length = bodies[name].shape.material, _length(bodies[name], units[i])
-        channels = layout.channels(i, side)
-        stiffness[channels[:, 0]] = material.young_modulus / length
-        stiffness[channels[:, 1:]] = lame(material.young_modulus, material.poisson_ratio)[1] / length
+        material, length = bodies[name].shape.elasticity, _length(bodies[name], units[i])
+        channels, (along, across) = layout.channels(i, side), material.moduli_along(units[i].geometry.frames[:, 0])
+        stiffness[channels[:, 0]] = along / length
+        stiffness[channels[:, 1:]] = across[:, None] / length
     return stiffness
 
 

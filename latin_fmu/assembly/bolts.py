@@ -30,6 +30,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import Problems, shown
+from ..fem.elasticity import Elasticity
 from ..fem.elements import Elements, MeanStress, Recovery, stiffness
 from ..fem.faces import face_of
 from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
@@ -37,7 +38,7 @@ from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNE
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
 from ..scene.schema import Scene
-from ..scene.substructures import Bolt, MaterialTable
+from ..scene.substructures import Bolt
 from ..scene.units import UnitSystem
 from .body import Body, Shape, body_sides
 from .conditions import Conditions
@@ -83,7 +84,9 @@ class BoltCut:
         at both ends."""
         if self.table.shortening is not None:
             return (
-                body.shape.material.young_modulus * self.table.shortening / float(np.ptp(body.mesh.nodes @ self.axis))
+                float(body.shape.elasticity.moduli_along(self.axis)[0])
+                * self.table.shortening
+                / float(np.ptp(body.mesh.nodes @ self.axis))
             )
         return (self.table.force or 0.0) / self.area
 
@@ -206,8 +209,7 @@ class OpenedMesh:
 
     def recovery(self, shape: Shape) -> Recovery:
         """Strains of the elements and stresses at the nodes."""
-        m = shape.material
-        return _OpenedRecovery(Elements(self.mesh), m.young_modulus, m.poisson_ratio, shape.bending_modes, self)
+        return _OpenedRecovery(Elements(self.mesh), shape.elasticity, shape.bending_modes, self)
 
     def closed(self, values: Array) -> Array:
         """Values at the nodes (..., n_node, k), on the cuts means of both sides, from those of the opened mesh."""
@@ -224,9 +226,9 @@ class OpenedMesh:
 class OpenedStress:
     """Mean stress of the elements of a body with bolts (as ``MeanStress``)."""
 
-    def __init__(self, opened: OpenedMesh, material: MaterialTable) -> None:
+    def __init__(self, opened: OpenedMesh, material: Elasticity) -> None:
         self._opened = opened
-        self._mean = MeanStress(Elements(opened.mesh), material.young_modulus, material.poisson_ratio)
+        self._mean = MeanStress(Elements(opened.mesh), material)
 
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
@@ -236,10 +238,8 @@ class OpenedStress:
 class _OpenedRecovery(Recovery):
     """``Recovery`` of a body with bolts, from the displacements of its nodes."""
 
-    def __init__(
-        self, elements: Elements, young_modulus: float, poisson_ratio: float, bending_modes: bool, opened: OpenedMesh
-    ) -> None:
-        super().__init__(elements, young_modulus, poisson_ratio, bending_modes)
+    def __init__(self, elements: Elements, material: Elasticity, bending_modes: bool, opened: OpenedMesh) -> None:
+        super().__init__(elements, material, bending_modes)
         self._opened = opened
 
     def strain(self, displacement: Array) -> Array:
@@ -489,9 +489,8 @@ class _Section:
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
-        m = body.shape.material
         part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}))
-        own = stiffness(part, m.young_modulus, m.poisson_ratio, body.shape.bending_modes)
+        own = stiffness(part, body.shape.elasticity, body.shape.bending_modes)
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0

@@ -208,7 +208,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         stiff = _stiff_types(body)
         if body.rigid or not stiff:
             continue
-        nu = body.shape.material.poisson_ratio
+        nu = body.shape.elasticity.poisson_ratio
         if nu > LOCKING_POISSON:
             remarks.append(
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"

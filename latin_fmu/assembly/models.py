@@ -165,11 +165,10 @@ def _contact_layer(
     name: str, body: Body, units: list[InterfaceUnit], landing: list[InterfaceUnit], scheme: TimeScheme, dt: float
 ) -> ContactLayer:
     """That of one elastic body; elements at interfaces that do not land are viscous by the share _AT_REST."""
-    shape, m = body.shape, body.shape.material
+    shape, material = body.shape, body.shape.elasticity
     if not scheme.massless_contact:
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
-    speed = float(np.sqrt(m.young_modulus / m.density))
-    share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
+    share = scheme.consistent_share(material.bar_speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
     nodes = np.setdiff1d(_contact_nodes(name, units), body.rigid_nodes)
     q, blends = scheme.landing_damping, scheme.consistent_share(0.0) < 1.0
@@ -185,11 +184,10 @@ def _contact_layer(
             f"massless_contact, substructure {name}: contact nodes without an inner neighbour",
             remedy="give it two elements between its contacts, or choose another scheme",
         )
-    constants = m.young_modulus, m.poisson_ratio, m.density
     viscous = np.zeros(shape.mesh.n_node)
     viscous[nodes] = _AT_REST
     viscous[np.setdiff1d(_contact_nodes(name, landing), body.rigid_nodes)] = 1.0
-    viscosity = landing_viscosity(shape.mesh, q * viscous, constants, shape.bending_modes)
+    viscosity = landing_viscosity(shape.mesh, q * viscous, material, shape.bending_modes)
     return ContactLayer(moved, viscosity, own, len(left))
 
 
@@ -258,9 +256,7 @@ def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit
     bodies and not by their meshes, so that a refined scene keeps its scheme."""
     crossing = np.inf  # time that a wave takes through a part of a body, the shortest
     for name in {name for _, _, name in body_sides(opening) if not bodies[name].rigid}:
-        material = bodies[name].shape.material
-        speed = float(np.sqrt(material.young_modulus / material.density))
-        crossing = min(crossing, _PART * bodies[name].mesh.size / speed)
+        crossing = min(crossing, _PART * bodies[name].mesh.size / bodies[name].shape.elasticity.bar_speed)
     static = scene.time.start.type == "static"
     # body forces act in all points at once
     loads = {name: law for name, law in scene.force_laws.items() if name != GRAVITY and not name.startswith(BODY_FORCE)}
@@ -313,10 +309,9 @@ def scheme_remarks(
         nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
         if not len(nodes):
             continue
-        m = body.shape.material
         height, share = layer_of(body.shape.mesh, nodes)
         if height > 0.0:
-            courant[name] = float(np.sqrt(m.young_modulus / m.density)) * dt / height
+            courant[name] = body.shape.elasticity.bar_speed * dt / height
         if scheme.landing_damping > 0.0 and name in landing and share > _THICK:
             remarks.append(
                 f"substructure {name}: {100 * share:.0f} % of its elements touch a face that may open and are viscous "

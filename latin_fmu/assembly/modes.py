@@ -61,7 +61,6 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..fem.elements import wave_speeds
 from ..interface import Rods
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
@@ -501,8 +500,7 @@ def _spring(unit: InterfaceUnit, parts: _Parts, stiffness: Array, points: np.nda
 def _shift(discretised: DiscretisedProblem) -> float:
     """Shift of the eigenvalues, s-2: far below the first elastic one, far above round-off."""
     bodies = discretised.bodies.values()
-    materials = [body.shape.material for body in bodies]
-    slowest = min(wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials)
+    slowest = min(body.shape.elasticity.wave_speeds[1] for body in bodies)
     places = np.concatenate([body.mesh.nodes for body in bodies])
     return float((2 * np.pi * _SLOWEST * slowest / np.ptp(places, axis=0).max()) ** 2)
 

@@ -21,8 +21,8 @@ from ..remarks import Remark
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
+from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
-from ..scene.substructures import MaterialTable
 from ..scene.units import SI, UNIT_SYSTEMS, UnitSystem
 from .body import Body
 from .checks import size_remarks
@@ -74,12 +74,13 @@ def _elastic_materials(scene: Scene) -> dict[str, MaterialTable]:
 
 
 def _is_solid(m: MaterialTable, units: UnitSystem) -> bool:
-    values = {"Pa": m.young_modulus, "kg m-3": m.density, "m s-1": float(np.sqrt(m.young_modulus / m.density))}
-    ranges = (MODULUS, DENSITY, SPEED)
-    return all(
-        low <= units.size(unit) * value <= high
-        for (unit, value), (low, high) in zip(values.items(), ranges, strict=True)
-    )
+    values = [("Pa", e, MODULUS) for e in m.young_moduli]
+    values += [("kg m-3", m.density, DENSITY), ("m s-1", _bar_speed(m), SPEED)]
+    return all(low <= units.size(unit) * value <= high for unit, value, (low, high) in values)
+
+
+def _bar_speed(m: MaterialTable) -> float:
+    return float(np.sqrt(max(m.young_moduli) / m.density))
 
 
 def _material_remarks(scene: Scene) -> Iterator[Remark]:
@@ -89,9 +90,9 @@ def _material_remarks(scene: Scene) -> Iterator[Remark]:
         return
     units = scene.unit_system
     for name, m in _elastic_materials(scene).items():
-        e, rho, speed = m.young_modulus, m.density, float(np.sqrt(m.young_modulus / m.density))
+        rho, speed = m.density, _bar_speed(m)
         where = f"material {name}:"
-        if question := _doubt(e, MODULUS, "Pa", units):
+        if question := next(filter(None, (_doubt(e, MODULUS, "Pa", units) for e in m.young_moduli)), ""):
             yield Remark("material", f"{where} no solid has a Young's modulus of {question}")
         if doubt := _doubt(rho, DENSITY, "kg m-3", units):
             yield Remark("material", f"{where} no solid has a density of {doubt}")
@@ -134,7 +135,7 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
             yield Remark("load", f"load {name}: {text} outside; choose a free face if that is not meant")
         if isinstance(load.law, InputLaw) or body.rigid:
             continue
-        modulus = body.shape.material.young_modulus
+        modulus = body.shape.elasticity.young_moduli[0]
         times = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         largest = float(np.abs(load.law.sample(times)).max())
         share = load.size(float(body.face(face).areas.sum())) * largest / modulus
@@ -200,10 +201,9 @@ def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     courant = {}
     for name, body in problem.bodies.items():
         if not body.rigid:
-            m = body.shape.material
-            volume = float(body.rigid_motions.mass[0, 0]) / m.density
+            volume = float(body.rigid_motions.mass[0, 0]) / body.shape.material.density
             edge = (volume / max(body.mesh.n_cell, 1)) ** (1 / 3)
-            courant[name] = problem.dt * float(np.sqrt(m.young_modulus / m.density)) / edge
+            courant[name] = problem.dt * body.shape.elasticity.bar_speed / edge
     if not courant:
         return
     low, high = min(courant, key=courant.__getitem__), max(courant, key=courant.__getitem__)

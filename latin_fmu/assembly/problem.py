@@ -219,7 +219,7 @@ class DiscretisedProblem:
         stress, made = self.scene.output.stress, {}
         for n, b in self.bodies.items():
             opened = self.opened(n, shortening) if stress else None
-            recover = None if opened is None else OpenedStress(opened, b.shape.material)
+            recover = None if opened is None else OpenedStress(opened, b.shape.elasticity)
             plain = b.shape.stress if stress and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
             made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain)
@@ -576,7 +576,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     """Largest traction that loads and prescribed motions can bring, Pa: a motion counts as if it strained the softest
     body along its whole length."""
     sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, bodies, time)]
-    softest = min(body.shape.material.young_modulus / body.mesh.size for body in bodies.values())
+    softest = min(body.shape.elasticity.young_moduli[0] / body.mesh.size for body in bodies.values())
     travels = [0.0]
     for body in bodies.values():
         sizes += _body_tractions(scene, body, time)

@@ -36,9 +36,9 @@ from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
+from ..scene.materials import DAMPING_KEYS
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import StaticStart
-from ..scene.substructures import DAMPING_KEYS
 from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut, check_yield

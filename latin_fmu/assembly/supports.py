@@ -316,11 +316,11 @@ def supports(
 
 def absorbing_dashpots(body: Body, face_name: str) -> tuple[sp.csr_array, sp.csr_array]:
     """Dashpots of an absorbing face, and the same lumped."""
-    facets, impedances = body.facets(face_name), body.shape.impedances
-    lumped = lumped_dashpots(body.mesh.nodes, facets, *impedances)
+    facets, impedance = body.facets(face_name), body.shape.elasticity.impedance
+    lumped = lumped_dashpots(body.mesh.nodes, facets, impedance)
     if not changes_basis(facets):
         return lumped, lumped
-    return consistent_dashpots(body.mesh.nodes, facets, *impedances), lumped
+    return consistent_dashpots(body.mesh.nodes, facets, impedance), lumped
 
 
 _MOST = 3000  # nodes of a face whose dashpot couples all of them: nine million entries
@@ -351,9 +351,10 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
     """Face, inputs, centre and area of every port, and rho c A of its body, for the command ``check``."""
     lines, units = [], scene.unit_system
     for name, port in scene.port.items():
-        place, material = place_on_face(bodies[port.body], port.face), bodies[port.body].shape.material
+        place, material = place_on_face(bodies[port.body], port.face), bodies[port.body].shape.elasticity
         area, at = place.area, place.point
-        bar = area * float(np.sqrt(material.young_modulus * material.density))
+        along = float(material.moduli_along(place.face.normals)[0].mean())
+        bar = area * float(np.sqrt(along * material.density))
         centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
         lines.append(
             f"  port {name}: {port.causality.replace('_', ' ')}, {' '.join(port.components)} of {port.face}, centre "

@@ -20,7 +20,6 @@ from ..assembly.build import discretise
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators
-from ..fem.elements import wave_speeds
 from ..interface.laws import FRICTION, coulomb_coefficient
 from ..latin.assembly import Array
 from ..propagator.explicit import ExplicitPropagator
@@ -427,8 +426,8 @@ def _pace(amplitude: Array, dt: float) -> float:
 def _longest_transit(p: Prediction) -> float:
     """Across the whole assembly at the slowest shear speed, s."""
     nodes = np.concatenate([b.mesh.nodes for b in p.discretised.bodies.values()])
-    materials = [b.shape.material for b in p.discretised.bodies.values() if not b.rigid]
-    slowest = min((wave_speeds(m.young_modulus, m.poisson_ratio, m.density)[1] for m in materials), default=np.inf)
+    elastic = [b.shape.elasticity for b in p.discretised.bodies.values() if not b.rigid]
+    slowest = min((material.wave_speeds[1] for material in elastic), default=np.inf)
     return float(np.ptp(nodes, axis=0).max() / slowest)
 
 

@@ -14,10 +14,10 @@ from ..latin.assembly import InterfaceUnit
 from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
+from ..scene.materials import DAMPING_KEYS
 from ..scene.overrides import apply_overrides
 from ..scene.schema import GRAVITY
 from ..scene.settings import StaticStart
-from ..scene.substructures import DAMPING_KEYS
 from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds
 
 

@@ -35,7 +35,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .elements import BENDING_CELLS, element_stiffness, is_curved, lame, points_in, wave_speeds
+from .elasticity import Elasticity
+from .elements import BENDING_CELLS, element_stiffness, is_curved, points_in
 from .mesh import Array, CellBlock, Index, Mesh
 from .reference_cells import CELL_FACES, CELL_LINKS, FACET_CORNERS, FACET_KIND, N_CORNER, N_NODE, Local, cell_rule
 
@@ -159,23 +160,20 @@ def _layers(mesh: Mesh, bare: Mask) -> Index:
     return np.where(layer > LAYERS, 0, layer)  # farther nodes are no layer, as the bare ones
 
 
-def landing_viscosity(
-    mesh: Mesh, q: Array, constants: tuple[float, float, float], bending_modes: bool = False
-) -> sp.csr_array | None:
+def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes: bool = False) -> sp.csr_array | None:
     """Viscosity C (3 n_node, 3 n_node), N s m-1, of the elements at contact nodes (module docstring).
 
     Parameters
     ----------
-    q : (n_node,) at the contact nodes, 0 at others; an element takes the largest of its nodes. constants : Young's
-        modulus, Pa, Poisson's ratio, density, kg m-3. bending_modes : as the stiffness.
+    q : (n_node,) at the contact nodes, 0 at others; an element takes the largest of its nodes. material : of the
+        mesh. bending_modes : as the stiffness.
 
     Returns
     -------
     None where no element owns a facet of contact nodes, or q is zero.
     """
     bare = q > 0.0
-    young_modulus, poisson_ratio, _ = constants
-    c_p, _ = wave_speeds(*constants)
+    c_p, _ = material.wave_speeds
     total, heights = sp.csr_array((3 * mesh.n_node, 3 * mesh.n_node)), _heights(mesh, bare)
     for block in mesh.blocks:
         touching = np.flatnonzero((heights[block.cells] > 0.0).any(axis=1))
@@ -184,7 +182,7 @@ def landing_viscosity(
         layer = CellBlock(block.cell_type, block.cells[touching])
         points = points_in(mesh.nodes, layer, cell_rule(block.cell_type, False, is_curved(mesh.nodes, block)))
         bends = bending_modes and block.cell_type in BENDING_CELLS
-        matrix = element_stiffness(points, *lame(young_modulus, poisson_ratio), bends)
+        matrix = element_stiffness(points, material, bends)
         n = 3 * layer.cells.shape[1]
         here = heights[layer.cells]
         height = here.sum(axis=1) / (here > 0.0).sum(axis=1)  # mean over the contact nodes of the element

@@ -13,10 +13,9 @@ element's centre (Taylor, Beresford, Wilson 1976),
 
 which makes uniform strain exact on distorted elements (patch test). The mass is that of the nodes alone.
 
-Stresses from nodal displacements, means over the elements and values at the nodes: tensors are six numbers in the order
-xx yy zz yz xz xy; strains are components of the tensor (half the engineering shear). At the nodes, each element carries
-the values at the points of a low rule, where they are most accurate (Barlow 1976), to its nodes by its linear
-functions; elements that share a node are averaged by volume.
+Stresses from nodal displacements, means over the elements and values at the nodes (``elasticity``). At the nodes, each
+element carries the values at the points of a low rule, where they are most accurate (Barlow 1976), to its nodes by its
+linear functions; elements that share a node are averaged by volume.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
+from .elasticity import COLUMNS, ROWS, Elasticity
 from .mesh import Array, CellBlock, Index, Mesh
 from .reference_cells import CELL_EDGES, N_CORNER, Rule, cell_functions, cell_rule
 
@@ -234,7 +234,7 @@ BENDING_CELLS = ("hexahedron",)
 _HRZ = ("tetra10", "hexahedron20")  # row sums of their masses are negative at the corners
 
 
-def elastic_products(left: Array, right: Array, volumes: Array, first: float, shear: float) -> Array:
+def elastic_products(left: Array, right: Array, volumes: Array, material: Elasticity) -> Array:
     """int eps(v) : C : eps(u) of functions with gradients ``left`` and ``right`` (n_cell, n_point, n, 3).
 
     Returns
@@ -245,11 +245,7 @@ def elastic_products(left: Array, right: Array, volumes: Array, first: float, sh
     m = right.shape[2]
     rows = (left * volumes[:, :, None, None]).reshape(n_cell, n_point, 3 * n)
     pair = (np.swapaxes(rows, 1, 2) @ right.reshape(n_cell, n_point, 3 * m)).reshape(n_cell, n, 3, m, 3)
-    block = first * pair + shear * np.swapaxes(pair, 2, 4)
-    trace = shear * np.einsum("eakbk->eab", pair)
-    for i in range(3):
-        block[:, :, i, :, i] += trace
-    return block
+    return material.products(pair)
 
 
 def mode_gradients(jacobian: Array) -> Array:
@@ -262,7 +258,7 @@ def mode_gradients(jacobian: Array) -> Array:
     return np.asarray(ratio[:, :, None, None] * (slopes[None] @ np.linalg.inv(centre)[:, None]))
 
 
-def mode_amplitudes(points: CellPoints, first: float, shear: float) -> tuple[Array, Array]:
+def mode_amplitudes(points: CellPoints, material: Elasticity) -> tuple[Array, Array]:
     """The internal unknowns of each element for unit nodal displacements, and what couples the two.
 
     Returns
@@ -271,59 +267,42 @@ def mode_amplitudes(points: CellPoints, first: float, shear: float) -> tuple[Arr
     """
     modes = mode_gradients(points.jacobian)
     n = len(modes)
-    own = elastic_products(modes, modes, points.volumes, first, shear).reshape(n, 9, 9)
-    coupled = elastic_products(modes, points.gradients, points.volumes, first, shear).reshape(n, 9, 24)
+    own = elastic_products(modes, modes, points.volumes, material).reshape(n, 9, 9)
+    coupled = elastic_products(modes, points.gradients, points.volumes, material).reshape(n, 9, 24)
     amplitudes = np.asarray(-np.linalg.solve(own, coupled), dtype=float)
     return amplitudes, coupled
 
 
-def condensed(points: CellPoints, first: float, shear: float) -> Array:
+def condensed(points: CellPoints, material: Elasticity) -> Array:
     """Stiffness (n_cell, 8, 3, 8, 3) of hexahedra with bending modes: K_dd - K_da K_aa^-1 K_ad."""
-    plain = elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
-    amplitudes, coupled = mode_amplitudes(points, first, shear)
+    plain = elastic_products(points.gradients, points.gradients, points.volumes, material)
+    amplitudes, coupled = mode_amplitudes(points, material)
     softened = np.swapaxes(coupled, 1, 2) @ amplitudes
     softened = 0.5 * (softened + np.swapaxes(softened, 1, 2))  # round-off of the solution is not symmetric
     return np.asarray(plain + softened.reshape(plain.shape))
 
 
-def lame(young_modulus: float, poisson_ratio: float) -> tuple[float, float]:
-    """Lame constants (lambda, mu), Pa."""
-    shear = young_modulus / (2 * (1 + poisson_ratio))
-    return 2 * shear * poisson_ratio / (1 - 2 * poisson_ratio), shear
-
-
-def wave_speeds(young_modulus: float, poisson_ratio: float, density: float) -> tuple[float, float]:
-    """Pressure and shear wave speeds (c_p, c_s), m s-1."""
-    first, shear = lame(young_modulus, poisson_ratio)
-    return float(np.sqrt((first + 2 * shear) / density)), float(np.sqrt(shear / density))
-
-
-def stiffness(
-    elements: Elements, young_modulus: float, poisson_ratio: float, bending_modes: bool = False
-) -> sp.csr_array:
-    """Stiffness K (3 n_node, 3 n_node), N m-1, dofs numbered 3 * node + component.
-
-    K_(ai)(bj) = int lambda d_i phi_a d_j phi_b + mu (d_j phi_a d_i phi_b + delta_ij d_k phi_a d_k phi_b).
+def stiffness(elements: Elements, material: Elasticity, bending_modes: bool = False) -> sp.csr_array:
+    """Stiffness K (3 n_node, 3 n_node), N m-1, dofs numbered 3 * node + component: int eps(v) : C : eps(u).
 
     Parameters
     ----------
     bending_modes : 8-node hexahedra get the incompatible modes of the module docstring.
     """
-    constants = lame(young_modulus, poisson_ratio)
 
     def parts() -> Iterator[tuple[Array, Index]]:
         for cell_type, points, of_cell in elements.distinct():
-            matrices = element_stiffness(points, *constants, bending_modes and cell_type in BENDING_CELLS)
+            matrices = element_stiffness(points, material, bending_modes and cell_type in BENDING_CELLS)
             yield matrices.transpose(0, 1, 3, 2, 4), of_cell
 
     return elements.matrix(parts())
 
 
-def element_stiffness(points: CellPoints, first: float, shear: float, bending_modes: bool) -> Array:
-    """Stiffness (n_cell, n, 3, n, 3) of each of some cells, N m-1, from the Lame constants, Pa."""
+def element_stiffness(points: CellPoints, material: Elasticity, bending_modes: bool) -> Array:
+    """Stiffness (n_cell, n, 3, n, 3) of each of some cells, N m-1."""
     if bending_modes:
-        return condensed(points, first, shear)
-    return elastic_products(points.gradients, points.gradients, points.volumes, first, shear)
+        return condensed(points, material)
+    return elastic_products(points.gradients, points.gradients, points.volumes, material)
 
 
 def mass(elements: Elements, density: float) -> sp.csr_array:
@@ -365,7 +344,6 @@ def body_load(elements: Elements, force: Array) -> Array:
     return np.outer(share, np.asarray(force)).ravel()
 
 
-_ROWS, _COLUMNS = (0, 1, 2, 1, 0, 0), (0, 1, 2, 2, 2, 1)
 # Type of the cell of degree one with the same corners: its rule and functions carry values to the nodes.
 _LINEAR: Final = {"hexahedron20": "hexahedron", "hexahedron27": "hexahedron", "tetra10": "tetra"}
 
@@ -375,17 +353,17 @@ class MeanStress:
 
     Parameters
     ----------
-    elements : of the mesh. young_modulus : Pa. poisson_ratio : 1.
+    elements : of the mesh. material : its elasticity.
     """
 
-    def __init__(self, elements: Elements, young_modulus: float, poisson_ratio: float) -> None:
+    def __init__(self, elements: Elements, material: Elasticity) -> None:
         self._means = [(b.cells, _mean_gradients(p)) for b, p in elements.points()]
-        self._lame = lame(young_modulus, poisson_ratio)
+        self._material = material
 
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
         slopes = [np.swapaxes(mean, 1, 2) @ displacement[cells] for cells, mean in self._means]
-        return hooke(_symmetric(np.concatenate(slopes)), *self._lame)
+        return self._material.stress(_symmetric(np.concatenate(slopes)))
 
 
 class Recovery:
@@ -393,14 +371,11 @@ class Recovery:
 
     Parameters
     ----------
-    elements, young_modulus, poisson_ratio : as in ``MeanStress``. bending_modes : as in ``elements.stiffness``.
+    elements, material : as in ``MeanStress``. bending_modes : as in ``elements.stiffness``.
     """
 
-    def __init__(
-        self, elements: Elements, young_modulus: float, poisson_ratio: float, bending_modes: bool = False
-    ) -> None:
-        self._elements, self._bending = elements, bending_modes
-        self._lame = lame(young_modulus, poisson_ratio)
+    def __init__(self, elements: Elements, material: Elasticity, bending_modes: bool = False) -> None:
+        self._elements, self._material, self._bending = elements, material, bending_modes
 
     def strain(self, displacement: Array) -> Array:
         """Mean strain (n_time, n_cell, 6) of displacements (n_time, n_node, 3), m."""
@@ -419,7 +394,7 @@ class Recovery:
             slopes = np.einsum("cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True)
             if self._bending and block.cell_type in BENDING_CELLS:
                 slopes += self._mode_slopes(points, displacement)
-            stress = hooke(_symmetric(slopes), *self._lame)
+            stress = self._material.stress(_symmetric(slopes))
             at_nodes = np.einsum("ap,tcpk->catk", to_nodes, stress, optimize=True)
             volumes = np.repeat(points.volumes.sum(axis=1), block.cells.shape[1])
             where = (volumes, (block.cells.ravel(), np.arange(block.cells.size)))
@@ -442,7 +417,7 @@ class Recovery:
     def _mode_slopes(self, points: CellPoints, displacement: Array) -> Array:
         """Gradients (n_time, n_cell, n_point, 3, 3) of the bending modes."""
         nodal = displacement[:, points.cells].reshape(len(displacement), len(points.cells), -1)
-        amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, *self._lame)[0], nodal, optimize=True)
+        amplitudes = np.einsum("cmd,tcd->tcm", mode_amplitudes(points, self._material)[0], nodal, optimize=True)
         of_modes = amplitudes.reshape(*amplitudes.shape[:2], 3, 3)
         return np.asarray(np.einsum("cpmj,tcmi->tcpij", mode_gradients(points.jacobian), of_modes, optimize=True))
 
@@ -455,19 +430,12 @@ def _mean_gradients(points: CellPoints) -> Array:
 
 def _symmetric(slope: Array) -> Array:
     """Six components (..., 6) of the symmetric part of gradients (..., 3, 3)."""
-    return np.asarray(0.5 * (slope + np.swapaxes(slope, -1, -2))[..., _ROWS, _COLUMNS])
-
-
-def hooke(strain: Array, first: float, shear: float) -> Array:
-    """Stress (..., 6), Pa, of strains (..., 6): lambda tr(eps) I + 2 mu eps."""
-    stress: Array = 2.0 * shear * strain
-    stress[..., :3] += first * strain[..., :3].sum(axis=-1, keepdims=True)
-    return stress
+    return np.asarray(0.5 * (slope + np.swapaxes(slope, -1, -2))[..., ROWS, COLUMNS])
 
 
 def principal(tensor: Array) -> Array:
     """Principal values (..., 3) of symmetric tensors (..., 6), largest first."""
     full = np.empty((*tensor.shape[:-1], 3, 3))
-    full[..., _ROWS, _COLUMNS] = tensor
-    full[..., _COLUMNS, _ROWS] = tensor
+    full[..., ROWS, COLUMNS] = tensor
+    full[..., COLUMNS, ROWS] = tensor
     return np.asarray(np.linalg.eigvalsh(full)[..., ::-1])

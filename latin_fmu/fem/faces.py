@@ -19,6 +19,7 @@ Dashpots of an absorbing face: rho c_p along the normal, rho c_s across it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -312,29 +313,29 @@ def _without_repetitions(cells: Index) -> Index:
     return whole
 
 
-def lumped_dashpots(nodes: Array, facets: FacetSet, normal: float, tangential: float) -> sp.csr_array:
+Impedance = Callable[[Array], Array]
+"""Unit normals (..., 3) to traction over velocity (..., 3, 3), Pa s m-1."""
+
+
+def lumped_dashpots(nodes: Array, facets: FacetSet, impedance: Impedance) -> sp.csr_array:
     """Dashpots (3 n_node, 3 n_node), N s m-1, at the points of a face alone, on areas that are positive on every kind
-    of facet; ``normal`` and ``tangential`` in Pa s m-1."""
+    of facet."""
     surface = face_of(nodes, facets)
-    blocks = surface.positive_areas[:, None, None] * _tensor(surface.normals, normal, tangential)
+    blocks = surface.positive_areas[:, None, None] * impedance(surface.normals)
     return _assembled(len(nodes), [(surface.nodes[:, None], blocks[:, None, :, None, :])])
 
 
-def consistent_dashpots(nodes: Array, facets: FacetSet, normal: float, tangential: float) -> sp.csr_array:
-    """int phi_a phi_b (z_s I + (z_p - z_s) n n) dA (3 n_node, 3 n_node): on quadratic facets, a uniform velocity gives
+def consistent_dashpots(nodes: Array, facets: FacetSet, impedance: Impedance) -> sp.csr_array:
+    """int phi_a phi_b Z(n) dA (3 n_node, 3 n_node), N s m-1: on quadratic facets, a uniform velocity gives
     the forces of a uniform traction with these only."""
     parts = []
     for block in facets.blocks:
         values, weights, outwards = _at_gauss_points(block.kind, nodes[block.facets])
         area = np.linalg.norm(outwards, axis=2)
-        tensor = _tensor(outwards / area[..., None], normal, tangential)
+        tensor = impedance(outwards / area[..., None])
         share = (weights[:, None] * area)[..., None, None] * tensor
         parts.append((block.facets, np.einsum("ga,gb,gfij->faibj", values, values, share, optimize=True)))
     return _assembled(len(nodes), parts)
-
-
-def _tensor(n: Array, normal: float, tangential: float) -> Array:
-    return np.asarray(tangential * np.eye(3) + (normal - tangential) * n[..., :, None] * n[..., None, :])
 
 
 def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:

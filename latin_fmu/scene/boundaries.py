@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from ..errors import Problem, shown
-from .fields import BOX_FACES, Face, SceneTable, Series, _as_list, about, refusal
+from .fields import BOX_FACES, Face, LocalAxes, SceneTable, Series, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, is_box, named_tables, parsed_face, text_list
-from .substructures import LocalAxes
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")

@@ -1,12 +1,11 @@
 """Building blocks of the scene tables: strict field types, units and the base class of every table."""
 
-from __future__ import annotations
-
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
@@ -148,3 +147,39 @@ Side = Annotated[Text, AfterValidator(_check_side)]
 Vector = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list)]
 Direction = Annotated[tuple[Real, Real, Real], BeforeValidator(_as_list), AfterValidator(_check_directed)]
 Series = Annotated[tuple[Real, ...], BeforeValidator(_as_list)]
+
+
+class LocalAxes(SceneTable):
+    """Axes of a condition or material: x, then y made perpendicular to it in the plane of both, then z = x cross y."""
+
+    x: Annotated[Direction, about("direction of the local x axis (its length does not count)", "1")]
+    y: Annotated[Direction, about("a direction in the plane of local x and y, on the side of y", "1")]
+
+    @model_validator(mode="after")
+    def _check_plane(self) -> Self:
+        if not math.hypot(*self._across()) > 1e-6:
+            raise refusal("x and y are parallel", value=[*self.x, *self.y], allowed="directions that span a plane")
+        return self
+
+    def _across(self) -> tuple[float, float, float]:
+        """Direction of x cross y, of the length of the sine between them."""
+        (a, b, c), (d, e, f) = (_unit(v) for v in (self.x, self.y))
+        return (b * f - c * e, c * d - a * f, a * e - b * d)
+
+    @property
+    def rows(self) -> tuple[tuple[float, float, float], ...]:
+        """Unit vectors of the local axes, one a row."""
+        (a, b, c), (d, e, f) = _unit(self.x), _unit(self._across())
+        return (a, b, c), (e * c - f * b, f * a - d * c, d * b - e * a), (d, e, f)
+
+    def to_global(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Global components of a vector given along the local axes."""
+        x, y, z = (sum(v * row[i] for v, row in zip(vector, self.rows, strict=True)) for i in range(3))
+        return (x, y, z)
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    scale = max(map(abs, vector))  # keeps the squares from over- or underflowing
+    x, y, z = (v / scale for v in vector) if scale else vector
+    length = math.hypot(x, y, z) or 1.0
+    return (x / length, y / length, z / length)

@@ -15,6 +15,7 @@ from .fields import BodyName, Name, SceneTable, Text, about, split_face
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
+from .materials import MaterialTable, material_problems
 from .number_files import QUANTITIES, UNITS, si_unit
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
@@ -24,7 +25,6 @@ from .substructures import (
     Bolt,
     Gravity,
     Load,
-    MaterialTable,
     MeshParts,
     Substructure,
     bolt_problems,
@@ -148,6 +148,7 @@ def _unit_problems(raw: Any) -> Iterator[Problem]:
 
 
 _CHECKS: Final = (
+    material_problems,
     interface_problems,
     boundary_problems,
     load_problems,

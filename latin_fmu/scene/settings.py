@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
 
 from ..errors import Problem, did_you_mean, shown
 from .fields import Count, Flag, Real, SceneTable, Text, about, by_type, refusal
+from .materials import DAMPING_KEYS
 from .raw_scene import (
     CENTRAL,
     RawTable,
@@ -22,7 +23,6 @@ from .raw_scene import (
     single_table,
     unknown_name,
 )
-from .substructures import DAMPING_KEYS
 
 MAX_INSTANTS = 10_000_000
 _REDUCIBLE = ("hht", "newmark")  # schemes that the reduced propagator can march

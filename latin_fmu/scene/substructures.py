@@ -1,4 +1,4 @@
-"""Tables [material], [substructure], [mesh], [bolt], [load], by name, and [gravity]: bodies and what acts on them."""
+"""Tables [substructure], [mesh], [bolt], [load], by name, and [gravity]: bodies and what acts on them."""
 
 import math
 import re
@@ -16,6 +16,7 @@ from .fields import (
     Direction,
     Face,
     Flag,
+    LocalAxes,
     Name,
     Positive,
     PositiveCount,
@@ -40,92 +41,6 @@ from .raw_scene import (
     reference_problems,
     single_table,
 )
-
-
-class DampingRatios(SceneTable):
-    """Damping ratios at two frequencies, from which the Rayleigh coefficients follow."""
-
-    frequencies: Annotated[tuple[Positive, Positive], BeforeValidator(_as_list), about("two of them, ascending", "Hz")]
-    ratios: Annotated[
-        tuple[Positive, Positive], BeforeValidator(_as_list), about("ratios to the critical damping there", "1")
-    ]
-
-    @model_validator(mode="after")
-    def _check_positive(self) -> Self:
-        """Refuse pairs that need a negative coefficient, which would add energy."""
-        (first, last), (low, high) = self.frequencies, self.ratios
-        if first >= last:
-            raise refusal("the second frequency must be above the first", value=list(self.frequencies))
-        least, most = low * first / last, low * last / first  # b >= 0 and a >= 0 in ``rayleigh``
-        if not least <= high <= most:
-            raise refusal(
-                "no Rayleigh damping C = a M + b K with a, b >= 0 has these ratios",
-                value=list(self.ratios),
-                allowed=f"a second ratio from {least:.4g} to {most:.4g}, with these frequencies and the first ratio",
-            )
-        return self
-
-    @property
-    def rayleigh(self) -> tuple[float, float]:
-        """Coefficients a, s-1, and b, s, of a / (2 omega) + b omega / 2 = ratio at both frequencies."""
-        first, last = (2.0 * math.pi * f for f in self.frequencies)
-        low, high = self.ratios
-        factor = 2.0 / (last**2 - first**2)
-        a, b = factor * first * last * (low * last - high * first), factor * (high * last - low * first)
-        return max(a, 0.0), max(b, 0.0)  # round-off at the ends of the range
-
-
-class MaterialTable(SceneTable):
-    """Homogeneous isotropic elastic material, with optional Rayleigh damping C = a M + b K.
-
-    Both coefficients may be given; or `damping_ratios`; or `loss_factor` with `at_frequency`. A loss factor eta is that
-    of K (1 + i eta) at one frequency f: in the time domain it is b = eta / (2 pi f), a loss that grows with the
-    frequency, eta at f alone (a damping ratio of eta / 2 there).
-    """
-
-    young_modulus: Annotated[Real, about("Young's modulus E", "Pa", gt=0)]
-    poisson_ratio: Annotated[Real, about("Poisson's ratio nu", "1", gt=-1, lt=0.5)]
-    density: Annotated[Real, about("mass per unit volume rho", "kg m-3", gt=0)]
-    rayleigh_mass: Annotated[Real, about("Rayleigh damping, share a of the mass", "s-1", ge=0)] = 0.0
-    rayleigh_stiffness: Annotated[Real, about("Rayleigh damping, share b of the stiffness", "s", ge=0)] = 0.0
-    damping_ratios: Annotated[DampingRatios | None, about("Rayleigh damping by the ratios at two frequencies")] = None
-    loss_factor: Annotated[Real | None, about("loss factor eta of the stiffness at `at_frequency`", "1", ge=0)] = None
-    at_frequency: Annotated[Real | None, about("frequency at which the loss factor holds", "Hz", gt=0)] = None
-    yield_stress: Annotated[
-        Real | None, about("largest mean stress of a bolt (force over section); nothing else depends on it", "Pa", gt=0)
-    ] = None
-
-    @model_validator(mode="after")
-    def _check_damping(self) -> Self:
-        """Refuse damping that is given twice, and a loss factor without its frequency."""
-        if (self.loss_factor is None) != (self.at_frequency is None):
-            missing = "at_frequency" if self.at_frequency is None else "loss_factor"
-            raise refusal(f"loss_factor and at_frequency belong together: {missing!r} is missing", remedy="give both")
-        if len(ways := self.damping_keys) > 1 and set(ways) != {"rayleigh_mass", "rayleigh_stiffness"}:
-            raise refusal(
-                "damping is given twice",
-                value=", ".join(ways),
-                allowed="rayleigh_mass and rayleigh_stiffness, or damping_ratios, or loss_factor with at_frequency",
-            )
-        return self
-
-    @property
-    def damping_keys(self) -> tuple[str, ...]:
-        """Keys that give the material its damping."""
-        return tuple(key for key in DAMPING_KEYS if getattr(self, key))
-
-    @property
-    def rayleigh(self) -> tuple[float, float]:
-        """Coefficients a, s-1, and b, s, of the damping a M + b K."""
-        if self.damping_ratios is not None:
-            return self.damping_ratios.rayleigh
-        if self.loss_factor is not None and self.at_frequency is not None:
-            return 0.0, self.loss_factor / (2.0 * math.pi * self.at_frequency)
-        return self.rayleigh_mass, self.rayleigh_stiffness
-
-
-DAMPING_KEYS: Final = ("rayleigh_mass", "rayleigh_stiffness", "damping_ratios", "loss_factor")
-"""Keys of a material, each of which makes it lose energy."""
 
 MAX_ELEMENTS = 20_000_000
 LARGEST_ASPECT = 1e6
@@ -306,42 +221,6 @@ class Gravity(SceneTable):
 
     acceleration: Annotated[Vector, about("acceleration along x, y, z", "m s-2")]
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
-
-
-class LocalAxes(SceneTable):
-    """Axes of a condition: x, then y made perpendicular to it in the plane of both, then z = x cross y."""
-
-    x: Annotated[Direction, about("direction of the local x axis (its length does not count)", "1")]
-    y: Annotated[Direction, about("a direction in the plane of local x and y, on the side of y", "1")]
-
-    @model_validator(mode="after")
-    def _check_plane(self) -> Self:
-        if not math.hypot(*self._across()) > 1e-6:
-            raise refusal("x and y are parallel", value=[*self.x, *self.y], allowed="directions that span a plane")
-        return self
-
-    def _across(self) -> tuple[float, float, float]:
-        """Direction of x cross y, of the length of the sine between them."""
-        (a, b, c), (d, e, f) = (_unit(v) for v in (self.x, self.y))
-        return (b * f - c * e, c * d - a * f, a * e - b * d)
-
-    @property
-    def rows(self) -> tuple[tuple[float, float, float], ...]:
-        """Unit vectors of the local axes, one a row."""
-        (a, b, c), (d, e, f) = _unit(self.x), _unit(self._across())
-        return (a, b, c), (e * c - f * b, f * a - d * c, d * b - e * a), (d, e, f)
-
-    def to_global(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Global components of a vector given along the local axes."""
-        x, y, z = (sum(v * row[i] for v, row in zip(vector, self.rows, strict=True)) for i in range(3))
-        return (x, y, z)
-
-
-def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    scale = max(map(abs, vector))  # keeps the squares from over- or underflowing
-    x, y, z = (v / scale for v in vector) if scale else vector
-    length = math.hypot(x, y, z) or 1.0
-    return (x / length, y / length, z / length)
 
 
 class Load(SceneTable):

@@ -17,6 +17,7 @@ from latin_fmu.cholesky.factor import CholeskyFactor, CondensedFactor, interface
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.dissection import dissection, nested_dissection
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
@@ -35,7 +36,7 @@ def body(elements: tuple[int, int, int]) -> tuple[sp.csr_array, Array]:
     kept = np.ones(3 * mesh.n_node, dtype=bool)
     kept[3 * face(mesh, "xmin").nodes] = False
     kept = np.flatnonzero(kept)
-    a = sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, 1.0, 0.3))
+    a = sp.csr_array(mass(basis, 1.0) + 0.4 * stiffness(basis, Isotropic(1.0, 1.0, 0.3)))
     return sp.csr_array(a[kept][:, kept]), np.repeat(nested_dissection(mesh), 3)[kept]
 
 
@@ -315,7 +316,7 @@ def test_wrong_sizes_are_refused(m: int) -> None:
 def on_face(elements: tuple[int, int, int], name: str) -> tuple[sp.csr_array, Index, Array]:
     """Operator M + c K of a box, dofs of a face, and the elimination order with the face last in every part."""
     mesh = box_mesh(np.zeros(3), np.asarray(elements, dtype=float), elements)
-    matrix = sp.csr_array(mass(Elements(mesh), 1.0) + 0.4 * stiffness(Elements(mesh), 1.0, 0.3))
+    matrix = sp.csr_array(mass(Elements(mesh), 1.0) + 0.4 * stiffness(Elements(mesh), Isotropic(1.0, 1.0, 0.3)))
     nodes = np.unique(np.concatenate([face(mesh, part).nodes for part in name.split("+")]))
     rank, parts = dissection(mesh)
     late = np.isin(np.arange(mesh.n_node), nodes)

@@ -9,6 +9,7 @@ import scipy.sparse.linalg as spla
 
 from latin_fmu.cholesky import factor as condensed
 from latin_fmu.cholesky.factor import CondensedFactor
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 
@@ -17,7 +18,7 @@ from latin_fmu.fem.mesh import box_mesh
 def matrix() -> sp.csr_array:
     """A symmetric positive definite matrix of a body."""
     basis = Elements(box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), (2, 2, 3)))
-    return sp.csr_array(mass(basis, 1.2) + 0.05 * stiffness(basis, 5.0, 0.3))
+    return sp.csr_array(mass(basis, 1.2) + 0.05 * stiffness(basis, Isotropic(1.0, 5.0, 0.3)))
 
 
 @pytest.fixture(params=["stored", "solved_again"])

@@ -9,14 +9,13 @@ import pytest
 import scipy.sparse.linalg as spla
 
 from latin_fmu.fem import elements as elements_module
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import (
     Elements,
     MeanStress,
     Recovery,
     body_load,
     element_stiffness,
-    hooke,
-    lame,
     lumped_mass,
     mass,
     principal,
@@ -69,7 +68,7 @@ def test_patch_test(cell_type: str, bending: bool) -> None:
     mesh = distorted(cell_type)
     assert len(inner_nodes(mesh)) >= 8
     linear = mesh.nodes @ GRADIENT.T
-    k = stiffness(Elements(mesh), E, NU, bending)
+    k = stiffness(Elements(mesh), Isotropic(1.0, E, NU), bending)
     actual = solved(k, boundary(mesh).nodes, linear)
     assert np.abs(actual - linear).max() < 1e-10
     assert np.abs(linear[inner_nodes(mesh)]).max() > 0.1
@@ -81,9 +80,11 @@ def test_uniform_stress_at_cells_and_nodes(cell_type: str, bending: bool) -> Non
     elements = Elements(mesh)
     linear = mesh.nodes @ GRADIENT.T
     stress = six(uniform_stress())
-    recovery = Recovery(elements, E, NU, bending)
+    recovery = Recovery(elements, Isotropic(1.0, E, NU), bending)
     history = np.stack([linear, -2.0 * linear])
-    np.testing.assert_allclose(MeanStress(elements, E, NU)(linear), np.tile(stress, (mesh.n_cell, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        MeanStress(elements, Isotropic(1.0, E, NU))(linear), np.tile(stress, (mesh.n_cell, 1)), atol=1e-12
+    )
     nodal = recovery.nodal_stress(history)
     assert nodal.shape == (2, mesh.n_node, 6)
     np.testing.assert_allclose(nodal[0], np.tile(stress, (mesh.n_node, 1)), atol=1e-11)
@@ -102,9 +103,9 @@ def test_linear_stress_is_exact_at_the_nodes(cell_type: str) -> None:
     zero = np.zeros_like(x)
     slope = np.array([[2 * x, -z, -y], [y, x, 4 * z], [-z, 2 * y, -x]])
     strain = 0.5 * (slope + slope.transpose(1, 0, 2))
-    wanted = hooke(np.stack([strain[ij] for ij in ORDER], axis=-1), *lame(E, NU))
+    wanted = Isotropic(1.0, E, NU).stress(np.stack([strain[ij] for ij in ORDER], axis=-1))
     assert zero.shape == wanted.shape[:1]
-    actual = Recovery(Elements(mesh), E, NU).nodal_stress(u[None])[0]
+    actual = Recovery(Elements(mesh), Isotropic(1.0, E, NU)).nodal_stress(u[None])[0]
     np.testing.assert_allclose(actual, wanted, atol=1e-11)
 
 
@@ -117,10 +118,10 @@ def test_bent_element_has_the_stress_of_the_beam() -> None:
     y, z = y - 0.5, z - 0.5
     curvature = 0.01
     u = np.stack([-curvature * x * z, -NU * -curvature * y * z * 1.0, 0.5 * curvature * (x * x + NU * (z * z - y * y))])
-    actual = Recovery(Elements(mesh), E, NU, bending_modes=True).nodal_stress(u.T[None])[0]
+    actual = Recovery(Elements(mesh), Isotropic(1.0, E, NU), bending_modes=True).nodal_stress(u.T[None])[0]
     np.testing.assert_allclose(actual[:, 0], -E * curvature * z, rtol=1e-10)
     assert np.abs(actual[:, [1, 3, 4, 5]]).max() < 1e-12
-    stiff = Recovery(Elements(mesh), E, NU).nodal_stress(u.T[None])[0]
+    stiff = Recovery(Elements(mesh), Isotropic(1.0, E, NU)).nodal_stress(u.T[None])[0]
     assert np.abs(stiff[:, 4]).max() > 0.1 * E * curvature  # parasitic shear
 
 
@@ -130,7 +131,7 @@ def test_rigid_motions_and_only_they_have_no_energy(cell_type: str, bending: boo
     mesh = typed_box("mixed", (2, 1, 1)) if cell_type == "mixed" else reference_cell(cell_type)
     rng = np.random.default_rng(5)
     nodes = mesh.nodes + rng.uniform(-0.08, 0.08, mesh.nodes.shape)
-    k = stiffness(Elements(replace(mesh, nodes=nodes)), E, NU, bending).toarray()
+    k = stiffness(Elements(replace(mesh, nodes=nodes)), Isotropic(1.0, E, NU), bending).toarray()
     assert np.abs(k - k.T).max() < 1e-13
     axes = np.eye(3)
     motions = [np.tile(a, (len(nodes), 1)) for a in axes] + [np.cross(a, nodes) for a in axes]
@@ -197,7 +198,7 @@ def test_body_load_total_and_moment(cell_type: str) -> None:
 
 def manufactured(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Displacement (sin x e^z, 0, 0)-like field of the nodes and the body force that holds it, at any points."""
-    first, shear = lame(E, NU)
+    first, shear = Isotropic(1.0, E, NU).lame
     x, y, z = mesh.nodes.T if isinstance(mesh, Mesh) else mesh
     wave = np.sin(2 * x) * np.cos(y) * np.exp(0.5 * z)
     u = np.stack([wave, 0 * x, 0 * x], axis=1)
@@ -233,7 +234,7 @@ def test_order_of_convergence(cell_type: str, bending: bool, order: float) -> No
             places = (p.values @ mesh.nodes[p.cells]).reshape(-1, 3)
             force = manufactured(places.T)[1].reshape(len(p.cells), -1, 3)
             np.add.at(load, p.cells, np.einsum("cp,pa,cpi->cai", p.volumes, p.values, force))
-        actual = solved(stiffness(elements, E, NU, bending), boundary(mesh).nodes, exact, load.ravel())
+        actual = solved(stiffness(elements, Isotropic(1.0, E, NU), bending), boundary(mesh).nodes, exact, load.ravel())
         square = 0.0
         for _, p in elements.points(of_products=True):
             places = (p.values @ mesh.nodes[p.cells]).reshape(-1, 3)
@@ -261,7 +262,7 @@ def summed(mesh: Mesh, bending: bool) -> tuple[np.ndarray, np.ndarray]:
             alone = Elements(Mesh(mesh.nodes, (replace(block, cells=cell[None]),), {}))
             dofs = (3 * cell[:, None] + np.arange(3)).ravel()
             ((_, p),) = alone.points()
-            own = element_stiffness(p, *lame(E, NU), bending and block.cell_type == "hexahedron")
+            own = element_stiffness(p, Isotropic(1.0, E, NU), bending and block.cell_type == "hexahedron")
             total[np.ix_(dofs, dofs)] += own.reshape(len(dofs), -1)
             ((_, p),) = alone.points(of_products=True)
             pairs = RHO * np.einsum("p,pa,pb->ab", p.volumes[0], p.values, p.values)
@@ -279,7 +280,7 @@ def test_matrices_are_sums_of_those_of_the_cells(
         monkeypatch.setattr(elements_module, "_AT_ONCE", 2000)
     for mesh in (typed_box(cell_type), distorted(cell_type)):
         elements, (total, masses) = Elements(mesh), summed(mesh, bending)
-        whole, inertia = stiffness(elements, E, NU, bending), mass(elements, RHO)
+        whole, inertia = stiffness(elements, Isotropic(1.0, E, NU), bending), mass(elements, RHO)
         np.testing.assert_allclose(whole.toarray(), total, atol=1e-13 * np.abs(total).max())
         np.testing.assert_allclose(inertia.toarray(), masses, atol=1e-13 * np.abs(masses).max())
         for matrix in (whole, inertia):

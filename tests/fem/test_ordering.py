@@ -13,6 +13,7 @@ from latin_fmu import load_scene
 from latin_fmu.assembly.body import build_bodies
 from latin_fmu.errors import Problems
 from latin_fmu.fem.dissection import nested_dissection
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import Mesh, box_mesh, nearest
 
@@ -53,7 +54,7 @@ def test_rank_of_every_type_of_cell(cell_type: str) -> None:
 def test_fill_is_reduced() -> None:
     mesh = box_mesh(np.zeros(3), np.ones(3), (9, 9, 9))
     basis = Elements(mesh)
-    matrix = mass(basis, 1.0) + stiffness(basis, 1.0, 0.3)
+    matrix = mass(basis, 1.0) + stiffness(basis, Isotropic(1.0, 1.0, 0.3))
     dissected = np.argsort(np.repeat(nested_dissection(mesh), 3), kind="stable")
     natural = np.arange(3 * mesh.n_node)
     assert fill(matrix, dissected) < 0.7 * fill(matrix, natural)

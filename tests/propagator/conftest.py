@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from latin_fmu.fem.dissection import nested_dissection
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh, box_mesh
@@ -94,7 +95,7 @@ def make_model(kind: str, seed: int = 0, n: int = N, elements: tuple[int, int, i
     """A box of hexahedra with loads, initial motion, and the conditions of ``kind``."""
     mesh = box_mesh(np.zeros(3), np.array([1.0, 0.9, 1.6]), elements)
     basis = Elements(mesh)
-    m, k = mass(basis, RHO), stiffness(basis, E, NU)
+    m, k = mass(basis, RHO), stiffness(basis, Isotropic(1.0, E, NU))
     everything = kind == "everything"
     bottom, side = face(mesh, "zmin").nodes, face(mesh, "ymin").nodes
     held = dofs(bottom, 0, 1) if kind == "held" or everything else np.zeros(0, dtype=np.int64)

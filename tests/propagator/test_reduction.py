@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
@@ -37,7 +38,7 @@ def bar(held: bool, n: int = 24) -> SubstructureModel:
         name="bar",
         mass=mass(basis, RHO),
         damping=None,
-        stiffness=stiffness(basis, YOUNG, 0.0),
+        stiffness=stiffness(basis, Isotropic(1.0, YOUNG, 0.0)),
         expansion=sp.csr_array(sp.eye_array(len(dofs), format="csr")[:, free]),
         trace=pick,
         channel_area=top.areas,

@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
+from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.propagator import stable_step
@@ -52,7 +53,7 @@ def box(elements: tuple[int, int, int], shape: tuple[float, ...], nu: float, hel
     if held:
         free[mesh.nodes < 1e-12] = False
     kept = np.flatnonzero(free)
-    stiff = stiffness(basis, 210e9, nu)
+    stiff = stiffness(basis, Isotropic(1.0, 210e9, nu))
     return lumped(mass(basis, 7800.0), nodal=False).diagonal()[kept], sp.csr_array(stiff[kept][:, kept])
 
 

@@ -11,6 +11,7 @@ from latin_fmu.errors import SceneError
 from latin_fmu.reader import scene_from_dict
 
 GONE = object()
+ORTHOTROPIC = {"young_moduli": [25e9, 10e9, 10e9], "poisson_ratios": [0.3, 0.3, 0.3], "shear_moduli": [4e9, 4e9, 3e9]}
 TABLE = {"type": "table"}
 DRIVEN = {"type": "velocity", "face": "left.zmin", "components": ["z"]}
 PERIODIC = {"type": "periodic"}
@@ -41,6 +42,26 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("material.steel.young_modulus", 10**400, "material.steel.young_modulus", ["too large"]),
     ("material.steel.young_modulus", 10**5000, "material.steel.young_modulus", ["too large"]),
     ("material.steel.density", 0, "material.steel.density", ["out of range", "> 0", "kg m-3"]),
+    ("material.steel.poisson_ratio", GONE, "material.steel.poisson_ratio", ["missing", "< 0.5", "orthotropic"]),
+    ("material.steel.orthotropic", ORTHOTROPIC, "material.steel.young_modulus", ["given twice", "leave out"]),
+    (
+        "material.steel",
+        {"density": 1.0, "orthotropic": {**ORTHOTROPIC, "poisson_ratios": [1.6, 0.3, 0.3]}},
+        "material.steel.orthotropic",
+        ["not positive definite", "|nu_12| < 1.581", "nu_ji is nu_ij E_j / E_i"],
+    ),
+    (
+        "material.steel",
+        {"density": 1.0, "orthotropic": {**ORTHOTROPIC, "poisson_ratios": [1.0, 0.9, 0.9]}},
+        "material.steel.orthotropic",
+        ["not positive definite", "> 0 (here -"],
+    ),
+    (
+        "material.steel",
+        {"density": 1.0, "orthotropic": {**ORTHOTROPIC, "axes": {"x": [1.0, 0.0, 0.0], "y": [-2.0, 0.0, 0.0]}}},
+        "material.steel.orthotropic.axes",
+        ["parallel"],
+    ),
     ("material.steel.poisson_ratio", 0.5, "material.steel.poisson_ratio", ["out of range", "> -1, < 0.5"]),
     ("substructure.left.box.size", [1.0, 2.0], "substructure.left.box.size", ["too few", "3 numbers", "[m]"]),
     ("substructure.left.box.size", [1.0, 2.0, 3.0, 4.0], "substructure.left.box.size", ["too many"]),

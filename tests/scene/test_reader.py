@@ -16,6 +16,7 @@ from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.boundaries import Absorbing, Fixed
 from latin_fmu.scene.interfaces import GroundVelocity, Interface
 from latin_fmu.scene.laws import CsvLaw
+from latin_fmu.scene.materials import MaterialTable
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.settings import (
     AndersonTable,
@@ -28,7 +29,7 @@ from latin_fmu.scene.settings import (
     Time,
     Uniform,
 )
-from latin_fmu.scene.substructures import BoxTable, MaterialTable, Substructure
+from latin_fmu.scene.substructures import BoxTable, Substructure
 
 
 @pytest.mark.parametrize(
