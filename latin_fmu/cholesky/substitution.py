@@ -50,15 +50,17 @@ def forward_one(
             continue
         xs = x[first[s] + c : first[s + 1]]
         own = rows[row_start[s] : row_start[s + 1]]
+        # from column c on: entry j of a row is that of xs, while rows stay ``width`` apart
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         used, below = len(xs), len(own)
+        # from the last row up: a row of L11^-1 takes the entries before it as they were
         for i in range(used - 1, -1, -1):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
             total = 0.0
             for j in range(i + 1):
                 total += line[j] * xs[j]
             xs[i] = total
-        at = width * width
+        at = width * width  # of L21, behind L11^-1
         i = 0
         while grouped and i + 4 <= below:
             l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
@@ -166,6 +168,7 @@ def backward_one(
             i += 1
         for i in range(used):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
+            # entries beyond i - 1 are untouched so far: row k of L11^-1 reaches those up to k
             a0 = xs[i]
             xs[i] = 0.0
             for j in range(i + 1):
@@ -195,6 +198,7 @@ def forward_tile(
         i = used - 1
         while i >= 0:
             if not whole and i >= 3:
+                # all four are computed before one of them is written
                 _four_corner_rows(panel[width * (i - 3 + c) :], width, i - 2, own, tail)
                 for j in range(4 * LANES):
                     own[LANES * (i - 3) + j] = tail[j]
@@ -256,6 +260,7 @@ def backward_tile(
         for i in range(used):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
             line = own[LANES * i : LANES * i + LANES]
             for j in range(LANES):
+                # with the sign turned, for a kernel that subtracts
                 tail[j] = -line[j]
                 line[j] = 0.0
             subtract_one(panel[width * (i + c) :], i + 1, tail, own)
