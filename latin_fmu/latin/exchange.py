@@ -38,6 +38,7 @@ class Exchange:
         self.has_coarse = bool(run.get("n_coarse", 0))
         if self.has_coarse and direction.coarse is not None:
             shares = direction.coarse.shares
+            # processes without sums are among those that gather
             shares = [*shares, *[0] * (part.size - len(shares))]
             self.coarse = gathering(
                 image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
@@ -58,6 +59,7 @@ class Exchange:
     def neighbours(self, n: int) -> None:
         """Exchange messages of n fields with the neighbours."""
         if n not in self._neighbours:
+            # outbox and inbox hold the messages of all neighbours one behind the other
             messages, at, start = [], 0, 0
             for rank, given, taken in self.part.neighbours:
                 end, last = at + n * len(given), start + n * len(taken)
@@ -109,6 +111,7 @@ class Exchange:
         """Unknowns of a Newton step at the points that other processes hold."""
         image = self._image
         n = int(image.run_fields["n_place"])
+        # each point is counted by one process: the sum has all of them
         every = (np.diff(image.counts("unknown_of", n + 1)) * self._point_owned).astype(float)
         self.processes.add(every)
         image.counts("elsewhere", n)[:] = every

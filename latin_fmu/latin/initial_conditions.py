@@ -71,10 +71,11 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
     """Write preloads, tractions of compliant interfaces in this state, and tractions of a static start."""
     for group in assembly.layout.groups:
         block = group.block(traction)
-        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
+        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload  # F.N = -P on side E
     groups = [g for g in assembly.layout.groups if g.behaviour.compliant]
     if groups:
         _compliant_tractions(assembly, groups, traction)
+    # after preloads: a static start has them in its tractions
     for i, known in assembly.start_tractions.items():
         traction[assembly.layout.channels(i, 0)] = known
         traction[assembly.layout.channels(i, 1)] = -known
@@ -83,10 +84,12 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
 def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Array) -> None:
     """Write the tractions of compliant interfaces in the present state."""
     u, v = assembly.displacement(), assembly.velocity()
+    # displacements of explicit schemes are ahead of the instant
     u -= assembly.scheme.gap_offset(assembly.dt) * v
     for group in groups:
         displacement, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
         displacement[:, 0] += group.gap
+        # both sides held (z = 0): the traction follows from the jumps alone
         held = np.zeros((group.n_point, 2))
         jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding
         block = group.block(traction)
@@ -147,6 +150,7 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
         return weighted
 
     scale = area**2 * (diagonal[first] + diagonal[second])
+    # both sides held: any number, the residual is zero there
     inverse = np.divide(1.0, scale, out=np.ones_like(scale), where=scale > 0)
     n = len(first)
     x, _ = spla.cg(
@@ -199,6 +203,7 @@ def _contact_tractions(
     admittances = [c * a for c, a in zip(dense, areas, strict=True)]
     solver = PointByPoint(assembly, admittances, points)
     known = np.zeros_like(traction)
+    # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
     known[solver.channels] = traction[solver.channels]
     for admittance, channels in zip(admittances, assembly.channels, strict=True):
         free[channels] -= admittance @ known[channels]
@@ -208,6 +213,7 @@ def _contact_tractions(
             sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
             group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
     no_gaps = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
+    # no gap: the law for velocities, read as accelerations
     solution, _ = solver.solve(free, known, no_gaps, (1.0 / assembly.dt, 0.0))
     added[solver.channels] = solution[solver.channels] - known[solver.channels]
     return added

@@ -40,10 +40,11 @@ class Part:
         for process, channels in zip(whole.owner, whole.channels, strict=True):
             owner[channels] = process
         every = range(len(whole.interfaces))
+        # all channels of a side belong to one substructure
         self.sides = [[int(owner[whole.layout.channels(i, side)[0, 0]]) for side in (0, 1)] for i in every]
         """Per interface of the whole the processes of its sides, -1 for ground."""
         self.owned = [[i for i in every if self.sides[i][0] == r] for r in range(size)]
-        others = [i for i in every if self.sides[i][1] == rank != self.sides[i][0]]
+        others = [i for i in every if self.sides[i][1] == rank != self.sides[i][0]]  # E' here, E elsewhere
         self.interfaces, self.n_owned = [*self.owned[rank], *others], len(self.owned[rank])
         self.classes = [c for c, process in enumerate(whole.owner) if process == rank]
         counts = np.bincount(whole.part_of) if whole.part_of else np.zeros(0)
@@ -75,6 +76,7 @@ class Part:
         """See the attribute."""
         given: dict[int, list[Index]] = {}
         taken: dict[int, list[Index]] = {}
+        # in the order of the whole, so that sender and receiver have the channels in one order
         for i in sorted(self.interfaces):
             own = self.interfaces.index(i)
             for side, other in ((0, self.sides[i][1]), (1, self.sides[i][0])):

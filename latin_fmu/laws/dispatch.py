@@ -56,6 +56,7 @@ def _dispatch(kernel_name: str, arguments: str, unknown: str) -> Any:
     for code, law in enumerate(REGISTRY):
         known[law.name] = getattr(law, kernel_name)
         lines.append(f"    if law == {code}:\n        return {law.name}({arguments})")
+    # no text from outside: names are those of REGISTRY
     exec(compile("\n".join([*lines, f"    {unknown}"]), __file__, "exec"), known)
     return kernel(known[kernel_name])
 
@@ -105,6 +106,7 @@ def _given_tangent(
         return 0
     for i in range(3):
         for j in range(3):
+            # column i of J is what unknown i does: J and its rows exchanged
             columns[3 * i + j] = derivative[3 * j + i]
             softness[3 * i + j] = -z[min(i, 1)] * derivative[3 * i + j]
         rows[4 * i] = 1.0
@@ -127,8 +129,10 @@ def tangents_of_points(
     columns, rows, softness = scratch[0], scratch[1], scratch[2]
     h = jump.shape[1]
     for p in range(len(jump)):
+        # ``derivative`` is read for laws in Python alone: any array will do
         made = tangent(law, jump[p], z[p], reach[p], rate, parameters[p], softness, 0.0, columns, rows, softness)
         for i in range(made):
+            # an unknown is normal or tangential by its row
             own = z[p, 0] if rows[3 * i] != 0.0 else z[p, 1]
             for a in range(h):
                 for b in range(h):
@@ -165,6 +169,7 @@ def statuses(name: str, traction: Array, parameters: Array) -> Status:
     """Status of points that carry these tractions by the law of this name; leading axes free, the last two of points
     (one row of parameters each) and components."""
     flat = np.ascontiguousarray(traction, dtype=float).reshape(-1, traction.shape[-1])
+    # rows of points repeat for every instant in front of them
     repeated = np.tile(np.ascontiguousarray(parameters, dtype=float), (len(flat) // max(len(parameters), 1), 1))
     out = np.zeros(len(flat), dtype=np.int64)
     status_of_points(LAWS[name], flat, repeated, 0.0, out)
