@@ -151,6 +151,7 @@ def _problem(
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))
     left, joined = _without(names, bodies, units)
+    # the body left out may have been the one that lands: without it another scheme would be chosen
     if names and chosen_scheme(scene, left, joined)[0].name != "hht":
         names = frozenset()
         left, joined = _without(names, bodies, units)

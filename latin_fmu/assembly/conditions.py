@@ -104,6 +104,7 @@ class _Dofs:
         ends = tuple(np.concatenate(side) for side in zip(*self.tied, strict=True))
         graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(n, n))
         _, label = connected_components(graph, directed=False)
+        # label numbers components, and the first dof of each stands for it
         first: Index = np.unique(label, return_index=True)[1][label]
         return first
 
@@ -143,6 +144,7 @@ def _nodal_conditions(
             _drive(body, name, boundary, nodes, dofs, problems)
     for name, port in ports.items():
         if port.causality == "wave":
+            # one matrix for both: explicit schemes have asked for a diagonal one
             dashpots.append((port_dashpots(body, name, port, explicit, problems),) * 2)
         elif port.causality == "motion_in":
             _move(body, name, port, dofs, problems)
@@ -201,7 +203,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
         coasts = boundary.type == "acceleration" and body.initial_velocity().any()
         if value == 0.0 and not coasts:  # at rest, as held nodes are and those driven by zero: a common edge agrees
-            still = np.array([*(motion.value == 0.0 for motion in dofs.motions), False])
+            still = np.array([*(motion.value == 0.0 for motion in dofs.motions), False])  # driver -1 reads the last one
             moved = moved[~dofs.held[moved] & ~still[dofs.driver[moved]]]
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.add(
@@ -269,6 +271,7 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
     for moved, shapes, first in dofs.moved:
+        # the column of the first motion has the ones of ``driver``: shapes take their place
         pattern[moved] = 0.0
         pattern[moved, first : first + shapes.shape[1]] = shapes
     consistent, lumped = (total(*(pair[i] for pair in dashpots)) for i in (0, 1))
@@ -302,6 +305,7 @@ class RigidConditions(Conditions):
         n_free = self.expansion.shape[1]
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
+        # closest in the mass of the body
         own = la.solve(free.T @ mass @ free, free.T @ mass @ motion, assume_a="pos") if n_free else np.zeros(0)
         return np.concatenate([own, driven])
 
@@ -363,6 +367,7 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     rigid = body.rigid_motions
     held, driven = nodal.held, np.asarray(nodal.pattern.any(axis=1))
     if nodal.turned is not None:
+        # turned nodes have rows of their own below, their axes among them
         for flags in (held, driven):
             flags[nodal.turned[2]] = False
     rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
@@ -404,6 +409,7 @@ def _null_space(rows: Array) -> Array:
             continue
         reduced[[row, best]] = reduced[[best, row]]
         reduced[row] /= reduced[row, column]
+        # above and below: reduced, so that each free motion has one unit entry
         others = np.arange(len(reduced)) != row
         reduced[others] -= np.outer(reduced[others, column], reduced[row])
         pivots.append(column)

@@ -70,6 +70,7 @@ def _smallest_distance(nodes: Array) -> float:
     """Smallest distance between two nodes at different places, m."""
     from scipy.spatial import cKDTree
 
+    # nodes of the same place, as of a torn mesh, have distance 0
     unique = np.unique(nodes, axis=0)
     distance = np.asarray(cKDTree(unique).query(unique, k=2)[0])
     return float(distance[:, 1].min())
@@ -95,6 +96,7 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
             if own is None:
                 continue
             free = (whole() - given)[:, None]
+            # what the conditions cannot represent; at driven nodes velocities are those of the motion
             left = np.where(counts, (free - held.expansion @ closest_reduced(held.expansion, free))[:, 0], 0.0)
             changed = np.abs(left) > _CHANGED * np.abs(free).max()
             if changed.any():
@@ -180,6 +182,7 @@ def _jump(unit: InterfaceUnit, bodies: Mapping[str, Body], field: str) -> tuple[
         if values is not None and trace is not None:
             own = np.asarray(trace @ values.ravel()).reshape(-1, 3)
             level = max(level, float(np.abs(own).max(initial=0.0)))
+            # E' less E
             jump += (2 * side - 1) * own
     return jump, level
 

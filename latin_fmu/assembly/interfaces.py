@@ -89,6 +89,7 @@ def by_mortar(
     rigid = [body.rigid for body, _ in (first, second)]
     if rigid[0] != rigid[1]:
         return pair.from_side(int(rigid[0]))
+    # a little smaller counts as equal: round-off must not choose the side
     finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
@@ -178,6 +179,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     normals = np.tile(-normal, (len(points), 1))
     return FacePair(
         points,
+        # area in projection on the plane, as the ground has its normal everywhere
         -vector @ normal,
         normals,
         (points - point) @ normal,
@@ -277,6 +279,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             if pair in taken or pair in table.exceptions:
                 continue
             one, other = surfaces[first], surfaces[second]
+            # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
@@ -418,6 +421,7 @@ def build_interface(
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
+        # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
     frames = local_frames(pair.normals)
     trace = pair.traces[pair.owner]
@@ -544,6 +548,7 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     jump = there[partner] - points
     normal = np.einsum("pi,pi->p", jump, normals)
     lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    # no node twice; apart along the face by less than the spacing allows
     if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
         return None
     opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
@@ -595,6 +600,7 @@ def _gap(
     size = max(size, float(np.sqrt(pair.areas.sum())))
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
+    # all of it within the deviation of flat facets: touching faces
     if chordal.all():
         if (
             interface.behaves_open
@@ -608,6 +614,7 @@ def _gap(
             )
             remarks.append(Remark("gap", f"interface {name}: {text}mesh the faces finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
+    # an overlap of chords, as of two meshes of one cylinder, is none
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
         return _bonded(name, distance, size, length, problems)

@@ -169,6 +169,7 @@ def _contact_layer(
     if not scheme.massless_contact:
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
     speed = float(np.sqrt(m.young_modulus / m.density))
+    # the speed of a bar, as the Courant numbers of remarks and choices
     share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
     nodes = np.setdiff1d(_contact_nodes(name, units), body.rigid_nodes)
@@ -281,6 +282,7 @@ def _steepest(law: TimeLaw, end: float, within: float, static: bool) -> float:
             largest, jump = float(np.abs(values).max()), 0.0 if static else abs(float(values[0]))
         if largest == 0.0:
             return 0.0
+        # shorter than a sample: once more, between the two samples with the largest change
         width = int(within / (times[1] - times[0]))
         if width > 0:
             width = min(width, _SAMPLES - 1)
@@ -342,6 +344,7 @@ def _lands(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
         trace = unit.geometry.traces[side]
         if trace is not None:
             own = (trace @ bodies[name].initial_velocity()).reshape(-1, 3)
+            # E less E': closing where it is along N
             speeds, largest = speeds + (1 - 2 * side) * own, max(largest, float(np.abs(own).max(initial=0.0)))
     closing = np.einsum("pi,pi->p", speeds, unit.geometry.frames[:, 0])
     return bool((closing > _CLOSED * largest).any())
@@ -382,7 +385,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
         face = body.face(face_name)
         traction = load.uniform_traction(float(face.areas.sum()))
         if traction is None:
-            nodal = -(load.pressure or 0.0) * face.vector_areas
+            nodal = -(load.pressure or 0.0) * face.vector_areas  # against the outward normal
         else:
             nodal = face.areas[:, None] * np.asarray(traction)
         pattern = np.zeros((body.mesh.n_node, 3))
@@ -391,6 +394,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
             motion = MeanMotion.of_face(body.mesh.nodes, face)
             assert motion.rotation is not None
             x, y, z = motion.centre.tolist()
+            # the forces of the mean motion that give the moment and no resultant
             pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms

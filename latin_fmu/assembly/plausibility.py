@@ -153,6 +153,7 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
 
 def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     """Nothing that could move a body."""
+    # all that may move a body, inputs among them
     scene = problem.scene
     bodies = scene.substructure.values()
     driven = scene.loads or scene.bolt or scene.port or scene.time.start.type == "static"
@@ -220,6 +221,7 @@ def _pieces(name: str, body: Body) -> Iterator[Remark]:
     n = body.mesh.n_node
     if body.description.box is not None:
         return
+    # each cell as a star about its first node
     first = np.concatenate([np.repeat(b.cells[:, 0], b.cells.shape[1]) for b in body.mesh.blocks])
     others = np.concatenate([b.cells.ravel() for b in body.mesh.blocks])
     graph = sp.coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(n, n))

@@ -93,7 +93,7 @@ class Timeline:
             return np.ones(len(time))
         if name in self._bolts:
             first, last = self._bolts[name]
-            return first + (last - first) * time / self._scene.time.end
+            return first + (last - first) * time / self._scene.time.end  # over the interval
         return given[name] if name in given else sampled(self._laws[name], time)
 
     def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
@@ -289,6 +289,7 @@ class DiscretisedProblem:
         assembly.owner, assembly.part_of = distribution
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
+        # 0 and -1 are no tractions
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
@@ -352,12 +353,14 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         loads = load_terms(scene, name, body, loading)
         own = [cut for cut in problem.cuts.values() if cut.table.substructure == name]
         loads += [cut.loads() for cut in own]
+        # before the key: the store is no part of it
         model, channels = _model(problem, name, loads)
         model = replace(model, store=store)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
+        # shape of the cut: bodies that are else alike have stiffnesses of their own
         classes.setdefault(key, []).append((model, channels))
     groups = []
     for key, members in classes.items():
@@ -383,6 +386,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         traces.append(trace)
         areas.append(np.repeat(unit.geometry.areas, n_component))
         pressed = np.zeros((unit.geometry.n_point, n_component))
+        # F.N = -P on side E
         pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
         preloads.append(pressed.ravel())
         channels.append(layout.channels(i, side).ravel())
@@ -454,6 +458,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     digest = hashlib.sha256()
     size = body.mesh.size
     digest.update(
+        # rounded: equal bodies at different places differ in the last bits of their coordinates
         repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
     )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
@@ -535,6 +540,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
     impedances = {}
     for name, body in bodies.items():
         stop = body.shape.material.density * body.mesh.size / dt
+        # a rigid body is stopped by what it hits, if that is softer than itself stopped in one step
         impedances[name] = min(stop, max(elastic, default=stop)) if body.rigid else body.shape.impedances[0]
     return impedances
 
@@ -583,6 +589,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         for motion in _motions(scene, body):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
+            # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):
                 travels.append(motion.largest_speed(time) * float(time[-1]))
     for interface in scene.interface.values():

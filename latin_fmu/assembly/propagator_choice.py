@@ -185,6 +185,7 @@ def divided(
         for rank in np.unique(own):
             picked = np.flatnonzero(own == rank)
             twin = None if c.twin is None else first[c.twin]
+            # parts of one class share the operators of its first part
             twin = first[-1] if len(parts) > first[-1] else twin
             parts.append(replace(c, members=[c.members[m] for m in picked], channels=c.channels[:, picked], twin=twin))
             owner.append(int(rank))
@@ -209,6 +210,7 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
     factor = (4.0 if settings.precision == "float32" else 8.0) * size.factor
     interface, condensed = 8.0 * size.interface**2, 8.0 * size.channels**2
     if size.swept and settings.kind == "direct":
+        # the dashpots are in a second factor, in single precision: dense matrices there are none
         interface, condensed = 0.5 * factor, 0.0
     own = {
         "direct": factor + 2 * interface,
@@ -325,6 +327,7 @@ def box_memory(scene: Scene) -> list[Problem]:
     if not limit or needed <= room:
         return []
     name = max(cells, key=cells.__getitem__)
+    # cells per body if all were alike
     largest = max(1, int((room / _CELL_BYTES / len(cells)) ** (1 / 3)))
     return [
         Problem(

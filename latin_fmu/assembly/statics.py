@@ -152,6 +152,7 @@ def equilibrium(
             break
         # Soft supports of stiff bodies leave round-off above the tight tolerances.
         reached = 2.0 * max((max(w.final_error, w.final_mismatch) for w in run.windows), default=np.inf)
+        # what round-off left allows, doubled: the next run must be able to meet it
         next_one = max(TIGHT[1], reached)
         if tolerance == TIGHT[0] and next_one < own.tolerance:
             tolerance = force = next_one
@@ -189,6 +190,7 @@ def state_at_end(
         traction[unit.name] = group.block(run.f_hat)[0, points]
         if unit.behaviour.opens and not unit.behaviour.elastic:
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
+    # pressed points are closed: what gap they have is a residual of the iteration
     windows = run.windows
     message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
@@ -346,6 +348,7 @@ def _boundaries(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tup
         if split_face(face)[0] not in still or isinstance(boundary, Absorbing):
             continue
         if isinstance(boundary, PrescribedVelocity | PrescribedAcceleration):
+            # a face driven by a velocity stands still: its displacement at t = 0 is 0
             table = {**table, "type": "velocity", "value": [0.0] * len(boundary.value), "law": "constant"}
         elif isinstance(boundary, PrescribedDisplacement):
             table = {**table, "law": _raised(float(boundary.law.sample(np.zeros(1))[0]))}
@@ -429,6 +432,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
         converged, sentence = run.status()
         if not converged:
+            # increments that converged are the share of the way that was made
             share = sum(window.converged for window in run.windows) / scene.time.n_step
             raise _not_tight(group, ramps, share, sentence, scene.unit_system)
         increments += len(run.windows)

@@ -97,6 +97,7 @@ class PrescribedMotion:
         given : as for ``velocity``; the rate of a displacement is that over the steps.
         """
         if self.kind == "displacement" and self.source in given:
+            # histories of the displacement over steps; of the first instant there is none
             return np.concatenate([[0.0], self.value * given[self.source][1:]])
         if self.kind == "displacement":
             place = self.value * self.law.sample(time)
@@ -205,6 +206,7 @@ def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, A
         if motion != HELD:
             given[motion] = 1.0
         share = basis @ direction
+        # what is new in the direction, and what is left of its motion for that
         rest, left = direction - share @ basis, given - share @ values
         size = float(np.linalg.norm(rest))
         if size > _DEPENDENT:
@@ -260,6 +262,7 @@ def projections(
             if size > _DEPENDENT:
                 basis = np.vstack([basis, rest / size])
         taken[node] = basis
+        # projector on the directions that are this support's
         entries.append((node, basis[first:].T @ basis[first:]))
     own = np.array([part.any() for _, part in entries])
     rows = np.tile(np.repeat(np.arange(3), 3), len(entries))
@@ -401,6 +404,7 @@ def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[
         shapes[:, :, j] = axis if component in TRANSLATIONS else np.cross(axis, arms)
     driven = [component in port.components for component in TRANSLATIONS]
     for j, component in enumerate(port.components):
+        # a rotation must not drag nodes along an axis that stays free
         stray = np.abs(shapes[:, :, j]).max(axis=0) > _MOVES * np.abs(arms).max()
         if missing := [axis for axis, moves, own in zip(TRANSLATIONS, stray, driven, strict=True) if moves and not own]:
             problems.add(
@@ -437,6 +441,7 @@ def port_supports(
                 continue
             columns = np.broadcast_to(3 * nodes[:, None, None] + np.arange(3), blocks.shape)
             rows = np.broadcast_to(np.arange(3)[:, None], blocks.shape)
+            # columns of components that the port does not drive have no part in its reaction
             entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
             parts = sp.csr_array(sp.coo_array(entries, shape=(3, place.body.full_size())))
             parts.eliminate_zeros()
@@ -453,5 +458,6 @@ def moved_face_forces(scene: Scene, assembly: Assembly, recorder: Recorder) -> A
         keys = [key for key in (port_key(name), port_key(name, True)) if key in reactions]
         if keys:
             both = np.concatenate([reactions[key].force for key in keys], axis=1)
+            # of the body on what moves it
             columns.append(-both[:, [COMPONENTS.index(component) for component in port.components]])
     return np.concatenate(columns, axis=1)

@@ -110,6 +110,7 @@ class Untouched:
         for name, (unit, side) in self.sides.items():
             n_time, geometry = len(paths[name]), unit.geometry
             motion = paths[name].reshape(n_time, 2, geometry.n_point, 3)
+            # the motion of E' opens the gap, that of E closes it
             along = np.einsum("tkpc,pc->ktp", motion, geometry.frames[:, 0]) * (2 * side - 1)
             velocity = np.zeros((n_time, 2, geometry.n_point, 3))
             velocity[:, side] = motion[:, 1]
@@ -148,6 +149,7 @@ def touched(histories: Sequence[InterfaceHistory], dt: float) -> bool:
         opening = np.diff(history.velocity, axis=1)[:, 0]
         along = np.einsum("tpc,pc->tp", opening, history.normals)
         before = np.concatenate([history.gap[:1], history.gap[:-1]])
+        # written so that NaN has touched
         if not (np.minimum(before, history.gap) + dt * np.minimum(along, 0.0) > 0.0).all():
             return True
     return False
@@ -175,6 +177,7 @@ def never_touched(
     way = _Way(scene, bodies, traction)
     for unit in units:
         own = {name for _, _, name in body_sides([unit])}
+        # the normal of the first point: an estimate, which ``touched`` checks after the run
         if not _stays_open(unit, own, way.along(unit.geometry.frames[0, 0])) or own <= resting:
             resting -= own
     return frozenset(resting)
