@@ -128,6 +128,7 @@ class Derivatives:
         finally:
             mode.run.set_state(now)
         assert step is mode.last_step
+        # exact for fields that are affine, and energies that are quadratic in the input
         column = (rows[0] - rows[1]) / (2.0 * size)
         for i, output in enumerate(self._outputs):
             if output.startswith("solver.") or output.rpartition(".")[2] in _CONSTANT:
@@ -170,6 +171,7 @@ class Derivatives:
     def _solve(self, name: str, what: str, change: float, solve: Callable[[Run], None]) -> Segment:
         """The step from the state before it, with a change of an input."""
         step, mode = self._step, self._mode
+        # the loads of the step stay as they are: ``last_step`` is used for every input
         step.before()
         loads = step.loads.copy()
         if name:
@@ -184,6 +186,7 @@ class Derivatives:
         """Scalar outputs at the end of a linearised step."""
         row = self._mode.outputs_of(segment)
         points = segment.recorder.points()
+        # the smallest gap is that of one point, and stays with it
         for name, point in self._lowest.items():
             gap = points[name].gap
             assert gap is not None
@@ -265,6 +268,7 @@ def _about(stages: Stages, g: int) -> PointLaws:
     tangent = law_tangents(
         int(image.groups[g]["law"]), jump, z, normalised_gap, rate_of(image, group), group.parameters
     )
+    # ``max(gap, 0)``: a point that overlaps does not move with its gap
     moves = np.ones(width) if elastic else (start >= image.run[0]["deepest"]).astype(float)
     if elastic and group.behaviour.opens:  # the tractions of friction follow the velocities alone
         moves[:, 1:] = 0.0
@@ -280,6 +284,7 @@ def march(run: Run, laws: list[list[PointLaws]]) -> None:
     """
     image, kept = run.image, {name: run.image.run[0][name] for name in ("deepest", "rest_traction", "reuse", "make_up")}
     run.use_single_instants()
+    # no bounds and no rules by size: the march is affine in what drives it
     image.set({"deepest": -np.inf, "rest_traction": -1.0, "reuse": -1.0, "make_up": 0.0})
     try:
         for at, about in enumerate(laws):
@@ -320,11 +325,13 @@ class _Instant:
                 if length == 0.0:
                     return np.zeros_like(x)
                 step = unit / length
+                # -dr/dq x, so that the solution for the residual is the change of q
                 return np.asarray((base - self._residual(q + step * x)) / step)
 
             system = spla.LinearOperator((n, n), applied, dtype=float)
             change, _ = spla.gmres(system, residual, rtol=_PART, atol=0.0, restart=min(n, _BASIS), maxiter=2)
             trial = self._residual(q + change)
+            # written so that NaN ends it
             if not np.linalg.norm(trial) < size:
                 break
             q, residual = q + change, trial

@@ -58,6 +58,7 @@ class Sources:
         own = {name: sample(time) for name, (_, sample) in laws.items()}
         varies = any(not isinstance(law, ConstantLaw) for law, _ in laws.values())
         start = np.array([law.start_value for law in given.values()], dtype=float)
+        # one row where nothing varies: it holds ever after
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
         return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
 
@@ -71,6 +72,7 @@ class Sources:
 
     def initial(self) -> Array:
         """Amplitudes at the first two instants for the start values of the inputs, (2, n)."""
+        # driven by its rate
         held = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
         own = self.table[[0, min(1, len(self.table) - 1)]]
         return np.concatenate([np.stack([held, held]), own], axis=1)
@@ -108,6 +110,7 @@ class Drives:
         self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
         self._dt = run.dt
         for propagator in self.assembly.propagators:
+            # all of them have terms, also those that are constant in this segment
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
         self._start = dict(self.assembly.ground.start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
@@ -152,6 +155,7 @@ class Drives:
         first = ground.end(0)
         for i in self._grounds:
             parts.append(first[i].displacement + ground.travel[i])
+            # no acceleration before the first step: that of its start
             parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self._dt]))
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
@@ -185,6 +189,7 @@ class Drives:
 
 def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:
     """Matrix of an affine function of n numbers; its last column is the value at zero."""
+    # column by column: which drive a column depends on is not known beforehand
     base = of(np.zeros(n))
     columns = [sp.csc_array((of(unit) - base)[:, None]) for unit in np.eye(n)]
     return sp.csr_array(sp.hstack([*columns, sp.csc_array(base[:, None])]))
@@ -210,6 +215,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     static = drives.assembly.quasi_static
     for prefix, of in (("", step), ("first_", first), *((("start_", start),) if static else ())):
         matrix = _matrix(of, n_x + 2 * n_s)
+        # of an empty state -0 would be all rows, and is none
         fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix[: matrix.shape[0] - n_x], matrix[-n_x or None :]
         if not n_x:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
@@ -240,6 +246,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     linear = [
         not (settled and kind in (LOAD, WAVE)) and _is_linear(drives, start, base, e) for e, kind in enumerate(kinds)
     ]
+    # inputs on which it depends linearly have columns: without them here
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
     for e in np.flatnonzero(linear).tolist():
@@ -251,6 +258,7 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     for at, column in columns.items():
         table[:, at] = column
     place = np.flatnonzero(table.any(axis=1))
+    # behind ``place``: the constant part alone is in the image already
     table[:, -1] = np.concatenate(base)
     held = np.where(
         linear,
@@ -275,7 +283,9 @@ def _is_linear(drives: Drives, start: Array, base: list[Array], e: int) -> bool:
         changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
         forces = np.maximum(forces, drives.inertia())
     for k, (old, first, second, both) in enumerate(zip(base, *changes, strict=True)):
+        # affine: f(-2, 1/2) - f = -2 (f(1, 0) - f) + (f(0, 1) - f) / 2
         off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
+        # fields are u, v, a and residual of each class in turn: 3 is the residual
         residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
         if off.max(initial=0.0) > _AFFINE * max(scale.max(initial=0.0), residual):
             return False

@@ -46,9 +46,11 @@ class OutputRows:
         self.sources, self._scene, self._run, self.start = Sources.of(scene), scene, run, 0.0
         names = [v.name for v in scalar_table(scene) if v.causality == "output"]
         self.n = len(names)
+        # outputs of the table from its end: events, energies before them, the solver before those
         self.of_event = self.n - COLUMNS * len(opening_interfaces(scene))
         self.of_solver = self.of_event - N_SOLVER - len(ENERGIES) * scene.output.energy
         self._moved: list[int] = []  # forces of moved faces that no instant gives alone
+        # accelerations and tractions of an explicit scheme are means over two time steps
         if run.problem.assembly.scheme.explicit:
             moved = tuple(f"port.{name}." for name, port in scene.port.items() if port.causality == "motion_in")
             self._moved = [i for i, name in enumerate(names) if name.startswith(moved)]
@@ -150,6 +152,7 @@ class OutputRecorder(Recorder):
         drives[row : row + n] = self._drives[first : first + n]
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
+            # the first row of the drives begins with the motion state
             state[:] = self._drives[0, : len(state)]
             if self._opens is not None:
                 image.field("progress", 9)[6] = self._opens

@@ -43,6 +43,7 @@ class SignalPlaces:
         self._assembly, self._request = assembly, recorder.request
         self.probes = Probes(assembly, recorder.sliding, self._request)
         n = assembly.layout.n_flat
+        # the order of the kernels: tractions, velocities, gaps, then the classes, then the drives
         at = 2 * n + sum(g.n_point for g in assembly.layout.groups)
         self._sensed: list[int] = []
         self._probed: list[int] = []
@@ -132,6 +133,7 @@ class Signals(SignalPlaces):
         assembly, width = self._assembly, kept.shape[0]
         own, geometry = self._unknowns(i, width), assembly.interfaces[i].geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
+        # a point depends on its own unknowns alone: unit fields of all points at once, then taken apart
         every = self._unit_fields(i, width)
         blocks, sizes, order = [], list[int](), list[Any]()
         for start in range(0, geometry.n_point, _POINTS):
@@ -202,6 +204,7 @@ class Signals(SignalPlaces):
         parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
         parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
         parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
+        # six numbers a point: three components of each side
         return np.concatenate(parts).astype(np.int64)
 
     def _motion_rows(self, name: str) -> sp.csr_array:
@@ -220,6 +223,7 @@ class Signals(SignalPlaces):
             chosen, keys = [COMPONENTS.index(c) for c in port.components], [port_key(name)]
             keys += [port_key(name, turned=True)] if port.rotates else []
             if port.causality == "motion_in":
+                # what the body exerts is minus its reaction
                 yield -sp.csr_array(sp.vstack([self._reaction_rows(key) for key in keys]))[chosen]
                 continue
             measured = [self._motion_rows(key) for key in keys]
@@ -232,6 +236,7 @@ class Signals(SignalPlaces):
                     incident[row, place] = 1.0
                 speed = sp.csr_array(sp.vstack([rows[3:] for rows in measured]))[chosen]
                 braked = sp.csr_array(sp.diags_array(np.asarray(port.impedance)) @ speed)
+                # F = incident - Z v, the dashpot being part of the body; reflected Z v - F
                 yield sp.csr_array(incident) - braked
                 yield 2.0 * braked - sp.csr_array(incident)
 
@@ -247,6 +252,7 @@ class Signals(SignalPlaces):
             terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
             for load, amplitude, resultant in terms:
                 source = self._source(load.name)
+                # a constant load stands in the last column, that of 1
                 rows[axis, self.n - 1 if source is None else source] -= resultant[axis] * (
                     amplitude[0] if source is None else 1.0
                 )
@@ -258,6 +264,7 @@ class Signals(SignalPlaces):
         """Tension of each bolt (1, n)."""
         for name, bolt in self._request.bolts.items():
             place, rows = self.probes.places["tension"][name], sp.lil_array((1, self.n))
+            # F = k delta - g . u
             rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
             self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
             rows[0, self.n - 1] = float(bolt.force(np.zeros(())))
@@ -293,6 +300,7 @@ class Signals(SignalPlaces):
             blocks.append(rows)
             at += rows.shape[0]
         n_output = sum(v.causality == "output" for v in scalar_table(scene))
+        # solver, energies and events: set by the kernels themselves
         blocks.append(sp.csr_array((n_output - at, self.n)))
         shear = sp.csr_array(sp.vstack([self._shear_rows(i) for i in range(len(summary))] or blocks[:1]))
         return {

@@ -77,6 +77,7 @@ class StepHistory:
 
     def move_to(self, identity: str) -> None:
         """Make the step with this identity the last one."""
+        # not known any more: None, so that the history begins anew behind that identity
         self.head, self._forgotten = self._known.get(identity), identity
 
     def clear(self) -> None:
@@ -107,6 +108,7 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
         for step in steps:
             value, h = step.value[name], step.end - step.start
             own = rule_of(name, rule, step.rate[name])
+            # a jump: two times next to each other, as times of a table must increase
             if own != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)

@@ -132,11 +132,13 @@ class WaveformMaster:
         """
         states = {name: peer.snapshot() for name, peer in self._peers.items()}
         accelerator = Anderson(np.ones(len(self._k)), self._depth, 1.0)
+        # forces go on as they did over the last step
         force = 2.0 * self.force - self._before
         for iteration in range(1, self._max + 1):
             if iteration > 1:
                 self._rewind(states)
             self._advance(states, force, t, h)
+            # k times the jump: a force, as the fixed point of F := F - k (W - W')
             residual = -self._k * self._velocity_jump()
             self._scale = max(self._scale, float(np.abs(force).max(initial=0.0)))
             relative = float(np.abs(residual).max(initial=0.0)) / (self._scale or 1.0)
