@@ -149,7 +149,7 @@ def run_case(case: Case, end: float | None = None) -> CaseResult:
         failure = f"{type(error).__name__}: {error}"
     limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
     counts = bench.iterations
-    passed = bool(measures) and all(m.passed for m in measures)
+    passed = bool(measures) and all(m.passed for m in measures)  # a case without measures has shown nothing
     return CaseResult(
         case=case.name,
         family=case.family,
@@ -222,6 +222,7 @@ def turns(force: Array, level: float) -> int:
     count, peak, rising = 0, float(force[0]), True
     for value in map(float, force[1:]):
         if (value - peak) * (1 if rising else -1) > 0:
+            # the extreme moves on; a step back counts from it, however many instants it takes
             peak = value
         elif abs(value - peak) > level:
             count, rising, peak = count + 1, not rising, value
@@ -273,6 +274,7 @@ def contact_laws(solution: Solution) -> list[Measure]:
         size = float(np.abs(history.traction).max()) or 1.0
         normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
         shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)
+        # traction on E along its outward normal: compression is negative
         tension = max(tension, float(normal.max()) / size)
         excess = shear - history.mu * np.maximum(-normal, 0.0)
         cone = max(cone, float(excess.max()) / size)
