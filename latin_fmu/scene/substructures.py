@@ -56,6 +56,7 @@ class DampingRatios(SceneTable):
         (first, last), (low, high) = self.frequencies, self.ratios
         if first >= last:
             raise refusal("the second frequency must be above the first", value=list(self.frequencies))
+        # zeta = a / (2 omega) + b omega / 2: pure stiffness grows with omega, pure mass falls with it
         least, most = low * first / last, low * last / first  # b >= 0 and a >= 0 in ``rayleigh``
         if not least <= high <= most:
             raise refusal(
@@ -329,6 +330,7 @@ class LocalAxes(SceneTable):
     def rows(self) -> tuple[tuple[float, float, float], ...]:
         """Unit vectors of the local axes, one a row."""
         (a, b, c), (d, e, f) = _unit(self.x), _unit(self._across())
+        # the second row is z x x
         return (a, b, c), (e * c - f * b, f * a - d * c, d * b - e * a), (d, e, f)
 
     def to_global(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
