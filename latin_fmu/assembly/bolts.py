@@ -347,6 +347,7 @@ class _Section:
         """The cut of the bolt, or None with a problem; nodes that are ``blocked`` may not be on it, those that are
         ``joined`` belong to interfaces."""
         where, point = f"bolt.{self._name}", self._bolt.point
+        # the plane through the point
         level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
             problems.add(
@@ -422,6 +423,7 @@ class _Section:
         nodes = self._facets[chosen]
         rows, columns = np.nonzero(nodes >= 0)
         n_node = self._body.mesh.n_node
+        # connected where facets share nodes: facets and nodes are the two kinds of vertices of the graph
         links = sp.coo_array(
             (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
         )
@@ -439,6 +441,7 @@ class _Section:
                 "give the point",
             )
             return None
+        # across the axis alone: the plane fixes the place along it
         distances = np.linalg.norm(_across(centres - np.asarray(point), self._axis), axis=1)
         nearest = int(np.argmin(distances))
         section: Index = chosen[label == label[nearest]]
@@ -461,6 +464,7 @@ class _Section:
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
         where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
+        # wider than long: the axis runs across a plate, or the body is no bolt
         if width > self._length:
             length = self._body.units["m"]
             problems.add(

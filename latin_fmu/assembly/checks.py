@@ -79,7 +79,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
         substructure, face = split_face(side)
         if substructure not in bodies:
             continue
-        known = sorted(bodies[substructure].mesh.faces)
+        known = sorted(bodies[substructure].mesh.faces)  # those of the mesh
         if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
             problems.add(
@@ -150,6 +150,7 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
     reasons: dict[str, list[str]] = {}
     for sentence in sides:
         side, _, rest = sentence.partition(": ")
+        # the reason is what stands before the numbers
         reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
     remarks = []
     for reason, found in reasons.items():

@@ -352,12 +352,14 @@ class FreeGroup:
         for name, pattern, amplitude in forces:
             if name in self.motions:
                 size = float(np.linalg.norm(pattern.reshape(-1, 3), axis=1).sum())
+                # work of this force on the widest motion, whatever its direction: what net is measured by
                 net = net + np.outer(amplitude, pattern @ self.motions[name])
                 gross = gross + np.outer(np.abs(amplitude), size * widest)
                 resultant = resultant + np.outer(amplitude, pattern.reshape(-1, 3).sum(axis=0))
         worst = int(np.abs(net).max(axis=1).argmax())
         largest = np.maximum(gross.max(axis=0), 1e-300)
         own = next(iter(self.motions.values()))
+        # axes that the group cannot follow along have a support: their resultant is no cause
         moves = np.array([float(_contains(own, axis)) for axis in range(3)])
         left = moves * resultant[worst]
         return float((np.abs(net) / largest).max()), np.where(np.abs(left) > 1e-6 * np.abs(left).max(), left, 0.0)

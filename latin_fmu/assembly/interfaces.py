@@ -268,6 +268,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
     if not scene.contact:
         return scene
     edges: list[str] = []
+    # pairs joined by hand are left alone
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
     surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
     interfaces: dict[str, Interface] = {}
@@ -285,6 +286,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
+                # names of interfaces found before count, too
                 free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
                 interfaces[free] = table.interface(first, second)
             elif depth > 0.0:
@@ -370,6 +372,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     for name in bodies:
         if name in joined:
             continue
+        # nodes alone, which is enough for a message
         distance = {n: between(bodies[name], b) for n, b in bodies.items() if n != name}
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
@@ -494,6 +497,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
         )
         return None
     points, trace = own_points(body, facets, face)
+    # gap 0: the ground lies behind each point
     return FacePair(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
 
 
@@ -570,6 +574,7 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     places = [body.mesh.nodes[facets.nodes] for body, facets in (first, second)]
     distance, partner = nearest(*places)
     normals = [face_of(body.mesh.nodes, facets).normals for body, facets in (first, second)]
+    # both outward normals point the same way
     alike = np.einsum("pi,pi->p", normals[0], normals[1][partner]) > 0.5
     where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
     if alike.mean() > 0.5:

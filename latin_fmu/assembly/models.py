@@ -167,11 +167,13 @@ def _contact_layer(
     """That of one elastic body; elements at interfaces that do not land are viscous by the share _AT_REST."""
     shape, m = body.shape, body.shape.material
     if not scheme.massless_contact:
+        # every node keeps its mass
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
     speed = float(np.sqrt(m.young_modulus / m.density))
     # the speed of a bar, as the Courant numbers of remarks and choices
     share = scheme.consistent_share(speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
+    # nodes of a rigid face keep their mass: they move with it
     nodes = np.setdiff1d(_contact_nodes(name, units), body.rigid_nodes)
     q, blends = scheme.landing_damping, scheme.consistent_share(0.0) < 1.0
     own, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
@@ -188,6 +190,7 @@ def _contact_layer(
         )
     constants = m.young_modulus, m.poisson_ratio, m.density
     viscous = np.zeros(shape.mesh.n_node)
+    # faces that stay closed are viscous a little, those that land fully
     viscous[nodes] = _AT_REST
     viscous[np.setdiff1d(_contact_nodes(name, landing), body.rigid_nodes)] = 1.0
     viscosity = landing_viscosity(shape.mesh, q * viscous, constants, shape.bending_modes)
@@ -308,6 +311,7 @@ def scheme_remarks(
     if not opening or isinstance(scheme, QuasiStatic):
         return []
     landing = {name for u in opening if _lands(bodies, u) for _, _, name in body_sides([u])}
+    # no body lands, and nothing is viscous: the elements at contacts do not matter
     if not landing and not scheme.massless_contact and scheme.landing_damping == 0.0:
         return _unfit(scheme, {}, landing)
     courant, remarks = {}, []

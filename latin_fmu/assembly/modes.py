@@ -299,6 +299,7 @@ def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme
         return ""
     worst = int(np.argmax(total))
     parts, largest = [], min(LIMIT, float(max(of_scheme.max(), of_layer.max())))
+    # the larger part is named, and the other one where it is above the limit by itself
     if of_scheme.max() >= largest:
         parts.append(_lower_scheme(scene, scheme, dt, float(omega[np.argmax(of_scheme)])))
     if of_layer.max() >= largest:
@@ -402,12 +403,13 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     stiffness = sum(springs, parts.stiffness)
     expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
     k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
+    # constraints that could not be eliminated are springs, far stiffer than the bodies
     if left.shape[0]:
         weight = _STIFF * float(k.diagonal().max())
         k = sp.csr_array(k + weight * (left.T @ left))
     vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
     values, vectors, n_rigid = _lowest(vibration, k, count)
-    omega = np.sqrt(np.maximum(values, 0.0))
+    omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
     matrices = run_matrices(scene, discretised, parts.models)
     modes = Modes(vibration, expansion, vectors, omega, n_rigid)
     damping = None if matrices is None else modal_damping(matrices, modes)

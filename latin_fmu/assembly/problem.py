@@ -287,6 +287,7 @@ class DiscretisedProblem:
             propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )
         assembly.owner, assembly.part_of = distribution
+        # in shares of the largest traction that loads can bring; below 0: no class rests
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
         # 0 and -1 are no tractions
@@ -295,6 +296,7 @@ class DiscretisedProblem:
             start.hand_over(assembly)
         timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground.start)
+        # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         unresolved = [] if static else unresolved_sides(assembly)
@@ -394,6 +396,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
     area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        # the load that holds the preload: opposite to it
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
     flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
@@ -497,12 +500,14 @@ def settings_of(scene: Scene) -> SolverSettings:
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, AndersonTable) else 0,
         relaxation=solver.relaxation,
+        # 0: one window over the interval
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,
         direct_bonds=solver.bonds == "direct",
         threads=solver.threads,
         skip_unchanged=solver.skip_unchanged,
         newton=solver.newton,
+        # share of the dense matrices up to which tables are taken
         tables={"automatic": SHARE, "sparse": 1.0}.get(solver.interface_operator, 0.0),
         sequential_start=solver.start == "sequential",
     )

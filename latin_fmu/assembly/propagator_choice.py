@@ -155,6 +155,7 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         mass, damping = reduced_mass.nnz, 0 if reduced_damping is None else reduced_damping.nnz
     n = stiffness.shape[0]
     last, trace, rank = model.at_interface
+    # without compiled code no pattern is analysed: the laws of the module stand for it
     factor, multiplications = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
     swept = 0.0
     if takes_sweeps(model, interfaces):
@@ -166,6 +167,7 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         pattern = shared_analysis(Pattern(stiffness, last, rank))
         factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
     sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
+    # a product by substitution reads the face forward and backward
     return ClassSize(*sizes, factor, multiplications, swept, 2.0 * swept)
 
 
@@ -270,6 +272,7 @@ def made_propagators(
             twin = kept.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
             made.append(PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin))
+            # the work of the loads is needed to judge the errors (``indicator.work_of_error``)
             made[-1].loads_only = not scene.output.energy and _loads_suffice(made[-1], scheme, dt)
             continue
         own = springs[c.channels[:, 0]]

@@ -81,6 +81,7 @@ def start_problems(
         return
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
+        # pushed or held by a body that is not in equilibrium itself
         tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
         if moving and tied:
             yield Problem(
@@ -231,6 +232,7 @@ def loose_bolts(
     pulled = [cut for cut in cuts.values() if cut.table.force is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
+        # rigid motions, of bolts with the shortening beside them
         motions, rigid = {}, {name: allowed_motions(bodies[name], conditions[name]) for name in still}
         for name in still:
             jumps = [cut.motion for cut in group if cut.table.substructure == name]
@@ -295,11 +297,13 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     assert isinstance(scene.time.start, StaticStart)
     data, still = scene.tables(), resting(scene)
     data["substructure"] = {n: data["substructure"][n] for n in still}
+    # damping acts on rates
     for table in data["substructure"].values():
         table.pop("modal_damping", None)
     data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
     kept = static_interfaces(scene)
     data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}
+    # a dashpot beside the spring
     data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in kept}
     data["coupling"] = {
         n: data["coupling"][n] for n, c in scene.coupling.items() if all(e.body in {GROUND, *still} for e in c.ends)
@@ -317,11 +321,14 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
             body.pop("body_force", None)
             body.pop("body_force_law", None)
         for boundary in data["boundary"].values():
+            # faces stay driven, at zero
             boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
     for material in data["material"].values():
         for key in (*DAMPING_KEYS, "at_frequency"):
             material.pop(key, None)
+    # no time: a parameter of the loads
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
+    # tolerance and all else: the defaults without inertia
     data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()

@@ -164,6 +164,7 @@ class Directions:
         known: dict[bytes, tuple[Array, Array] | None] = {}
         found: dict[int, tuple[Array, Array]] = {}
         for node, rows in self.rows.items():
+            # nodes with equal conditions are solved once
             key = np.concatenate([np.append(d, m) for d, m, _ in rows]).tobytes()
             solution = known[key] if key in known else known.setdefault(key, _solved(rows, n_motion))
             if solution is None:
@@ -175,6 +176,7 @@ class Directions:
                 return {}
             found[node] = solution
         if shared := set(found) & set(tied.tolist()):
+            # the least node, so that the message does not depend on the order of the set
             problems.add(
                 f"boundary.{self.rows[min(shared)][0][2]}",
                 "turns nodes of a periodic face",
@@ -297,6 +299,7 @@ def supports(
             problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
             raise SceneError([problem], "the scene cannot be built")
         if isinstance(boundary, Symmetry):
+            # the face of a symmetry lies across one axis
             components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
         else:
             components = [AXES.index(component) for component in boundary.components]
@@ -307,9 +310,11 @@ def supports(
             parts, own = projections(nodes, directions, inclined[body.name], body.full_size())
             if own.any():
                 where = (3 * nodes[own][:, None] + np.arange(3)).ravel()
+                # nodes with a direction that no support before has taken
                 supported[name] = Support(body.name, boundary.face, where, models[body.name], parts)
             continue
         dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
+        # shared dofs belong to the first support
         dofs = dofs[~taken[body.name][dofs]]
         taken[body.name][dofs] = True
         if len(dofs):

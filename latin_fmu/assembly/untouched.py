@@ -209,6 +209,7 @@ class _Way:
             name, loaded = split_face(load.face)
             face = bodies[name].face(loaded)
             given = load.uniform_traction(area := float(face.areas.sum()))
+            # the mean traction of a pressure: its parts on opposite facets cancel
             mean = (load.pressure or 0.0) * face.vector_areas.sum(axis=0) / area if given is None else np.asarray(given)
             self._impulses.append(mean * float(np.trapezoid(np.abs(load.law.sample(time)), time)))
         for body in bodies.values():
@@ -219,6 +220,7 @@ class _Way:
         pushed = any(any(body.description.body_force) or body.description.initial_fields for body in bodies.values())
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
         turned = any(load.moment is not None for load in scene.loads.values())
+        # what has no impulse of its own: as if the largest traction acted from start to end
         self._any = traction * self._end if driven or pushed or moved or turned or scene.port else 0.0
         self._softest = max((1.0 / b.shape.impedances[0] for b in bodies.values() if not b.rigid), default=0.0)
         self._lightest = max(1.0 / (b.shape.material.density * b.mesh.size) for b in bodies.values())

@@ -219,6 +219,7 @@ class CholeskyFactor:
         starts = np.searchsorted(columns[lower], np.arange(len(position) + 1)).astype(np.int64)
         entries = selected_inverse(self.symbolic, self.panels, starts, np.ascontiguousarray(rows[lower]))
         i, j = self.symbolic.order[rows[lower]], self.symbolic.order[columns[lower]]
+        # the diagonal is there once
         apart = i != j
         both = (np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]]))
         return sp.csr_array(sp.coo_array((np.concatenate([entries, entries[apart]]), both), shape=pattern.shape))
@@ -235,7 +236,7 @@ class CholeskyFactor:
         out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
         for first in range(0, m, LANES):
             lanes = min(m - first, LANES)
-            part = np.zeros((n, LANES))
+            part = np.zeros((n, LANES))  # lanes without a member
             part[:, :lanes] = x[:, first : first + lanes]
             tile(whole, *pattern, self.panels, part.reshape(-1), tail)
             out[:, first : first + lanes] = part[:, :lanes]

@@ -64,7 +64,7 @@ def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
             if kind == types.uint64:
                 pointers.append(builder.inttoptr(value, tools.voidptr_t))
                 continue
-            stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value
+            stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value  # int of C
             slot = tools.alloca_once(builder, stored.type)
             builder.store(stored, slot)
             pointers.append(builder.bitcast(slot, tools.voidptr_t))

@@ -126,15 +126,17 @@ def pieces(shape: Symbolic) -> tuple[int, int, Index]:
     if shape.panel_start[-1] < SMALLEST:
         return none
     tree = _Tree(shape)
+    # pieces below a tenth of the factor are not cut
     top = tree.piece(tree.roots, DEPTH, 0.1 * float(shape.panel_start[-1]))
     if not top.children:
         return none
-    _take_vectors(tree, top, 0, 1)
+    _take_vectors(tree, top, 0, 1)  # slot 0 is the vector itself
     levels = [top.all(depth) for depth in range(DEPTH, -1, -1)]
     levels = [level for level in levels if level]
     every = [piece for level in levels for piece in level]
     for number, piece in enumerate(every):
         piece.number = number
+    # places of the lists count from the start of the table: levels and pieces come before them
     lists, table, at = list[Index](), list[list[int]](), len(levels) + 1 + STRIDE * len(every)
     for piece in every:
         line = [piece.slot]

@@ -40,10 +40,12 @@ def selected_inverse(shape: Symbolic, panels: NDArray[Any], starts: Index, rows:
     width, below = np.diff(shape.first), np.diff(shape.row_start)
     parent = np.full(len(width), -1, dtype=np.int64)
     linked = np.flatnonzero(below > 0)
+    # the first row below a supernode lies in its parent
     parent[linked] = np.searchsorted(shape.first, shape.rows[shape.row_start[linked]], side="right") - 1
     active = shape.face_start < width
     children = np.bincount(parent[active & (parent >= 0)], minlength=len(width)).astype(np.int64)
     out = np.zeros(len(rows))
+    # only rows from the first column for the face on
     sizes = (width - shape.face_start + below)[active]
     _selected_inverse(
         routines(),
@@ -88,6 +90,7 @@ def _inherit(front: Array, size: int, begin: int, width: int, above: Index, own:
         if own[i] < begin + width:
             local[i] = own[i] - begin
             continue
+        # both lists ascend: one pass
         while above[k] < own[i]:
             k += 1
         local[i] = width + k

@@ -98,13 +98,14 @@ def forward_four(
     x0, x1, x2, x3 = x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[3 * n : 4 * n]
     for s in range(len(first) - 1):
         width, c = first[s + 1] - first[s], face_start[s]
-        if c >= width:
+        if c >= width:  # the face is not coupled with this supernode
             continue
         begin, end = first[s] + c, first[s + 1]
-        used, at = width - c, width * width
+        used, at = width - c, width * width  # rows of L21 begin behind L11^-1
         s0, s1, s2, s3 = x0[begin:end], x1[begin:end], x2[begin:end], x3[begin:end]
         own = rows[row_start[s] : row_start[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        # from the last row on: row i of a lower triangle reads entries up to i, which are still the old ones
         for i in range(used - 1, -1, -1):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
             t0 = t1 = t2 = t3 = 0.0
@@ -346,6 +347,7 @@ def four_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
 def _four_corner_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
     """out (4, 8) = the last four rows of a lower triangle, n to n + 3 entries long and ``width`` apart in a, times
     x (n + 3, 8)."""
+    # what the four rows have in common, then the corner that grows by one entry a row
     four_rows(a, width, n, x, out)
     for r in range(1, 4):
         for k in range(n, n + r):

@@ -171,6 +171,7 @@ def postorder(parent: Index) -> Index:
 def _postorder(parent: Index, head: Index, following: Index, stack: Index, order: Index) -> None:
     """Fill ``order`` (n,); the lists of children (-1 on entry) and the stack are scratch."""
     n = len(parent)
+    # from the last on, so that each list begins with the lowest child
     for c in range(n - 1, -1, -1):
         if parent[c] != -1:
             following[c] = head[parent[c]]
@@ -188,6 +189,7 @@ def _postorder(parent: Index, head: Index, following: Index, stack: Index, order
                 order[done] = stack[depth]
                 done += 1
             else:
+                # the child is taken off the list of its parent
                 head[stack[depth - 1]] = following[c]
                 stack[depth] = c
                 depth += 1

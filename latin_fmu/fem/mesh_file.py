@@ -109,6 +109,7 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
     if bad.any():
         first = int(bad.argmax())
         place = ", ".join(f"{x:.4g}" for x in nodes[block.cells[first]].mean(axis=0))
+        # quadratic cells may be sound at their corners and tangled by their middle nodes
         corners = block.cells.shape[1] == CORNERS[block.cell_type]
         raise MeshError(
             [

@@ -33,6 +33,7 @@ class Exchange:
         self.parts = gathering(own, every, [n * width for n in owned])
         self._norms: dict[int, Callable[[], None]] = {}
         self._neighbours: dict[int, Callable[[], None]] = {}
+        # classes of which several processes have members
         self._divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
         self._point_owned = direction.relative.get("point_owned")
         self.has_coarse = bool(run.get("n_coarse", 0))
@@ -83,7 +84,7 @@ class Exchange:
         self._norms[n]()
 
     def touch(self) -> None:
-        """Find out whether any traction of the last accepted instant acts."""
+        """Find out whether any traction of the last accepted instant acts."""  # a sum over processes
         acts = np.array([float(self._image.field("f_hat", self._image.n_flat).any())])
         self.processes.add(acts)
         self._image.field("touched", 1)[0] = float(acts[0] > 0.0)
@@ -102,6 +103,7 @@ class Exchange:
         numbers = [part.whole.part_of[c] for r in rows for c in r]
         for field, c in zip(own, rows[part.rank], strict=True):
             total = np.zeros(n)
+            # the members of one class, wherever they are
             for number, values in zip(numbers, every, strict=True):
                 if number == part.whole.part_of[c]:
                     total += values

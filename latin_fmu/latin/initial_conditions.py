@@ -135,6 +135,7 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
         return flat
     first, second = (np.concatenate([assembly.layout.channels(i, side).ravel() for i in perfect]) for side in (0, 1))
     area = assembly.layout.area[first]
+    # accelerations without them, and compliances of the channels under M
     free, compliances = _free_accelerations(assembly, unbalance, factors)
     diagonal = np.zeros_like(flat)
     for channels, compliance in zip(assembly.channels, compliances, strict=True):
@@ -144,6 +145,7 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
         """Jump of the accelerations due to tractions x, weighted by areas, which makes it symmetric."""
         force, acceleration = np.zeros_like(flat), np.zeros_like(flat)
         force[first], force[second] = area * x, -area * x
+        # C of a class is that of each of its members
         for channels, compliance in zip(assembly.channels, compliances, strict=True):
             acceleration[channels] = compliance @ force[channels]
         weighted: Array = area * (acceleration[first] - acceleration[second])
@@ -168,6 +170,7 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        # rigid bodies know their dofs by ``nodal``
         rigid[channels] = propagator.members[0].nodal is not None
     if not rigid.any():
         return set()
@@ -178,6 +181,7 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
         if not isinstance(group.behaviour, Contact):
             continue
         normal = group.block(velocity)[..., 0]
+        # no relative motion along N: closed and staying closed
         closed = (gap <= 0) & (np.abs(normal[1] - normal[0]) <= level)
         of_rigid = group.block(rigid)[..., 0].any(axis=0)
         points |= {(g, int(p)) for p in np.flatnonzero(closed & of_rigid)}

@@ -44,7 +44,7 @@ class InterfaceRows:
                 self.gaps[g] = table[:, at : at + group.n_point]
                 at += group.n_point
         for i, unit in enumerate(assembly.interfaces):
-            if unit.behaviour.n_component == 1:
+            if unit.behaviour.n_component == 1:  # no tangential unknowns
                 size = 6 * unit.geometry.n_point
                 self.slide[i] = table[:, at : at + size].reshape(len(table), 2, unit.geometry.n_point, 3)
                 at += size
@@ -254,6 +254,7 @@ def interface_history(
         friction_power = density @ geometry.areas
     layer = as_layer(behaviour)
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    # viscous joints: power of the tractions on the jump of velocities
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     return InterfaceHistory(

@@ -335,6 +335,7 @@ def energy_balance(
         total["layer_energy"] = np.sum(layers, axis=0)
     if joints := [s["joint_power"] for s in series if "joint_power" in s]:
         power = np.sum(joints, axis=0)
+        # trapezoid rule
         total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
     ground = assembly.ground
     if any(g.any() for g in ground.velocity.values()):
@@ -342,6 +343,7 @@ def energy_balance(
         works = [ground_work(series[i]["force"], ground.travel[i][:n], weights) for i in ground.velocity]
         total["ground_work"] = sum(works, np.zeros(n))
     stored = total["kinetic"] + total["elastic"]
+    # each term is computed on its own: 0 up to round-off
     total["balance"] = (
         stored
         - stored[0]

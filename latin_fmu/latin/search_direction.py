@@ -87,6 +87,7 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
         for side in () if unit.attached else (0, 1):
+            # normal ones stand for the point
             channels = assembly.layout.channels(i, side)[:, 0]
             impedance = assembly.impedance[channels]
             if not impedance.any() or not row[channels].any():
@@ -177,6 +178,7 @@ def _resolved(assembly: Assembly) -> tuple[Array, str]:
         resolved = True
         for channels in sides:
             normal = channels[:, 0]
+            # ground has no impedance, faces that cannot move no row value
             if impedance[normal].any() and row[normal].any():
                 ratio = _median(row[normal] / impedance[normal])
                 resolved &= RESOLVED[0] <= ratio <= RESOLVED[1]
@@ -375,6 +377,7 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
     order, low, high = ordered_blocks(assembly, owner[0])
     groups, numbers, sizes, unknowns = [], [], [0], []
     for i in order:
+        # points of an interface among those of its group
         group = layout.group(i)
         points = np.arange(group.members[i].start, group.members[i].stop)
         groups.append(np.full(len(points), next(g for g, other in enumerate(layout.groups) if other is group)))
@@ -385,6 +388,7 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
     return {
         "n_block": len(order),
         "n_unknown": int(starts[-1]),
+        # an envelope as ``envelope.place_rows`` makes it: rows of a block reach from its first to its last neighbour
         "n_matrix": sum(n * int(starts[b + 1] - starts[a]) for n, a, b in zip(unknowns, low, high, strict=True)),
         "block_low": low,
         "block_high": high,

@@ -206,6 +206,7 @@ def softened_start(
         settings,
         search_direction=search,
         tolerance=max(_SOFT_TOLERANCE, settings.tolerance),
+        # the indicator alone decides: a first guess is wanted
         force_tolerance=np.inf,
         max_iterations=_SOFT_ITERATIONS,
         newton=False,
@@ -219,6 +220,7 @@ def softened_start(
     window.begin()
     window.field("q")[...] = 0.0
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
+    # the record has the rules of the short iteration still
     image.set(rules(settings))
     return direction.incoming(iterate.f_hat[0], iterate.w_hat[0])
 
@@ -328,6 +330,7 @@ class WindowRun(RunState, ABC):
             self._begin_window(stages, guess)
         if not record.converged:
             solver.solve(stages, record, number)
+        # the given fields were no help: once more from the state itself
         if given and not record.converged:
             self.image.call(entries.REWIND)
             record.fallbacks.append(COLD)
@@ -338,6 +341,7 @@ class WindowRun(RunState, ABC):
         if self.assembly.quasi_static and not record.converged:
             self._restart(stages, record)
             solver.solve(stages, record, number)
+        # the state at the start of the window comes back
         if not record.converged and n > 1:
             self.image.call(entries.REWIND)
             self._count(before)

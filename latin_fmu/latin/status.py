@@ -294,6 +294,7 @@ class WindowList(Sequence[WindowRecord]):
         if self._records or not tables:
             records = [(r.iterations, r.newton_steps, r.corrections) for r in self._records.values()]
             tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 3))
+        # one table alone needs no copy
         return np.concatenate(tables) if len(tables) > 1 else tables[0]
 
     def part(self, first: int) -> dict[str, Any]:
@@ -326,10 +327,12 @@ class WindowList(Sequence[WindowRecord]):
     def extend(self, part: Mapping[str, Any]) -> None:
         """Add the windows of a ``part``."""
         numbers = part["numbers"]
+        # curves of all windows stand one behind the other, each as long as its iterations
         ends = np.cumsum(numbers[:, 4])[:-1]
         curves = [np.split(part[name], ends) if len(numbers) else [] for name in _CURVES]
         fallbacks, at = part["fallbacks"], 0
         while at < len(numbers):
+            # windows without anything special stay in tables
             n = _plain(numbers[at:], fallbacks, at)
             if n:
                 counts = np.ascontiguousarray(numbers[at : at + n, 4:])

@@ -347,6 +347,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
 def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> Row:
     """Search direction and responses of a class with constants, put into the fixed block; ``run`` : its fields."""
     m, row = constant["m"], {}
+    # channels that can move at all
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
     row |= {"sparse": int("y" in propagator.tables), **dict.fromkeys((f"{name}_points" for name in TABLES), 0)}
@@ -361,9 +362,11 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         at = block.reserve(-(-factor.panels.size // numbers))
         # a copy, since the factor is dropped
         block.fill_later(partial(_copy, at, factor.panels))
+        # counted in single numbers of the block
         row["k_panels"] = numbers * at
         row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
+        # made at the first Newton step (``newton.make_admittances``)
         if run.get("newton") and constant["kind"] == STATIC:
             row["admittance"] = _room_for_admittance(block, numbers_of(len(live), 0, m))
         return row

@@ -137,6 +137,7 @@ def project(starts: Index, columns: Index, values: Array, factor: float, matrix:
             weight, line = factor * values[e], matrix[columns[e]]
             for j in range(n):
                 row[j] += weight * line[j]
+        # lower half of row i, the rest by symmetry
         for k in range(i + 1):
             total = 0.0
             for e in range(starts[k], starts[k + 1]):

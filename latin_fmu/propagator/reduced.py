@@ -102,13 +102,16 @@ class ReducedPropagator(Propagator):
         mass, damping, stiffness = model.reduced
         diagonal = stiffness.diagonal()
         c_mass, c_damping, c_stiffness = scheme.operator(dt)
+        # coordinates are orthonormal in the mass
         a = c_mass + c_stiffness * diagonal
         damp = None if damping is None else damping.toarray()
+        # damping couples the coordinates
         inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
         trace: Array = (model.trace @ model.expansion).toarray()
         scaled = inverse[:, None] * trace.T if damp is None else inverse @ trace.T
         compliance = scheme.interface_gain(dt) * scheme.traction_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
+        # products of rounded factors: symmetric to round-off
         symmetric = 0.5 * (compliance + compliance.T)
         factor: InterfaceFactor = DiagonalFactor(a)
         if damp is not None:

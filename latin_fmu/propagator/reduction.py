@@ -227,20 +227,25 @@ def reduce_model(
     if not mass.shape[0]:
         raise ValueError("nothing is free to move")
     body = Vibration(stiffness, mass, None if model.ordering is None else reduced_rank(e, model.ordering))
+    # the closest start that the conditions allow
     start = closest_reduced(e, np.column_stack([model.displacement, model.velocity]))
     forces = _forces(model, shapes)
+    # initial values excite modes as forces do
     excited = _unit(np.column_stack([forces, mass @ start]))
     if exciting is None:
         rigid, modes = lowest_modes(body, n_mode, excited)
     else:
         rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
     kept = np.column_stack([rigid, modes])
+    # static responses beyond what the modes hold
     elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
     # orthonormal in the mass already: an ordinary eigenproblem
     eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
     q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
+    # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
     full = e @ q
+    # 0 to the bit for rigid motions
     values = np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues])
     return ReducedModel(
         basis=full,
@@ -250,6 +255,7 @@ def reduce_model(
         area=model.channel_area,
         loads=np.column_stack([np.zeros((q.shape[1], 0)), *(full.T @ load.pattern for load in model.loads)]),
         n_mode=modes.shape[1],
+        # M-orthonormal basis: q = B^T M u
         displacement=q.T @ (mass @ start[:, 0]),
         velocity=q.T @ (mass @ start[:, 1]),
     )

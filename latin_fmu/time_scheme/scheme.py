@@ -159,6 +159,7 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     mass_old, force_old = scheme.old_weights
     numbers = {
         "dt": dt,
+        # of the first half of an explicit step: the second one follows as ``u_late``
         "u_v": u[0] - late,
         "u_a": u[1],
         "v_a": v[1],
