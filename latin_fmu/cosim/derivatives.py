@@ -78,6 +78,7 @@ class Derivatives:
 
     def of(self, step: LastStep | None) -> bool:
         """Whether these are derivatives about a step."""
+        # the same object: a step made again after a rollback is another one
         return step is self._step
 
     def product(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
@@ -102,6 +103,7 @@ class Derivatives:
         places = [self._outputs.index(name) for name in unknowns]
         total = np.zeros(len(places))
         for name, factor in zip(knowns, seed, strict=True):
+            # one column for each input, kept as long as the step is the last one
             if name not in self._columns:
                 self._columns[name] = self._column(*input_of(name))
             total += factor * self._columns[name][places]
@@ -119,6 +121,7 @@ class Derivatives:
         mode, step = self._mode, self._step
         if not step.n:  # no time step ended in it: outputs are held
             return np.zeros(len(self._outputs))
+        # the run stands at the end of the step, and the segments below start before it
         now = mode.run.get_state()
         try:
             if self._laws is None:
@@ -139,6 +142,7 @@ class Derivatives:
         """Solve the step again, for the laws about its solution."""
         tangents = Tangents()
         segment = self._solve("", "", 0.0, lambda run: run.all(tangents))
+        # one set of laws is needed for each instant, those of its solution
         if len(tangents.laws) != self._step.n or segment.windows.with_fallbacks():
             raise SolverError("there is no derivative here: the iteration of the last step needed a fall-back")
         points = segment.recorder.points()
@@ -150,6 +154,7 @@ class Derivatives:
         """Change of an input that changes the tractions and velocities noticeably: round-off counts the less."""
         value, rate = self._step.loads.get(name)
         h = self._step.h
+        # a rate counts by what it adds over the step
         size = max(abs(value), abs(rate) * h, 1.0) / (1.0 if what == "value" else h)
         changed = _fields(self._perturbed(name, what, size))
         effect = max(
@@ -160,6 +165,7 @@ class Derivatives:
             ),
             default=1.0,
         )
+        # a small effect is enlarged: the round-off of the marches is that of their whole fields
         return size * min(max(_EFFECT / effect, 1.0), _LARGEST) if effect > 0.0 else size
 
     def _perturbed(self, name: str, what: str, change: float) -> Segment:
@@ -199,6 +205,7 @@ def _fields(segment: Segment) -> list[Array]:
     points = segment.recorder.points().values()
     if not points:
         return []
+    # apart, since each is compared in its own unit
     return [np.concatenate([getattr(f, what)[-1].ravel() for f in points]) for what in ("traction", "velocity")]
 
 
@@ -221,10 +228,12 @@ class PointLaws:
     def at(self, jump: Array, normalised_gap: Array) -> Array:
         """Tractions (p, h) by the tangent."""
         change = jump - self.jump
+        # normalised to a velocity, so that it adds to the jump
         opening = self.moves * (normalised_gap - self.normalised_gap)
         if opening.ndim == 2:
             change = change + opening
         else:
+            # one gap a point opens along the normal, component 0
             change[:, 0] += opening
         traction: Array = self.traction + np.einsum("pab,pb->pa", self.tangent, change)
         return traction
@@ -261,7 +270,9 @@ def _about(stages: Stages, g: int) -> PointLaws:
     """Laws of a group about the last local stage."""
     image, group = stages.image, stages.direction.assembly.layout.groups[g]
     points, h, elastic = group.n_point, group.n_component, group.behaviour.elastic
+    # elastic laws take a displacement jump in each component, others the normal gap
     width = (points, h) if elastic else (points,)
+    # copies: the next local stage writes to the same places
     jump, traction = (image.group_field(g, name, points, h).copy() for name in ("jump", "traction"))
     normalised_gap, start = image.group_field(g, "reach", *width).copy(), image.group_field(g, "opened", 4, *width)[3]
     z = stages.direction.group_fields()[g]["z_sum"]
@@ -292,6 +303,7 @@ def march(run: Run, laws: list[list[PointLaws]]) -> None:
             instant.solve()
             run.windows.append(instant.end())
     finally:
+        # after an error, too: the run goes on with its own rules
         image.set(kept)
 
 
@@ -307,11 +319,13 @@ class _Instant:
         """Solve for q; raises SolverError."""
         image, n = self._run.image, self._run.image.n_flat
         image.call(entries.OPEN, 1, self._first - 1)
+        # motions without traction, once: no residual changes them
         for c in range(len(image.propagators)):
             image.call(entries.PREDICT, c, self._first)
         if not n:
             return
         image.call(entries.FIRST_GUESS, self._first)
+        # a copy: ``_residual`` writes q into the image
         q = image.field("q", n).copy()
         residual = self._residual(q)
         for _ in range(_ROUNDS):
@@ -329,12 +343,14 @@ class _Instant:
                 return np.asarray((base - self._residual(q + step * x)) / step)
 
             system = spla.LinearOperator((n, n), applied, dtype=float)
+            # ``maxiter`` counts restarts of the basis
             change, _ = spla.gmres(system, residual, rtol=_PART, atol=0.0, restart=min(n, _BASIS), maxiter=2)
             trial = self._residual(q + change)
             # written so that NaN ends it
             if not np.linalg.norm(trial) < size:
                 break
             q, residual = q + change, trial
+        # of the q that is kept: the loop may end on a trial that was refused
         left = float(np.linalg.norm(self._residual(q)))
         if not left <= _ENOUGH * np.linalg.norm(q):
             raise SolverError(

@@ -104,6 +104,7 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     curves: dict[str, Curve] = {}
     for name, (_, given) in before.items():
         first = rule_of(name, rule, steps[0].rate[name])
+        # a line starts from the value reached, which is not among those of the step
         times, values = [0.0], [given[-1] if first == LINE else steps[0].value[name]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
@@ -175,5 +176,6 @@ def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:
             replace(w, first_instant=w.first_instant + done, last_instant=w.last_instant + done)
             for w in segment.windows
         ]
+        # its first instant is the last of the one before
         done += len(segment.time) - 1
     return windows

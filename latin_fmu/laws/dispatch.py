@@ -86,9 +86,12 @@ def tangent(
     A law written in Python has its derivative (3, 3) instead: columns J, rows of the identity and softness 1 - z J.
     """
     for e in range(9):
+        # laws write the entries that are not 0
         columns[e] = rows[e] = 0.0
+    # softness is not cleared before: a given tangent writes all nine
     if law < 0:
         return _given_tangent(derivative, z, len(jump), proximal, columns, rows, softness)
+    # ``derivative`` may be this array: laws with a code do not read it
     softness[:] = 0.0
     return int(_tangent_of(law, jump, z, reach, rate, parameters, proximal, columns, rows, softness))
 

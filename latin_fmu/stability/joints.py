@@ -238,7 +238,9 @@ def kept_clamp(solution: Solution) -> list[Measure]:
     assert status is not None
     assert history.gap is not None
     relative = history.velocity[:, 1] - history.velocity[:, 0]
+    # bars stand along z: x and y are tangential
     across = float(np.abs(relative[..., :2]).max()) / max(1.0, float(np.abs(history.velocity).max()))
+    # shortening of one of the bars under the clamping pressure: sigma L / E
     approach = CLAMP * CLAMPED[2] / STEEL.young
     return [
         Measure("clamp force changed by", float(np.abs(force / force[0] - 1.0).max()), 1e-4),

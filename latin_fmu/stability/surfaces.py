@@ -54,6 +54,7 @@ def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
     low, high, skin, faces = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0), boundary(mesh), {}
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", low[axis]), ("max", high[axis])):
+            # of the extent: nodes of a plane of the box have its coordinate but for round-off
             near = 1e-9 * np.ptp(mesh.nodes[:, axis])
             on = [b.facets[(np.abs(mesh.nodes[b.facets][..., axis] - value) < near).all(axis=1)] for b in skin.blocks]
             faces[letter + end] = FacetSet.of(*(f for f in on if len(f)))
