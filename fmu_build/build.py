@@ -141,7 +141,7 @@ def content_hash(*groups: Mapping[str, bytes]) -> str:
     """Digest of names and contents."""
     digest = hashlib.sha256()
     for files in groups:
-        for name in sorted(files):
+        for name in sorted(files):  # without it names and contents could be exchanged at their border
             digest.update(f"{name}\0{len(files[name])}\0".encode())
             digest.update(files[name])
     return digest.hexdigest()

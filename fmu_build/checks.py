@@ -57,7 +57,7 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
     laws.update(inputs_of(scene))
     loads = dict(scene.load)
     for name in wanted:
-        start = float(laws[name].sample(np.zeros(1))[0])
+        start = float(laws[name].sample(np.zeros(1))[0])  # at t = 0
         loads[name] = loads[name].model_copy(update={"law": InputLaw(start_value=start)})
     return Inputs(scene.model_copy(update={"load": loads}), laws)
 

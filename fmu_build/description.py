@@ -72,6 +72,7 @@ def identifier_of(scene: Scene) -> str:
 def suggested_step(scene: Scene) -> float:
     """Suggested communication step, s: about a fiftieth of the interval, a whole number of time steps."""
     n = scene.time.n_step
+    # the largest divisor up to 50
     parts = next((p for p in range(min(50, n), 0, -1) if n % p == 0), 1)
     return scene.time.end / parts
 
@@ -111,6 +112,7 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     defined: dict[str, Element] = {}
     for key, unit in UNITS.items():
         if key in used:
+            # some units of the table have one name in the FMI
             if (name := facts.unit_name(key)) in defined:
                 continue
             defined[name] = SubElement(definitions, "Unit", {"name": name})

@@ -146,6 +146,7 @@ class Drive:
         return fmu
 
     def _keep_message(self, text: bytes | str) -> None:
+        # FMI 2: its texts are formats of printf
         self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
 
     def set(self, name: str, value: Any) -> None:
@@ -183,6 +184,7 @@ class Drive:
             source, what = input_of(name)
             rate = input_variable(source, "rate")
             if what == "value" and rate in self._by_name and rate not in self._inputs:
+                # over the whole step: rows of the table within it are passed over
                 self.set(rate, (self._at(column, t + h) - value) / h)
 
     def _at(self, column: Sequence[float], t: float) -> float:
@@ -222,11 +224,12 @@ class Drive:
             self.complaint = self._message or str(error)
             return
         yield [0.0, *self.read(self.outputs)]
+        # at least one step; its size is adapted so that the last one ends at ``stop``
         n = max(1, round(stop / step))
         for i in range(n):
             if over():
                 break
-            t, end = stop * i / n, stop * (i + 1) / n
+            t, end = stop * i / n, stop * (i + 1) / n  # no sum of steps: no round-off adds up
             self._give(t, end - t)
             if not self.advance(t, end - t):
                 return

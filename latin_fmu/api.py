@@ -374,6 +374,7 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
         return Recorder(assembly, request, problem.info, every)
     check_folder(stream, size)
     file = cast(BinaryIO, tempfile.TemporaryFile(dir=stream, prefix=".latin-fmu-"))  # noqa: SIM115, closed by the caller
+    # at most IN_MEMORY rows, at instants that the recorder keeps
     return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
 
 

@@ -170,7 +170,7 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
         of, what = input_of(name)
         return what, inputs.index(of), 0
     if name == "history.time":
-        return "history_time", len(inputs), 0
+        return "history_time", len(inputs), 0  # behind those of the inputs
     if variable.is_array and variable.causality == "parameter":
         return "history", inputs.index(input_of(name)[0]), 0
     if name in ("window.count", "window.time"):
@@ -183,6 +183,7 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
     if group == "points":
         return "points", places[name], 0
     scalar = f"interface.{interface}.{what}"
+    # components follow each other
     return ("window", places[scalar], 1) if scalar in places else ("window", places[f"{scalar}[1]"], 3)
 
 
@@ -245,20 +246,21 @@ def _table(
     begins |= {key: references.get(name, -1) for key, name in _NAMED.items()}
     begins |= {"token": texts.place(token), "solver": places["solver.iterations"], "image": checksum(files[0])}
     begins["results_sum"] = checksum(files[1])
-    content = texts.content + bytes(-len(texts.content) % 8)
+    content = texts.content + bytes(-len(texts.content) % 8)  # whole words
     begins["length"] = len(words) + len(content) // 8
     words[: len(HEADER)] = [begins[name] for name in HEADER]
-    body = b"".join(_word(word) for word in words[2:]) + content
+    body = b"".join(_word(word) for word in words[2:]) + content  # all but magic and checksum
     return b"LATINVAR" + _word(checksum(body)) + body
 
 
 def _word(number: int | float) -> bytes:
     if isinstance(number, float):
         return struct.pack("<d", number)
-    return struct.pack("<Q", number % 2**64)
+    return struct.pack("<Q", number % 2**64)  # below 0: two's complement
 
 
 def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int]) -> list[int | float]:
+    # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
     start = texts.place(str(variable.start or "")) if variable.kind == "string" else float(variable.start or 0.0)
     kind, place, width = _ROLES.index(role[0]), role[1], role[2]
@@ -270,8 +272,9 @@ def _whole_numbers(run: CommunicationRun) -> Iterator[tuple[int, float, float]]:
     """Numbers of the state that the kernels take for whole ones: place, least and largest."""
     record = run.image.run[0]
     last = int(record["law_end"])
-    yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53
+    yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53  # whole numbers are exact up to there
     most = float(record["max_iterations"])
+    # negative where no step ended the last instant (``newton.keep_course``)
     yield int(record["finish"]), -most, most
     for row in run.image.classes:
         yield int(row["rest"]), 0.0, 1.0
@@ -359,6 +362,7 @@ def _add_group(
     for name, value in attributes.items():
         file.setncattr(_flat(path, name), value)
     for name, variable in group.variables.items():
+        # one coordinate for all groups
         if name == "time" and path != "/":
             continue
         if "time" in variable.dims:
@@ -382,10 +386,10 @@ def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: StoredV
     dims = ["time" if dim == "time" else _flat(path, dim) for dim in variable.dims]
     if values.dtype.kind in "OUS":
         values = np.char.encode(values.astype(str), "utf-8")
-        dims.append(f"text{values.dtype.itemsize}")
+        dims.append(f"text{values.dtype.itemsize}")  # characters are a dimension in netCDF-3
         values = values.view("S1").reshape(*values.shape, -1)
     elif values.dtype.kind in "iub":
-        values = values.astype("i4")
+        values = values.astype("i4")  # netCDF-3 has no integers of 8 bytes
     for dim, size in zip(dims, values.shape, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, size)

@@ -44,6 +44,7 @@ static void set_slots(struct Object *o)
     int64_t fixed = head[M_N_FIXED].i, moving = head[M_N_MOVING].i;
     const struct { const void *block; int64_t n; } arrays[] = {
         {o->image->records[0], 1}, {o->image->records[1], head[M_N_CLASS].i}, {o->image->records[2], head[M_N_GROUP].i},
+        /* the same memory as numbers of 8 and of 4 bytes, real and whole */
         {o->image->fixed, fixed}, {o->image->fixed, fixed}, {o->image->fixed, 2 * fixed}, {o->image->fixed, 2 * fixed},
         {o->moving, moving}, {o->moving, moving}};
     for (int i = 0; i < 9; i++) {
@@ -131,6 +132,7 @@ int reset(Instance *c) { return renewed(c) ? OK : msg(c, ERROR, "no memory for a
 /* -- kernels ----------------------------------------------------------------------------------------------------------- */
 int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
 {
+    /* behind the addresses and lengths of nine arrays */
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
     return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
@@ -162,6 +164,7 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
     if (result < BEYOND_LAWS) {
+        /* numbers below -1 name an input */
         int64_t input = -2 - result, reference = image->table[image->table[T_INPUTS].i + IN_ROW * input + IN_REFERENCE].i;
         double start = variable(c, reference)[V_START].d;
         if (c->fmu->given[2 * input] != start)
@@ -281,13 +284,15 @@ int solve_histories(Instance *c)
     int64_t n_input = table_of(c)[T_N_INPUT].i, arrays = has_arrays(c);
     double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
     double whole = rint(end / dt);
-    if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))
+    if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))  /* not for NaN */
         return msg(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
     int64_t n = (int64_t)whole;
+    /* nothing of an earlier solution stays: the state at the start is that of the image */
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
     for (int64_t i = 0; i < n_input; i++) {
         const History *h = o->histories + i;
         value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
+        /* over the first time step */
         o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
     }
     int status = present(c);
@@ -367,6 +372,7 @@ static int64_t first_event(const Image *image, const double *rows, int64_t n_row
 static int64_t row_at(const struct Object *o, double time)
 {
     double place = time / o->image->dt;
+    /* an instant that is reached but for round-off is reached */
     int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
     return row < o->n_row ? row : o->n_row - 1;
 }
@@ -389,11 +395,14 @@ static int played_back(Instance *c, double t, double h)
     }
     c->time = time == t + h - o->start ? t + h : o->start + time;
     double place = time / dt, near = rint(place);
+    /* an instant itself, without interpolation */
     if (fabs(place - near) <= 1e-9 * fmax(1.0, fabs(place))) place = near;
     place = fmin(fmax(place, 0.0), (double)(o->n_row - 1));
+    /* the last instant belongs to the last interval */
     int64_t low = (int64_t)place < o->n_row - 1 ? (int64_t)place : o->n_row - 2;
     double share = place - (double)low;
     const double *a = o->rows + low * width, *b = a + width;
+    /* a weight of 0 or 1 would leave rows as they are, but for numbers that are not finite */
     for (int64_t i = 0; i < width; i++)
         o->now[i] = share == 0.0 ? a[i] : share == 1.0 ? b[i] : (1.0 - share) * a[i] + share * b[i];
     for (int64_t i = o->image->head[M_OF_EVENT].i; i + 1 < width; i += 2) { /* an event is there from its instant on */
@@ -407,7 +416,7 @@ static int played_back(Instance *c, double t, double h)
 /* The last of the rows alone, where a communication step ends before the next instant. */
 static void hold_last(struct Object *o)
 {
-    size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;
+    size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;  /* the two may be one */
     memmove(o->rows, o->rows + last * width, 8 * width);
     o->times[0] = o->times[last];
     o->n_row = 1;
@@ -452,7 +461,7 @@ int64_t placed(Instance *c, double t, double h)
     give_inputs(o);
     place[0] = (t + h - o->start) / dt;
     place[1] = h / dt;
-    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / dt;
+    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / dt;  /* round-off of the times of the host, in steps */
     return act(o, M_PLACING, 0, 0, 0, 0);
 }
 
@@ -473,6 +482,7 @@ static int marched(Instance *c, double t, double h)
     int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
     Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
+    /* the old rows are kept until the step is accepted */
     o->rows = o->times = o->fields = NULL;
     int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i], event = n;
     int good = room_for(o, part.kept, arrays, size_of_fields(c));
@@ -510,6 +520,7 @@ static int advanced(Instance *c, double t, double h)
     if (!isfinite(t) || !isfinite(h)) return msg(c, ERROR, "time %g or step size %g is not a finite number", t, h);
     if (h <= SHORTEST * dt || t + h <= t)
         return msg(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+    /* hosts add up steps: the time they give is off by round-off */
     if (fabs(t - c->time) > EARLY * h)
         return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");

@@ -203,6 +203,7 @@ class OpenedMesh:
             added.append(cut.nodes)
             shifts.append(np.tile(-shortening.get(cut.name, 0.0) * cut.axis, (len(cut.nodes), 1)))
         self._twins, self._shift = np.concatenate(added), np.concatenate(shifts)
+        # twins stand where their nodes do: the mesh is open in its connectivity alone
         nodes = np.concatenate([mesh.nodes, mesh.nodes[self._twins]])
         types = mesh.cell_types
         self.mesh = Mesh(nodes, tuple(CellBlock(t, c) for t, c in zip(types, blocks, strict=True)), {})
@@ -219,7 +220,7 @@ class OpenedMesh:
 
     def displacement(self, displacement: Array) -> Array:
         """Displacements (..., n_node and nodes beyond the cuts, 3), m, from those of the nodes (..., n_node, 3)."""
-        twins = displacement[..., self._twins, :] + self._shift
+        twins = displacement[..., self._twins, :] + self._shift  # u - delta a beyond the cut
         return np.concatenate([displacement, twins], axis=-2)
 
 
@@ -325,6 +326,7 @@ class _Section:
             for local in CELL_FACES[block.cell_type]:
                 nodes = np.full((len(block.cells), _WIDEST), -1, dtype=np.int64)
                 nodes[:, : len(local)] = block.cells[:, list(local)]
+                # the number of an element counts through all blocks
                 tables.append(nodes)
                 owners.append(first + np.arange(len(block.cells)))
             first += len(block.cells)
@@ -345,6 +347,7 @@ class _Section:
         """The cut of the bolt, or None with a problem; nodes that are ``blocked`` may not be on it, those that are
         ``joined`` belong to interfaces."""
         where, point = f"bolt.{self._name}", self._bolt.point
+        # the plane through the point
         level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
             problems.add(
@@ -355,6 +358,7 @@ class _Section:
                 "check the axis, or refine the mesh of the shank along it",
             )
             return None
+        # half open: a plane through the centre of an element is behind it
         chosen = np.flatnonzero((self._low <= level) & (level < self._high))
         if not len(chosen):
             low, high = self._heights.min(), self._heights.max()
@@ -377,6 +381,7 @@ class _Section:
         areas = self._projected_areas()
         shut = np.where(self._facets >= 0, blocked[self._facets], False).any(axis=1)
         stops = np.unique(self._levels)
+        # differences at the levels; their running sums hold between a level and the next
         first, last = np.searchsorted(stops, self._low), np.searchsorted(stops, self._high)
         area, closed = np.zeros(len(stops) + 1), np.zeros(len(stops) + 1)
         # sums over the facets that a plane meets, from the levels at which they begin and end
@@ -395,6 +400,7 @@ class _Section:
         if not usable.any():
             return None
         thin = usable & (area <= _THIN * area[usable].min())
+        # edges of runs of True, in pairs: first and behind the last
         edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
         starts, ends = stops[edges[::2]], stops[edges[1::2]]
         longest = int(np.argmax(ends - starts))
@@ -408,6 +414,7 @@ class _Section:
             own = np.flatnonzero(width == n)
             places = self._body.mesh.nodes[self._facets[own][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
             arms = places - places[:, :1]
+            # a fan of triangles from the first corner
             areas[own] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
         return areas
 
@@ -416,6 +423,7 @@ class _Section:
         nodes = self._facets[chosen]
         rows, columns = np.nonzero(nodes >= 0)
         n_node = self._body.mesh.n_node
+        # connected where facets share nodes: facets and nodes are the two kinds of vertices of the graph
         links = sp.coo_array(
             (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
         )
@@ -433,6 +441,7 @@ class _Section:
                 "give the point",
             )
             return None
+        # across the axis alone: the plane fixes the place along it
         distances = np.linalg.norm(_across(centres - np.asarray(point), self._axis), axis=1)
         nearest = int(np.argmin(distances))
         section: Index = chosen[label == label[nearest]]
@@ -455,6 +464,7 @@ class _Section:
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
         where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
+        # wider than long: the axis runs across a plate, or the body is no bolt
         if width > self._length:
             length = self._body.units["m"]
             problems.add(
@@ -486,6 +496,7 @@ class _Section:
         on_cut = np.zeros(body.mesh.n_node, dtype=bool)
         on_cut[nodes] = True
         touches = np.concatenate([on_cut[block.cells].any(axis=1) for block in body.mesh.blocks])
+        # the side that the jump moves: chi is 1 at the nodes of the cut, 0 elsewhere
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
@@ -514,6 +525,7 @@ class _Section:
         rows = self._facets[facets]
         width = (rows >= 0).sum(axis=1)
         section = FacetSet.of(*(rows[width == n][:, :n] for n in np.unique(width)))
+        # facets of a stepped cut: their projections on the plane add up to the section
         return float(abs((face_of(self._body.mesh.nodes, section).vector_areas @ self._axis).sum()))
 
     def _moving(self, facets: Index, beyond: np.ndarray) -> np.ndarray:

@@ -89,6 +89,7 @@ def by_mortar(
     rigid = [body.rigid for body, _ in (first, second)]
     if rigid[0] != rigid[1]:
         return pair.from_side(int(rigid[0]))
+    # a little smaller counts as equal: round-off must not choose the side
     finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
@@ -178,6 +179,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     normals = np.tile(-normal, (len(points), 1))
     return FacePair(
         points,
+        # area in projection on the plane, as the ground has its normal everywhere
         -vector @ normal,
         normals,
         (points - point) @ normal,
@@ -266,6 +268,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
     if not scene.contact:
         return scene
     edges: list[str] = []
+    # pairs joined by hand are left alone
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
     surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
     interfaces: dict[str, Interface] = {}
@@ -277,11 +280,13 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             if pair in taken or pair in table.exceptions:
                 continue
             one, other = surfaces[first], surfaces[second]
+            # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
+                # names of interfaces found before count, too
                 free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
                 interfaces[free] = table.interface(first, second)
             elif depth > 0.0:
@@ -367,6 +372,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     for name in bodies:
         if name in joined:
             continue
+        # nodes alone, which is enough for a message
         distance = {n: between(bodies[name], b) for n, b in bodies.items() if n != name}
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
@@ -418,6 +424,7 @@ def build_interface(
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
+        # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
     frames = local_frames(pair.normals)
     trace = pair.traces[pair.owner]
@@ -490,6 +497,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
         )
         return None
     points, trace = own_points(body, facets, face)
+    # gap 0: the ground lies behind each point
     return FacePair(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
 
 
@@ -544,6 +552,7 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     jump = there[partner] - points
     normal = np.einsum("pi,pi->p", jump, normals)
     lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    # no node twice; apart along the face by less than the spacing allows
     if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
         return None
     opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
@@ -565,6 +574,7 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     places = [body.mesh.nodes[facets.nodes] for body, facets in (first, second)]
     distance, partner = nearest(*places)
     normals = [face_of(body.mesh.nodes, facets).normals for body, facets in (first, second)]
+    # both outward normals point the same way
     alike = np.einsum("pi,pi->p", normals[0], normals[1][partner]) > 0.5
     where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
     if alike.mean() > 0.5:
@@ -595,6 +605,7 @@ def _gap(
     size = max(size, float(np.sqrt(pair.areas.sum())))
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
+    # all of it within the deviation of flat facets: touching faces
     if chordal.all():
         if (
             interface.behaves_open
@@ -608,6 +619,7 @@ def _gap(
             )
             remarks.append(Remark("gap", f"interface {name}: {text}mesh the faces finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
+    # an overlap of chords, as of two meshes of one cylinder, is none
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
         return _bonded(name, distance, size, length, problems)

@@ -93,7 +93,7 @@ class Timeline:
             return np.ones(len(time))
         if name in self._bolts:
             first, last = self._bolts[name]
-            return first + (last - first) * time / self._scene.time.end
+            return first + (last - first) * time / self._scene.time.end  # over the interval
         return given[name] if name in given else sampled(self._laws[name], time)
 
     def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
@@ -287,13 +287,16 @@ class DiscretisedProblem:
             propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )
         assembly.owner, assembly.part_of = distribution
+        # in shares of the largest traction that loads can bring; below 0: no class rests
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
+        # 0 and -1 are no tractions
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
         timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground.start)
+        # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         unresolved = [] if static else unresolved_sides(assembly)
@@ -352,12 +355,14 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         loads = load_terms(scene, name, body, loading)
         own = [cut for cut in problem.cuts.values() if cut.table.substructure == name]
         loads += [cut.loads() for cut in own]
+        # before the key: the store is no part of it
         model, channels = _model(problem, name, loads)
         model = replace(model, store=store)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
+        # shape of the cut: bodies that are else alike have stiffnesses of their own
         classes.setdefault(key, []).append((model, channels))
     groups = []
     for key, members in classes.items():
@@ -383,6 +388,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         traces.append(trace)
         areas.append(np.repeat(unit.geometry.areas, n_component))
         pressed = np.zeros((unit.geometry.n_point, n_component))
+        # F.N = -P on side E
         pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
         preloads.append(pressed.ravel())
         channels.append(layout.channels(i, side).ravel())
@@ -390,6 +396,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
     area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        # the load that holds the preload: opposite to it
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
     flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
@@ -454,6 +461,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     digest = hashlib.sha256()
     size = body.mesh.size
     digest.update(
+        # rounded: equal bodies at different places differ in the last bits of their coordinates
         repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
     )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
@@ -492,12 +500,14 @@ def settings_of(scene: Scene) -> SolverSettings:
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, AndersonTable) else 0,
         relaxation=solver.relaxation,
+        # 0: one window over the interval
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,
         direct_bonds=solver.bonds == "direct",
         threads=solver.threads,
         skip_unchanged=solver.skip_unchanged,
         newton=solver.newton,
+        # share of the dense matrices up to which tables are taken
         tables={"automatic": SHARE, "sparse": 1.0}.get(solver.interface_operator, 0.0),
         sequential_start=solver.start == "sequential",
     )
@@ -535,6 +545,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
     impedances = {}
     for name, body in bodies.items():
         stop = body.shape.material.density * body.mesh.size / dt
+        # a rigid body is stopped by what it hits, if that is softer than itself stopped in one step
         impedances[name] = min(stop, max(elastic, default=stop)) if body.rigid else body.shape.impedances[0]
     return impedances
 
@@ -583,6 +594,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         for motion in _motions(scene, body):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
+            # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):
                 travels.append(motion.largest_speed(time) * float(time[-1]))
     for interface in scene.interface.values():

@@ -149,6 +149,7 @@ def _of_folder(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
     for file in files:
+        # folders belong to the name: scene files of a collection are often all called scene.toml
         name = "_".join([*file.relative_to(arguments.scene).parent.parts, file.stem]).removesuffix("_scene")
         one = argparse.Namespace(**{**vars(arguments), "scene": file, "output": target / f"{name}.fmu"})
         try:
@@ -255,12 +256,14 @@ def _simulate(arguments: argparse.Namespace) -> int:
     check_target(target)
     inputs = None if arguments.input is None else read_columns(arguments.input)
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
+    # 0 and none: that of the FMU
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
     rows: list[Sequence[float]] = []
     limited = False
 
     def over() -> bool:
         nonlocal limited
+        # from the start of the command, its imports included
         limited |= arguments.max_cpu is not None and time.process_time() >= arguments.max_cpu + begin
         return limited
 
@@ -292,6 +295,7 @@ def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[float]])
     text = io.StringIO()
     table = csv.writer(text)
     table.writerow(names)
+    # shortest text that is read back as the same number
     table.writerows([[repr(float(value)) for value in row] for row in rows])
     write_bytes(path, text.getvalue().encode())
 

@@ -128,6 +128,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
             raise InputError(problems, "the run cannot be distributed over processes")
         target = _checked_outputs(scene, arguments) if first else Path()
+    # all processes take part in the estimate
     solution = _estimated(scene, _solve(scene, arguments, processes=processes), arguments, processes)
     with processes.agreed():
         if first:
@@ -167,6 +168,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     target = _checked_outputs(scene, arguments)
     remove_dead_drafts(target.parent)
     wanted = _target(scene, arguments)
+    # before the search: it refuses options that contradict each other
     checkpoint = _checkpoint(Path(f"{target}.checkpoint"), arguments, wanted is not None)
     choice = None if wanted is None else _chosen(scene, wanted, arguments)
     if choice is None:
@@ -177,9 +179,11 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     else:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
+    # a signal does not interrupt the writing: it ends the process with its code below
     arguments.signals.noted = True
     with Waiting("writing the results", quiet=arguments.quiet):
         lost = _write(solution, target, arguments.vtk, written)
+    # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
     if solution.complete and not lost:
@@ -245,6 +249,7 @@ def _lean_imports() -> Iterator[None]:
         gc.freeze()
         gc.enable()
         for name in tools:
+            # a real module where an import has put one in the meantime
             if vars(numpy)[name] is None:
                 delattr(numpy, name)
 
@@ -300,6 +305,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, **options: Any) -> Solut
         with Progress(scene.solver.tolerance, arguments.quiet) as progress:
             return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
     finally:
+        # the run is over: what follows may be interrupted
         arguments.signals.noted = False
 
 
@@ -320,6 +326,7 @@ def _estimated(
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
             estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
     except KeyboardInterrupt:
+        # all processes must end together: the others wait in an exchange
         if processes is not None:
             raise
         return solution  # the results are written without it

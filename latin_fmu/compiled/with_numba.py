@@ -102,6 +102,7 @@ def _checked_files() -> type:
                 content = Path(path).read_bytes()
             except OSError:
                 return False
+            # the last bytes are the digest of the others
             if hashlib.sha256(content[:-_CHECKSUM]).digest() == content[-_CHECKSUM:]:
                 return True
             _warn_once(f"{self._cache_path}: damaged files of compiled kernels: numba compiles these kernels again")
@@ -167,15 +168,16 @@ def cache_folder(package: Path) -> Path | None:
     sources = library.sources_of(package)
     folder = base / library.digest_of(package, sources, _versions())[:32]
     try:
-        known = folder.is_dir()
+        known = folder.is_dir()  # before it is made
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         if not _private(folder):
             return None
-        os.utime(folder)
+        os.utime(folder)  # age, for ``_prune``
         for source in sources:
             copy = folder / "_".join(source.parts)
             if not copy.exists():
+                # a process that starts at the same time must not see half of it
                 draft = folder / uuid.uuid4().hex
                 draft.write_bytes((package / source).read_bytes())
                 os.replace(draft, copy)

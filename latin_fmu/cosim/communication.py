@@ -138,6 +138,7 @@ class CommunicationRun:
             [start, np.ones((COMMUNICATION_ROWS - 2, start.shape[1]))]
         )  # the last rows lay out what varies
         drives.begin(amplitudes)
+        # what a call of the kernels alone can do: windows of one instant, its own thread
         settings = replace(problem.settings, window=1, threads=1)
         recorder = Recorder(problem.assembly, problem.output, problem.info)
         self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
@@ -192,6 +193,7 @@ def _solved_by_python(run: Run) -> InputError:
 def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
+    # tables made at their first use: a program without Python cannot make them
     complete(image)
     record = image.run[0]
     words: dict[str, int] = {
@@ -254,7 +256,7 @@ def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
         raise _unreadable("is cut off or too long")
     arrays: list[NDArray[Any]] = []
     for kind, n in sizes:
-        arrays.append(np.frombuffer(content, kind, n, start).copy())
+        arrays.append(np.frombuffer(content, kind, n, start).copy())  # what ``frombuffer`` gives is read only
         start += kind.itemsize * n
     pools = pools_of(*arrays)
     return words, dict(zip(NUMBERS, map(float, numbers), strict=True)), pools

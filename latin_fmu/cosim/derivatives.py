@@ -59,6 +59,7 @@ class Derivatives:
 
     def of(self, step: LastStep | None) -> bool:
         """Whether these are derivatives about a step."""
+        # the same object: a step made again after a rollback is another one
         return step is self._step
 
     def product(self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]) -> Array:
@@ -83,6 +84,7 @@ class Derivatives:
         places = [self._outputs.index(name) for name in unknowns]
         total = np.zeros(len(places))
         for name, factor in zip(knowns, seed, strict=True):
+            # one column for each input, kept as long as the step is the last one
             if name not in self._columns:
                 self._columns[name] = self._column(*input_of(name))
             total += factor * self._columns[name][places]

@@ -70,7 +70,9 @@ class Sources:
 
     def initial(self) -> Array:
         """Amplitudes at the first two instants for the start values of the inputs, (2, n)."""
+        # driven by its rate
         held = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
+        # instants 0 and 1; of a table of one row that row twice
         own = self.table[[0, min(1, len(self.table) - 1)]]
         return np.concatenate([np.stack([held, held]), own], axis=1)
 
@@ -103,6 +105,7 @@ class Drives:
         self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
         self._dt = run.dt
         for propagator in self.assembly.propagators:
+            # all of them have terms, also those that are constant in this segment
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
         self._start = dict(self.assembly.ground.start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
@@ -111,6 +114,7 @@ class Drives:
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
+        # forgets the histories of the segment before
         assembly, dt, ground = self.assembly, self._dt, self._start
         for propagator in assembly.propagators:
             propagator.restart()
@@ -118,6 +122,7 @@ class Drives:
             motions, ground = unpacked_motions(assembly, state)
             for propagator, given in zip(assembly.propagators, motions, strict=True):
                 propagator.forcing.set_motion_state(given)
+        # instants count from the start of the segment
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
 
@@ -128,6 +133,7 @@ class Drives:
             forcing = propagator.forcing
             terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]
             for name in SUMS:
+                # a term that is absent has no amplitudes, and no column
                 amplitudes = terms[name].amplitudes if name in terms else []
                 parts.append(np.array([a[instant] for a in amplitudes]))
             if k:
@@ -142,12 +148,15 @@ class Drives:
         n, parts = len(amplitudes), [np.zeros((len(amplitudes), 0))]
         for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
             if k:
+                # rows are instants: (kind, instant, motion, member) turned
                 parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
         ground = self.assembly.ground
         first = ground.end(0)
         for i in self._grounds:
             parts.append(first[i].displacement + ground.travel[i])
+            # no acceleration before the first step: that of its start
             parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self._dt]))
+        # at the first instant those before it are its own: nothing jumps there
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
@@ -166,6 +175,7 @@ class Drives:
         """Products of the patterns of the forces of each class, one table after the other."""
         parts = [np.zeros(0)]
         for propagator in self.assembly.propagators:
+            # read of quasi-static runs alone: how far the loads go on (``kernels.communication.continuation``)
             force = propagator.forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]["force"]
             table = np.zeros((len(force.patterns), propagator.n_dof * len(propagator.members)))
             for row, (where, values) in zip(table, force.patterns, strict=True):
@@ -180,8 +190,10 @@ class Drives:
 
 def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:
     """Matrix of an affine function of n numbers; its last column is the value at zero."""
+    # column by column: which drive a column depends on is not known beforehand
     base = of(np.zeros(n))
     columns = [sp.csc_array((of(unit) - base)[:, None]) for unit in np.eye(n)]
+    # the constant part meets the 1 at the end of the drives
     return sp.csr_array(sp.hstack([*columns, sp.csc_array(base[:, None])]))
 
 
@@ -190,6 +202,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     n_x, n_s = drives.n_state, len(drives.sources)
 
     def step(z: Array) -> Array:
+        # two instants from the state before the step: number 1 is its end
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
         return np.concatenate([drives.columns(1), packed_motions(drives.assembly, 1)])
 
@@ -198,6 +211,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
         return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     def start(z: Array) -> Array:
+        # from a state, not from t = 0: the start of any later step
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
         return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
@@ -205,9 +219,11 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     static = drives.assembly.quasi_static
     for prefix, of in (("", step), ("first_", first), *((("start_", start),) if static else ())):
         matrix = _matrix(of, n_x + 2 * n_s)
+        # of an empty state -0 would be all rows, and is none
         fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix[: matrix.shape[0] - n_x], matrix[-n_x or None :]
         if not n_x:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
+    # of the start the columns alone are needed: its motion state is the one that is given
     fields.pop("start_motion", None)
     products = drives.force_products() if static else np.zeros(0)
     sources, sizes = drives.sources, {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1, "n_source": n_s}
@@ -235,10 +251,12 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     linear = [
         not (settled and kind in (LOAD, WAVE)) and _is_linear(drives, start, base, e) for e, kind in enumerate(kinds)
     ]
+    # inputs on which it depends linearly have columns: without them here
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
     for e in np.flatnonzero(linear).tolist():
         for row in range(2):
+            # 0 where the input was taken out: 1 is a unit
             unit = zero.copy()
             unit[row, e] += 1.0
             columns[n_x + row * n_s + e] = np.concatenate(opening(unit)) - np.concatenate(base)
@@ -246,7 +264,9 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     for at, column in columns.items():
         table[:, at] = column
     place = np.flatnonzero(table.any(axis=1))
+    # behind ``place``: the constant part alone is in the image already
     table[:, -1] = np.concatenate(base)
+    # free is an input with a column, but for a displacement, whose initial value is part of the geometry
     held = np.where(
         linear,
         np.where(kinds == DISPLACEMENT, BY_VALUE, FREE),
@@ -270,7 +290,9 @@ def _is_linear(drives: Drives, start: Array, base: list[Array], e: int) -> bool:
         changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
         forces = np.maximum(forces, drives.inertia())
     for k, (old, first, second, both) in enumerate(zip(base, *changes, strict=True)):
+        # affine: f(-2, 1/2) - f = -2 (f(1, 0) - f) + (f(0, 1) - f) / 2
         off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
+        # fields are u, v, a and residual of each class in turn: 3 is the residual
         residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
         if off.max(initial=0.0) > _AFFINE * max(scale.max(initial=0.0), residual):
             return False

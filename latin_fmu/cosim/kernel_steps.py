@@ -58,6 +58,7 @@ class KernelSteps:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources, self._outputs = outputs.sources, outputs
         most, end = COMMUNICATION_ROWS - 1, self.sources.end
+        # own laws are tabulated over the interval of the scene, and no call goes beyond a table
         self._most = most if end < 0 else min(most, end)  # time steps that one call can make
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
         self._by_caller = False  # whether windows are solved from Python
@@ -86,6 +87,7 @@ class KernelSteps:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, made = self._run, self._run.made
         given = loads.driving(part, run.dt, self._rule)
+        # ones behind: what varies must not look constant when it is laid out
         rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))
         rows[:2, : len(given)] = np.reshape([line[:2] for line in given.values()], (-1, 2)).T
         rows[:2, len(given) :] = self.sources.own(self._scene, run.instants(made, 1))
@@ -124,12 +126,13 @@ class KernelSteps:
         if self._by_caller:
             return None
         row = self._marched(self.begun, early=early)
+        # an event has ended a time step before the last: made once more, up to there, as the loads go on from its end
         if row is not None and self._ends < part.n:
             self.image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
             row = self._marched(self.begun)
         if row is None or (self._followed and self._gains_energy(row)):
             return None
-        self._has_rows = self.begun.n < COMMUNICATION_ROWS
+            self._has_rows = self.begun.n < COMMUNICATION_ROWS
         run.made += self.begun.n
         if run.problem.output.energy:
             friction = run.running["friction_dissipation"] = float(self.image.field("progress", 9)[5])
@@ -155,6 +158,7 @@ class KernelSteps:
         """Keep the state before the step that was made until the next one is."""
         self.origin = self.begun
         assert self.origin is not None
+        # two buffers in turn: that of the last step stays readable while the next one is made
         self._states = self._states[1], self.origin.state["state"]
 
     def recorded(self, early: bool = False) -> Segment:
@@ -166,6 +170,7 @@ class KernelSteps:
         run.set_state(step.state)
 
         def solve(run: Run) -> None:
+            # the rows can be kept as they are where no field in between has to be stored
             if after is not None and run.recorder.until_fields() >= step.n:
                 run.image.state[:] = after
                 run.keep_marched(1, step.n, 1)
@@ -182,7 +187,7 @@ class KernelSteps:
         if early and segment.accepted and self._ends < step.n:
             run.set_state(step.state)
             self.begun = step._replace(n=self._ends)
-            return self.recorded()
+            return self.recorded()  # once more, as one that ends there
         return segment
 
     def give(self, image: Image, loads: Loads, part: GridPart, made: int) -> Array:
@@ -248,6 +253,7 @@ class KernelSteps:
         first, end = int(image.run_fields.get("law_first", 0)), sources.end
         if end < 0 or first <= made <= first + end - n:
             return
+        # the table of the scene where it reaches, else one that begins here
         first = 0 if made + n <= end else made
         table = sources.table if first == 0 else sources.own(self._scene, self._run.instants(first, end))
         image.write()
@@ -262,7 +268,7 @@ class KernelSteps:
         places = [self._outputs.places[f"energy.{name}"] for name in names]
         of_loads, work, damping, landing, scheme = row[places].tolist()
         put_in = (self._run.stored or 0.0) + max(of_loads, 0.0) + _CANCELLED * abs(work)
-        return not work - damping - landing - scheme <= _SAFE * put_in
+        return not work - damping - landing - scheme <= _SAFE * put_in  # NaN, too
 
     def iterations(self, row: Array) -> tuple[int, float]:
         """Iterations and largest error indicator of the step with these outputs."""

@@ -173,6 +173,7 @@ class Loads(GivenLoads):
         """Set every load to its start value; remove the histories, and what steps have left."""
         super().reset()
         self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
+        # amplitudes of the start value: reached, before it, and driven
         self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
         self.span = self.behind = 0.0
 
@@ -206,6 +207,7 @@ class Loads(GivenLoads):
     def part(self, made: int, t: float, h: float, t0: float, dt: float) -> GridPart:
         """What of the grid of time steps of dt, s, the step from t to t + h, s, ends; ``made`` : time steps so far,
         since t0."""
+        # round-off of both ends, in time steps
         off = 4e-16 * (abs(t) + abs(t + h)) / dt
         return GridPart(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
 
@@ -215,11 +217,13 @@ class Loads(GivenLoads):
         self.span = inputs.accept(
             *self._given(), memory, self.kinds, self.span, dt, rule, made, part.n, begin, part.rest
         )
+        # a step that ended early ends on the grid
         self.behind = part.rest if made == part.n else 0.0
 
     def copy(self) -> Loads:
         """The same loads, independent of these."""
         twin = Loads.__new__(Loads)
+        # histories are not changed in place, and may be shared
         vars(twin).update(vars(self))
         twin.value, twin.rate, twin.memory = dict(self.value), dict(self.rate), self.memory.copy()
         return twin
@@ -346,6 +350,7 @@ def given_rows(times: Array, amplitudes: Mapping[str, Array]) -> Histories:
     ------
     InputError : the times do not increase, or rows after the last instant have another amplitude than there.
     """
+    # products of True from the end: how many rows repeat the last instant
     repeated = int(np.cumprod(times[::-1] == times[-1]).sum())
     n = len(times) - max(repeated - 1, 0)
     if n == 1 and not any((values != values[0]).any() for values in amplitudes.values()):

@@ -46,6 +46,7 @@ class OutputRows:
         self.n, self.of_event = len(self.places), first_of_events(self.places)
         self.of_solver = self.places["solver.iterations"]
         self._moved: list[int] = []  # forces of moved faces that no instant gives alone
+        # accelerations and tractions of an explicit scheme are means over two time steps
         if run.problem.assembly.scheme.explicit:
             moved = tuple(f"port.{name}." for name, port in scene.port.items() if port.causality == "motion_in")
             self._moved = [i for name, i in self.places.items() if name.startswith(moved)]
@@ -147,6 +148,7 @@ class OutputRecorder(Recorder):
         drives[row : row + n] = self._drives[first : first + n]
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
+            # the first row of the drives begins with the motion state
             state[:] = self._drives[0, : len(state)]
             if self._opens is not None:
                 image.field("progress", 9)[6] = self._opens

@@ -58,6 +58,7 @@ class Prescribed:
         key = hashlib.sha256(encode({"value": loads.initial_values(), "history": histories}, "histories")).hexdigest()
         if key == self._solved_for:
             return
+        # a solution that fails is none, even if the loads are asked for again
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)
@@ -93,6 +94,7 @@ class Prescribed:
         if early:
             first = self.instant(t - t0)
             event = first_event(self._table[first : self.instant(stop) + 1, self._first_event :])
+            # not at the end of the step itself: it ends there anyway
             if event is not None and self.time[first + event] < stop - ROUND_OFF * h:
                 stop = float(self.time[first + event])
                 ended = t0 + stop
@@ -126,6 +128,7 @@ class Prescribed:
         share = place - i
         mixed: Array = (1.0 - share) * self._table[i] + share * self._table[i + 1]
         k = self._first_event
+        # counts and instants of events are not interpolated
         mixed[k:] = between(self._table[i, k:], self._table[i + 1, k:], time)
         return mixed
 

@@ -129,6 +129,7 @@ class Session:
     def _prepared_mode(self, loads: Loads) -> Windowed | Prescribed:
         """The mode, built for the displacements that the driven faces have at the start."""
         starts = loads.starts()
+        # displacements at the start are part of the geometry of the problem: with others it is built anew
         if self._mode is None or starts != self._starts:
             laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
             scene = with_laws(self.scene, laws) if laws else self.scene
@@ -150,6 +151,7 @@ class Session:
             return refused(trouble)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
+        # before the step, which accepts what they follow from
         rates = self._loads.rates(self.settings.interpolation) if self.settings.keep else {}
         try:
             report = mode.step(self._loads, t, h, self._t0, early)
@@ -264,6 +266,7 @@ class Session:
         histories are solved anew and do not converge.
         """
         state = decode(blob, self._kind)
+        # new ones until everything has been checked
         loads = Loads(self.scene)
         if check:
             own = {"time": 0.0, "t0": 0.0, "started": 1, "row": self.row, "loads": None, "last": "", "mode": None}

@@ -29,6 +29,7 @@ _POINTS = 32  # points whose unit fields are read at a time
 def _apart(values: Any) -> Any:
     """Fields (n, n_point, ...) of all points as fields (n n_point, n_point, ...) of one point each."""
     n, n_point = values.shape[:2]
+    # row k n_point + p: unknown k of point p alone
     apart = np.zeros((n, n_point, *values.shape[1:]), values.dtype)
     each = np.arange(n_point)
     apart[:, each, each] = values
@@ -43,6 +44,7 @@ class SignalPlaces:
         self._assembly, self._request = assembly, recorder.request
         self.probes = Probes(assembly, recorder.sliding, self._request)
         n = assembly.layout.n_flat
+        # the order of the kernels: tractions, velocities, gaps, then the classes, then the drives
         at = 2 * n + sum(g.n_point for g in assembly.layout.groups)
         self._sensed: list[int] = []
         self._probed: list[int] = []
@@ -65,6 +67,7 @@ class SignalPlaces:
     def _sensor(self, c: int, kind: int, row: int, member: int) -> int:
         """Place of the displacement, velocity or acceleration of a sensor row of a class."""
         m = len(self._assembly.propagators[c].members)
+        # all displacements of a class, then its velocities, then its accelerations; members run fastest
         return int(self._sensed[c] + (kind * self._n_sensor[c] + row) * m + member)
 
     def _motion(self, c: int, kind: int, k: int, member: int) -> int:
@@ -76,6 +79,7 @@ class SignalPlaces:
     def _source(self, name: str) -> int | None:
         """Place of the amplitude of a source at the instant; None for a load that is constant."""
         names = (*self._drives.sources.inputs, *self._drives.sources.laws)
+        # behind the motion state stand the amplitudes before the step; those at the instant come after them
         first = self._drive + self._drives.n_state + len(names)
         return first + names.index(name) if name in names else None
 
@@ -103,6 +107,7 @@ class Signals(SignalPlaces):
         """Numbers of a row of ``InterfaceRows`` from the signals."""
         layout, n = self._assembly.layout, self._assembly.layout.n_flat
         width = InterfaceRows.width_of(self._assembly)
+        # a row that holds its own column numbers: its views say where each number stands
         table = InterfaceRows(self._assembly, np.arange(float(width))[None])
         cells: list[tuple[int, int, float]] = [(j, j, 1.0) for j in range(2 * n)]
         first = 2 * n
@@ -117,6 +122,7 @@ class Signals(SignalPlaces):
             for row, place in zip(range(rows.start, rows.stop), to, strict=True):
                 cells.append((int(place), self._probed[c] + row * m + member, 1.0))
             if self._assembly.propagators[c].forcing.moves and trace is not None:
+                # what comes from outside of the velocity of the points: the probed rows are of the free dofs alone
                 moved = sp.csr_array(trace[rows]) @ self._assembly.propagators[c].members[member].imposed_pattern
                 for own, k in np.argwhere(moved):
                     cells.append((int(to[own]), self._motion(c, 1, int(k), member), float(moved[own, k])))
@@ -131,6 +137,7 @@ class Signals(SignalPlaces):
         for e in range(2 * n_s if self.probes.slide.ground else 0):
             amplitudes = np.zeros(2 * n_s)
             amplitudes[e] = 1.0
+            # two instants, before and at the end: one of the 2 n_s amplitudes is 1
             drives.begin(amplitudes.reshape(2, n_s))
             for i, velocity in drives.slides().items():
                 if i in self.probes.slide.ground and velocity.any():
@@ -144,6 +151,7 @@ class Signals(SignalPlaces):
         own, unit = self._unknowns(i, width), assembly.interfaces[i]
         geometry = unit.geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
+        # a point depends on its own unknowns alone: unit fields of all points at once, then taken apart
         every = self._unit_fields(i, width)
         linear = [r for r in INTERFACE.rows if r.of and r.name not in WRITTEN and r.axes(self._scene.joints[unit.name])]
         blocks, sizes, order = [], list[int](), list[Any]()
@@ -158,6 +166,7 @@ class Signals(SignalPlaces):
             columns = [row.of(points).reshape(len(points.traction), -1) for row in linear if row.of]
             sizes = [column.shape[1] for column in columns]
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
+            # in the order of the rows of ``_apart``: unknown, then point
             order.append(own[:, some].ravel())
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
         rows, ends = sp.csr_array(picked @ kept[np.concatenate(order)]), np.cumsum([0, *sizes])
@@ -176,6 +185,7 @@ class Signals(SignalPlaces):
         """Tangential resultant (3, n) of an interface on its first side."""
         geometry, channels = self._assembly.interfaces[i].geometry, self._assembly.layout.channels(i, 0)
         rows = sp.lil_array((3, self.n))
+        # channel 0 is the normal, which has no part in the shear
         for k in range(1, channels.shape[1]):
             for axis in range(3):
                 rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
@@ -194,11 +204,13 @@ class Signals(SignalPlaces):
             for values in parts:
                 unknown, side, p, axis = np.nonzero(values)
                 size = int(np.prod(values.shape[1:]))
+                # place in the field (side, point, axis), row by row
                 to = (side * n + p) * values.shape[3] + axis
                 entries = values[unknown, side, p, axis], (to, own[unknown, p])
                 blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, kept.shape[0]))) @ kept)
                 at += size
             if fields.gap is not None:
+                # rows of the states are empty here: the kernels write them
                 blocks.append(sp.csr_array((n, self.n)))
                 status[i] = at
                 at += n
@@ -209,9 +221,11 @@ class Signals(SignalPlaces):
         layout, group = self._assembly.layout, self._assembly.layout.group(i)
         table = InterfaceRows(self._assembly, np.arange(float(width))[None])
         flat = [layout.channels(i, side) for side in (0, 1)]
+        # traction of side E alone, whose opposite is that of E'; velocities of both sides, n_flat later
         parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
         parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
         parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
+        # six numbers a point: three components of each side
         return np.concatenate(parts).astype(np.int64)
 
     def motion(self, name: str, kind: int) -> sp.csr_array:
@@ -258,6 +272,7 @@ class Signals(SignalPlaces):
                     amplitude[0] if source is None else 1.0
                 )
             for channel, area in zip(self._assembly.channels[c][:, member], support.spread[:, axis], strict=True):
+                # - e T^T area F: the tractions of all channels of the body
                 rows[axis, int(channel)] -= area
         return sp.csr_array(rows)
 

@@ -74,6 +74,7 @@ class Windowed:
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the instants of the last step."""
         known = self._histories()
+        # asked for again they are not read again
         self._histories = lambda: known
         return known
 
@@ -91,6 +92,7 @@ class Windowed:
         self._known = run.recorder.interfaces()
         self._histories, self._window, self.segment = lambda: self._known, (0, 0), None
         self.row = self._outputs.present.copy()
+        # outputs at t = 0 leave no state: loads may change before the first step
         self.reset()
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
@@ -114,6 +116,7 @@ class Windowed:
         if not report.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
         n = self._window[1]
+        # the kernels have ended what they made to its end; else the loads are ended here
         if n and n == part.n:
             self.kernels.accept(loads)
         else:
@@ -137,6 +140,7 @@ class Windowed:
             if row is None or self._keeps or kernels.must_record:
                 segment = kernels.recorded(early)
                 row = self._outputs.at_end(segment) if segment.accepted else None
+        # of any kind, an interruption among them: the state must not be half of a step
         except BaseException as error:
             kernels.take_back()
             if isinstance(error, _OF_SOLVER):
@@ -190,6 +194,7 @@ class Windowed:
         check : compare its numbers with those of this run before.
         """
         if not len(self.row):
+            # a session that has not begun yet: restored all the same
             self._outputs_now(loads)  # gives the geometry of the interfaces
         if check:
             self._check(state)

@@ -41,6 +41,7 @@ class Location:
         """The location without nodes of negligible weight; a point at a node has that node alone."""
         kept = np.abs(weights) > _ROUND_OFF
         weights = weights[kept]
+        # exactly 1 at a node
         return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
 
     def rows(self, n_node: int) -> sp.csr_array:
@@ -70,6 +71,7 @@ class MeanMotion:
     @staticmethod
     def of_face(nodes: Array, face: Face) -> MeanMotion:
         """Mean motion by area of a face of a mesh with these nodes (n_node, 3), m."""
+        # int phi dA, negative at the corners of 8-node facets: sums of it are still the integrals over the face
         weights = face.areas / face.areas.sum()
         places = nodes[face.nodes]
         centre = weights @ places
@@ -90,6 +92,7 @@ class MeanMotion:
         """Motion (3, 3 n_node) of a point (3,), m, that follows the mean motion."""
         if self.rotation is None:
             return self.translation
+        # U + Theta x arm = U - arm x Theta
         rows = sp.csr_array(self.translation - sp.csr_array(cross_matrix(point - self.centre)) @ self.rotation)
         rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
         rows.eliminate_zeros()
@@ -98,11 +101,12 @@ class MeanMotion:
 
 def cross_matrix(vectors: Array) -> Array:
     """Matrices S (..., 3, 3) with S u = v x u for vectors v (..., 3)."""
-    return np.stack([np.cross(vectors, axis) for axis in np.eye(3)], axis=-1)
+    return np.stack([np.cross(vectors, axis) for axis in np.eye(3)], axis=-1)  # columns v x e_j
 
 
 def _rows(nodes: Index, blocks: Array, n_node: int) -> sp.csr_array:
     """Rows (3, 3 n_node) with blocks (n, 3, 3) at some nodes (n,)."""
+    # for each component of the result, the dofs of all nodes
     columns = np.tile(3 * nodes[:, None] + np.arange(3), (3, 1, 1))
     at = np.repeat(np.arange(3), 3 * len(nodes))
     values = blocks.transpose(1, 0, 2).ravel()
@@ -113,7 +117,7 @@ def _rows(nodes: Index, blocks: Array, n_node: int) -> sp.csr_array:
 
 def locate(mesh: Mesh, point: Array) -> Location | None:
     """The cell of a mesh that holds a point (3,), m, and the shape functions there; None where no cell does."""
-    best, least = None, INSIDE
+    best, least = None, INSIDE  # only a cell nearer than this is taken
     for block in mesh.blocks:
         candidates = _around(mesh.nodes, block, point)
         if not len(candidates):
@@ -148,6 +152,7 @@ def _reference(arms: Array, cell_type: str) -> Array:
         for _ in range(_STEPS):
             residual = np.einsum("ca,cai->ci", functions.values(at), arms)
             jacobian = np.einsum("cak,cai->cik", functions.gradients(at), arms)
+            # written so that NaN counts as singular
             singular = ~(np.abs(np.linalg.det(jacobian)) > 0.0)
             jacobian[singular], at[singular] = np.eye(3), np.nan  # one singular matrix would stop the solution of all
             step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
@@ -160,6 +165,7 @@ def _reference(arms: Array, cell_type: str) -> Array:
 def _outside(at: Array, cell_type: str) -> Array:
     """How far reference coordinates (n, 3) are outside the reference cell, (n,); <= 0 inside, infinite for NaN."""
     corners = N_CORNER[cell_type]
+    # of hexahedra of any degree, then tetrahedra, wedges
     if corners == 8:
         far = np.abs(at).max(axis=1) - 1.0
     elif corners == 4:
@@ -195,6 +201,7 @@ def _nearest_in(triangles: Array, point: Array) -> Array:
     normal = np.cross(first, second)
     square = np.einsum("ti,ti->t", normal, normal)
     arm = point - triangles[:, 0]
+    # coordinates of the foot along ``first`` and ``second``, by the areas of the parts of the triangle
     one = np.einsum("ti,ti->t", np.cross(arm, second), normal) / square
     two = np.einsum("ti,ti->t", np.cross(first, arm), normal) / square
     foot = triangles[:, 0] + one[:, None] * first + two[:, None] * second

@@ -96,6 +96,7 @@ class WindowSolver:
             record.corrections = int(image.counts("corrections", 1)[0])
             record.defect = float(image.field("defects", 1)[0])
             record.converged = verdict == WITHIN
+            # corrections are iterations, too
             if begin >= self._settings.max_iterations:
                 break
         return record.converged
@@ -111,6 +112,7 @@ class WindowSolver:
             bits, measures = verdict, stages.measures()
             record.error_indicator.append(float(measures[0]))
             record.force_mismatch.append(float(measures[1]))
+            # the first one, too: a best iterate must exist where all are NaN
             if verdict & (BEST | CONVERGED) or not kept:
                 kept[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
             record.newton_steps = stages.newton_steps()
@@ -132,6 +134,7 @@ class WindowSolver:
                 phase = start
                 if fallback == RELAXED:
                     best.put(stages)
+                    # relaxation goes on from the best iterate, whose residual is among its fields
                     stages.field("q")[...] += _RELAXATION * stages.field("r")
                 else:
                     limit = start + _AFTER_POINTS
@@ -181,6 +184,7 @@ def softening(direction: Direction, gap: float) -> float | None:
     assembly = direction.whole.assembly
     if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
         return None
+    # way that the load makes a free side go in an iteration, over the gap
     crossed = assembly.characteristic_traction / float(direction.whole.k.max()) * assembly.dt / gap
     return crossed if crossed < _FAR else None
 
@@ -202,6 +206,7 @@ def softened_start(
         settings,
         search_direction=search,
         tolerance=max(_SOFT_TOLERANCE, settings.tolerance),
+        # the indicator alone decides: a first guess is wanted
         force_tolerance=np.inf,
         max_iterations=_SOFT_ITERATIONS,
         newton=False,
@@ -215,6 +220,7 @@ def softened_start(
     window.begin()
     window.field("q")[...] = 0.0
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
+    # the record has the rules of the short iteration still
     image.set(rules(settings))
     return direction.incoming(iterate.f_hat[0], iterate.w_hat[0])
 
@@ -275,6 +281,7 @@ class WindowRun(RunState, ABC):
     def _keeps_failing(self) -> bool:
         """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
         some instants."""
+        # once in so many instants all fall-backs are tried again
         enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
         return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
 
@@ -323,6 +330,7 @@ class WindowRun(RunState, ABC):
             self._begin_window(stages, guess)
         if not record.converged:
             solver.solve(stages, record, number)
+        # the given fields were no help: once more from the state itself
         if given and not record.converged:
             self.image.call(entries.REWIND)
             record.fallbacks.append(COLD)
@@ -333,6 +341,7 @@ class WindowRun(RunState, ABC):
         if self.assembly.quasi_static and not record.converged:
             self._restart(stages, record)
             solver.solve(stages, record, number)
+        # the state at the start of the window comes back
         if not record.converged and n > 1:
             self.image.call(entries.REWIND)
             self._count(before)
@@ -371,6 +380,7 @@ class WindowRun(RunState, ABC):
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
         # the velocities of bodies that closed a large gap are no guess for the next increment
         image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
+        # a long window leaves the substructures at its end: back to its start, to march it with the accepted fields
         if n > 1:
             image.call(entries.REWIND)
             record.disagreement = stages.disagreement()
@@ -403,6 +413,7 @@ class WindowRun(RunState, ABC):
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""
         image = self.image
+        # the whole block: work of the iteration is needed again, too
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
         if stages.n > 1:
             image.call(entries.REWIND)
@@ -434,6 +445,7 @@ class WindowRun(RunState, ABC):
         record.fallbacks.append(FROM_REST if q is None else SOFTENED)
         self._use(1)
         self._begin_window(stages)
+        # q = F_hat: velocities of zero
         stages.field("q")[...] = self.f_hat if q is None else q
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
@@ -449,6 +461,7 @@ class WindowRun(RunState, ABC):
                 break
         parts = self.windows.cut(done)
         record.converged = len(parts) == n and all(p.converged for p in parts)
+        # a failed window before any error
         worst = max(parts, key=lambda p: (not p.converged, p.final_error))
         record.error_indicator.append(worst.final_error)
         record.force_mismatch.append(worst.final_mismatch)

@@ -56,6 +56,7 @@ def _dispatch(kernel_name: str, arguments: str, unknown: str) -> Any:
     for code, law in enumerate(REGISTRY):
         known[law.name] = getattr(law, kernel_name)
         lines.append(f"    if law == {code}:\n        return {law.name}({arguments})")
+    # no text from outside: names are those of REGISTRY
     exec(compile("\n".join([*lines, f"    {unknown}"]), __file__, "exec"), known)
     return kernel(known[kernel_name])
 
@@ -85,9 +86,12 @@ def tangent(
     A law written in Python has its derivative (3, 3) instead: columns J, rows of the identity and softness 1 - z J.
     """
     for e in range(9):
+        # laws write the entries that are not 0
         columns[e] = rows[e] = 0.0
+    # softness is not cleared before: a given tangent writes all nine
     if law < 0:
         return _given_tangent(derivative, z, len(jump), proximal, columns, rows, softness)
+    # ``derivative`` may be this array: laws with a code do not read it
     softness[:] = 0.0
     return int(_tangent_of(law, jump, z, reach, rate, parameters, proximal, columns, rows, softness))
 
@@ -105,6 +109,7 @@ def _given_tangent(
         return 0
     for i in range(3):
         for j in range(3):
+            # column i of J is what unknown i does: J and its rows exchanged
             columns[3 * i + j] = derivative[3 * j + i]
             softness[3 * i + j] = -z[min(i, 1)] * derivative[3 * i + j]
         rows[4 * i] = 1.0
@@ -172,6 +177,7 @@ def statuses(name: str, traction: Array, parameters: Array) -> Status:
     """Status of points that carry these tractions by the law of this name; leading axes free, the last two of points
     (one row of parameters each) and components."""
     flat = np.ascontiguousarray(traction, dtype=float).reshape(-1, traction.shape[-1])
+    # rows of points repeat for every instant in front of them
     repeated = np.tile(np.ascontiguousarray(parameters, dtype=float), (len(flat) // max(len(parameters), 1), 1))
     out = np.zeros(len(flat), dtype=np.int64)
     status_of_points(LAWS[name], flat, repeated, 0.0, out)

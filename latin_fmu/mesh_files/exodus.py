@@ -58,7 +58,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
             if variable is None:  # an empty block
                 blocks.append(("", NO_ROWS.reshape(0, 1)))
                 continue
-            cells = np.asarray(variable[:], dtype=np.int64) - 1
+            cells = np.asarray(variable[:], dtype=np.int64) - 1  # from 1 in the file
             if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
                 problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
                 continue
@@ -95,6 +95,7 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
     count = len(data.dimensions[dimension])
     names = [""] * count
     if f"{short}_names" in data.variables:
+        # fixed-width rows of single characters, ended by a null
         table = np.asarray(data.variables[f"{short}_names"][:])
         names = [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in table]
     ids = np.arange(1, count + 1)
@@ -106,6 +107,7 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
 def _add_block(content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index) -> str:
     """Put a block where it belongs; its type, empty where cells of that type are left out."""
     key = (element.upper()[:3], cells.shape[1])
+    # HEX20 and WEDGE15 of Exodus have vertical edges before upper ones
     if kind := _SOLIDS.get(key):
         content.add_volume(name, kind, content.add_solids(kind, upper_edges_last(cells)))
         return kind
@@ -127,6 +129,7 @@ def _facets(
     for kind, cells in blocks:
         inside = (elements >= first) & (elements < first + len(cells))
         local, side = elements[inside] - first, sides[inside]
+        # counts through blocks that are left out, too: the numbers of the file include them
         first += len(cells)
         if kind in FLAT and len(local):
             facets.append(cells[local][:, : FLAT[kind]])

@@ -61,12 +61,15 @@ def _entries(
     for number, raw in _bulk_lines(text):
         for pattern in (_HM_NAME, _ANSA_NAME):
             if match := pattern.match(raw):
+                # within 64 bits
                 names[int(match[1][:18])] = match[2].strip()
+        # columns count after tabs
         line = raw.split("$")[0].rstrip().expandtabs(8)
         if not line:
             continue
         if line.upper().startswith("ENDDATA"):
             break
+        # a continuation begins with a mark, a blank or, in free form, an empty field
         if line[0] in "+* ," and entry is not None:
             entry[1].extend(_fields(line)[1:])
             continue
@@ -102,6 +105,8 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
+        # an exponent without E: a sign after a digit or point; with one, the sign alone first, so that it is found
+        # alike
         return float(_EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-")))
 
 
@@ -125,6 +130,7 @@ class _BulkData:
                 self._grid(line, fields)
             elif name in _SOLIDS:
                 nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][1]] if f]
+                # the property is that of the same number as the element where it is blank
                 self._element(line, name, int(fields[2] or fields[1]), nodes, _SOLIDS[name], solid=True)
             elif name in _SHELLS:
                 nodes = [int(f) for f in fields[3 : 3 + _SHELLS[name]] if f]
@@ -167,8 +173,8 @@ class _BulkData:
     def _constraint(self, name: str, fields: list[str]) -> None:
         held = self.held.setdefault(int(fields[1]), [])
         if name == "SPC":
-            held += [int(f) for f in fields[2::3] if f][:2]
-        elif len(fields) > 4 and fields[4].upper() == "THRU":
+            held += [int(f) for f in fields[2::3] if f][:2]  # G1 C1 D1 G2 C2 D2
+        elif len(fields) > 4 and fields[4].upper() == "THRU":  # G1 THRU G2
             first, last = int(fields[3]), int(fields[5])
             held += [n for n in self.nodes if first <= n <= last]
         else:
@@ -185,6 +191,7 @@ class _BulkData:
             owners = np.array([owner for owner, _ in elements], dtype=np.int64)
             cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
             if solid:
+                # one table for all elements of a type: its rows are those of ``solids``
                 content.add_solids(SOLIDS[count], upper_edges_last(cells))
             for owner in dict.fromkeys(owners.tolist()):
                 rows = np.flatnonzero(owners == owner)

@@ -206,6 +206,7 @@ def sweep(
         if store is not None and not lost:
             store.keep(point, record)
         if log is not None:
+            # points read from the folder have taken no time here
             seconds = (clock.monotonic() - begun) / (len(records) - before)
             log(_line(record, grid.words(point), len(records), len(grid.order), seconds))
 
@@ -214,6 +215,7 @@ def sweep(
     study = dataset_of(grid, checked, records, histories)
     if store is not None and output is not None:
         write_netcdf(xr.DataTree(study), output)
+        # the folder stays: the same call solves what was lost, and only that
         if not again:
             store.remove()
     return study
@@ -323,6 +325,7 @@ def _add_histories(study: xr.Dataset, records: Mapping[Index, Record]) -> None:
     given = {point: record for point, record in records.items() if "histories" in record}
     if not given:
         return
+    # points cut short have the first instants of it
     time = max((np.asarray(record["time"]) for record in given.values()), key=len)
     parts = _parts(study, records, "interface")
     study.coords["time"] = "time", time, {"units": "s", "long_name": "time since the start"}
@@ -369,6 +372,7 @@ class _WaitingPoints:
         own = self._waiting[worker]
         if not own:
             longest = max(self._waiting, key=len)
+            # a list of one gives it away whole; where the longest is empty nothing is left
             half = len(longest) // 2
             own += longest[half:]
             del longest[half:]
@@ -417,6 +421,7 @@ def _distribute(points: _WaitingPoints, plan: str, workers: Sequence[Renew], kee
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             worker, point = running.pop(future)
             try:
+                # one that returns is enough: the processes themselves are in order
                 record, lost = future.result(), 0
                 keep(point, record, False)
             except _lost_errors() as error:
@@ -455,6 +460,7 @@ def _processes(jobs: int) -> Iterator[list[Renew]]:
         made.append(ProcessPoolExecutor(1, context, _prepare))
         return made[-1]
 
+    # processes that are lost are replaced: those of the context are all children that were not there before
     try:
         yield [make] * jobs
     except BaseException:  # points under way would be waited for
@@ -476,6 +482,7 @@ def _prepare() -> None:
 
 def _end_with(parent: Any) -> None:
     parent.join()
+    # without the clean-up of the interpreter, which would wait for the point under way
     os._exit(1)
 
 
@@ -497,6 +504,7 @@ def _cluster(address: str) -> Iterator[list[Renew]]:
         if not names:
             what, remedy = "the scheduler has no workers", f"start some: dask worker {address} --nthreads 1"
             raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy)
+        # a worker that ends does not hold up its points; equal calls are not merged
         options: dict[str, Any] = {"allow_other_workers": True, "pure": False}
 
         def make(name: str) -> Renew:

@@ -106,6 +106,7 @@ class ClassState:
             return
         for into, x in zip(self.fields, new, strict=True):
             into[...] = x
+        # a motion set from outside ends the rest for which the kernels pass over a class
         self.part("rest", 1)[0] = float(not any(x.any() for x in new))
 
     @property
@@ -136,6 +137,7 @@ class ClassState:
     # -- from image to image ------------------------------------------------------------------------------------
     def attach(self, image: Image, number: int) -> None:
         """Move the motion into an image, as its class ``number``."""
+        # before ``stand_in``, which lets go of the place where they are
         own, account = self.fields, self.account
         self.stand_in(image, number)
         self.set(*own)
@@ -183,7 +185,7 @@ class Alone:
         image: Image = state.image
         if image is not self._made:
             return image
-        if self._bound is not p.k:
+        if self._bound is not p.k:  # ``bind`` makes a new array where k changes
             image.bind(0, afresh=True)
             self._bound = p.k
         if self._token is not p.forcing.token:
@@ -202,6 +204,7 @@ class Alone:
         image.set({"first_row": p.instant + 1})
         image.call(entries.PREDICT, p.state.number, p.instant + 1)
         shape = p.n_channel, len(p.members)
+        # copies: the next action writes over them
         free: Array = p.state.part("w_free", shape[0] * shape[1]).reshape(shape).copy()
         return free
 
@@ -308,9 +311,11 @@ class Propagator(ABC):
         operators = next((kept for step, kept in self._kept if step == dt), None)
         if operators is None:
             operators = self._build(dt)
+            # in place: twins hold the same list
             del self._kept[: -_STEPS_KEPT + 1]
             self._kept.append((dt, operators))
         self.dt, self.operators = dt, operators
+        # the image belongs to the operators of the former step
         self.state.detach()
         self.k: Array = np.zeros((self.n_channel, 1))
         self.single, self.tables = False, dict[str, Table]()
@@ -362,6 +367,7 @@ class Propagator(ABC):
     # -- time ---------------------------------------------------------------------------------------------------
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state; one per member."""
+        # first of all: they are read from the histories of the segment that ends
         if self.begun:
             self.forcing.set_motion_state(self.motions())
             self._resumed = None
@@ -384,16 +390,18 @@ class Propagator(ABC):
     def start(self, traction: Array, factor: MassFactor | None) -> None:
         """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium."""
         unbalance = self.initial_unbalance(traction)
+        # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
         a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
         mass_old, force_old = self.scheme.old_weights
+        # as ``substructure.keep_memory`` leaves it
         if force_old:
             residual = mass_old * (self.operators.mass @ a) - force_old * self.forcing.at(0)
             residual += 0.0 if inertia is None else mass_old * inertia
         self.state.set(u, v, a, residual)
-        self.opening = np.array(traction)
+        self.opening = np.array(traction)  # a copy: callers use theirs again
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
         """Add the present state to ``sampled``, the data of ``remarks``."""
@@ -422,6 +430,7 @@ def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
     """Initial displacements and velocities; accelerations come with ``start``."""
     members, forcing, shape = propagator.members, propagator.forcing, (propagator.n_dof, len(propagator.members))
     if not any(m.displacement.any() or m.velocity.any() for m in members) and not forcing.moves:
+        # u_full = P u + imposed
         return np.zeros(shape), np.zeros(shape)
     p = members[0].expansion
     u = closest_reduced(p, np.stack([m.displacement for m in members], axis=1) - forcing.imposed_u(0))

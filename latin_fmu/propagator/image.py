@@ -97,8 +97,10 @@ class CallOuts:
     def _call(self, what: int, a: int, b: int, c: int) -> int:
         image = self._image()
         assert image is not None
+        # after an error the kernels are on their way out: nothing is called any more
         if self._raised is None:
             try:
+                # ``call_out`` has set 1, for a signal that ends this function before here
                 image.field("failed", 1)[0] = 0.0
                 with np.errstate(all="ignore"):  # of a thread of its own, maybe
                     self._functions[what](a, b, c)
@@ -259,6 +261,7 @@ class Image:
         self._kinds = [propagator.forcing.kind for propagator in self.propagators]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
         if block.size > len(self.moving):
+            # views and pools are those of the block that was left
             self.moving, self._written, self._views = class_record.grown(self.moving, block.size), False, {}
         block.fill(self.moving)
         for row, new in zip((*self._rows, self._run), fields, strict=True):
@@ -295,6 +298,7 @@ class Image:
             self.bound = None
             placed, block = self._place(self._n_fixed if old is None else old.start, run or {}, groups)
             if old is not None and placed.end > old.end < self._n_fixed:  # longer than its place
+                # others begin behind it: this one moves to the end of the block
                 placed, block = self._place(self._n_fixed, run or {}, groups)
             elif old is not None:
                 placed.end = max(placed.end, old.end)
@@ -306,6 +310,7 @@ class Image:
             self._run |= placed.run
             for into, fields in zip((*self._rows, *self._groups), (*placed.rows, *placed.groups), strict=False):
                 into.update(fields)
+            # the tables are longer, places in them new: records have to be written
             self._written = False
             if self._run.get("n_unknown", 0) and len(self.moving):
                 self.moving[self._run["factored"]] = 0.0  # factors of Newton steps are those of a direction
@@ -328,6 +333,7 @@ class Image:
             larger = np.zeros(self._n_fixed + _DIRECTIONS * longest)
             larger[: len(self.fixed)] = self.fixed
             self.fixed = larger
+            # factors read their panels in the block: they move with it
             for row, propagator in zip(self._rows, self.propagators, strict=True):
                 class_record.move_panels(larger, row, propagator.operators.factor)
         for block in self._waiting:
@@ -336,6 +342,7 @@ class Image:
         for records, rows in ((self.run, [self._run]), (self.classes, self._rows), (self.groups, self._groups)):
             names = cast(tuple[str, ...], records.dtype.names)
             for i, row in enumerate(rows):
+                # in the order of the record; what a run lacks is 0
                 records[i] = tuple([row.get(name, 0) for name in names])
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         tables = self.run.view(kind), self.classes.view(kind), self.groups.view(kind)
@@ -384,6 +391,7 @@ class Image:
     def set(self, fields: Mapping[str, float]) -> None:
         """Change numbers of the run."""
         self._run |= fields
+        # in the fields and in the record: the next ``write`` starts from the fields
         for name, value in fields.items():
             self.run[0][name] = value
 
@@ -424,6 +432,7 @@ def complete(image: Image) -> None:
     image.write()
     run = image.run_fields
     for c in range(len(image.classes) if run.get("static") and run.get("newton") else 0):
+        # first number 0: not made yet (``class_record``)
         if image.fixed[image.row(c)["admittance"]] == 0.0:
             make_admittance(image, c)
 

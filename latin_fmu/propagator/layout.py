@@ -68,6 +68,7 @@ class Arrays:
         """Reserve the arrays in a block, one after the other, and set their places in the record."""
         for array, size in zip(self.arrays, self.sizes(names), strict=True):
             here = size > 0 or array.elsewhere is None
+            # not there: it takes the place of an array declared before it
             record[array.name] = block.reserve(size) if here else record[str(array.elsewhere)]
 
 
@@ -130,6 +131,7 @@ def place_moving(
     per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
     window = int(run["longest_window"])
     rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), window)
+    # row 0 is the start of the call
     rows = max(COMMUNICATION_ROWS, window + 1) if run.get("n_output", 0) else rows
     state = 0
     for pool in POOLS:
@@ -137,6 +139,7 @@ def place_moving(
             sizes["R"] = rows
             arrays[pool].place(block, record, sizes)
             if pool == "state" and arrays is CLASS:
+                # known once the state of the class is placed, and needed by sizes of its work
                 record["state"], record["energy"] = record["rest"], record["totals"]
                 own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
                 record |= own

@@ -508,7 +508,7 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
     if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:
         return
     ratio = end / step
-    if not ratio <= MAX_INSTANTS:
+    if not ratio <= MAX_INSTANTS:  # NaN, too
         yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
         return
     yield from _length_problems("time.step", step, step)
@@ -532,6 +532,7 @@ def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]
 def with_defaults(raw: Any) -> Any:
     """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
     most of the time there; with the explicit propagator its time scheme; with bolts a static start."""
+    # bolts need an equilibrium to start from
     if named_tables(raw, "bolt") and (time := single_table(raw, "time")) and not given(time, "start"):
         raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")

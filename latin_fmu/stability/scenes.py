@@ -145,6 +145,7 @@ def thrown(
     elements: int, instants: int, end: float, gap: float, speed: float, gravity: float, **solver: Any
 ) -> Description:
     """Bar of length 10, E 900, rho 1 (wave speed 30) above rigid ground, thrown down or dropped; interface ``wall``."""
+    # density 1
     falling = replace(bar(Material(900.0), 10.0, elements, speed), keys={"body_force": [0.0, 0.0, -gravity]})
     time = {"end": end, "instants": instants}
     scene = column({"bar": falling}, {}, time, solver=solver, output={"energy": True})
@@ -168,11 +169,13 @@ EDGE, PRESSURE = 0.01, 200e6
 
 def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
+    # planes of symmetry at x = 0 and y = 0
     side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
     low, up = (Box(m, (side, side, EDGE), (count, count, elements)) for m in (ALUMINIUM, STEEL))
     scene = two_boxes(low, up, 30e-6 / instants, instants, friction, **solver)
     _crush(scene, quarter)
     if not quarter:
+        # about the axes, so that the quarter keeps its place
         for table in scene["substructure"].values():
             table["box"]["origin"][:2] = [-EDGE, -EDGE]
     return scene

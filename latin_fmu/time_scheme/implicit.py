@@ -130,6 +130,7 @@ class Newmark(TimeScheme):
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of the energy identity in the module docstring."""
+        # (1 - gamma) times the equation of motion of n, gamma times that of n + 1, each with its alpha
         new, old = self.gamma, 1 - self.gamma
         force = (-old * self.alpha, old * (1 + self.alpha) - new * self.alpha, new * (1 + self.alpha))
         return force, (old, new)
@@ -189,6 +190,7 @@ class GeneralizedAlpha(MasslessContact):
         a_m, a_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         shape = {"beta": 0.25 * (1 - a_m + a_f) ** 2, "gamma": 0.5 - a_m + a_f}
         Newmark.__init__(self, **shape, alpha=0.0, name="generalized_alpha")
+        # the fields of a frozen dataclass
         object.__setattr__(self, "old_weights", (a_m, a_f))
         object.__setattr__(self, "landing_damping", landing_damping)
 
@@ -218,6 +220,7 @@ class GeneralizedAlpha(MasslessContact):
 
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:  # noqa: ARG002
         """The displacement u_w: springs of a layer are those of a mesh."""
+        # a_f gap + (1 - a_f) (gap + dt new)
         return gap, self.force_weight * dt
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:

@@ -102,6 +102,7 @@ class TimeScheme(Protocol):
             mean: Array = 0.5 * (old + new)
             return mean
         a_m, a_f = self.old_weights
+        # one of a_f and ``memory_weight`` is zero in every scheme
         weighted: Array = self.force_weight * new + (a_f - self.memory_weight) * old - a_m * a_old
         return weighted / (1.0 - a_m)
 
@@ -145,6 +146,7 @@ class TimeScheme(Protocol):
 def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     """Numbers of ``kernels.records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear
     recursions, which are the values of its own functions for unit arguments."""
+    # unit vectors for arguments: entry i of a result is its factor of argument i
     nothing, (first, second, third) = np.zeros(3), np.eye(3)
     # half of an explicit step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
@@ -157,6 +159,7 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     mass_old, force_old = scheme.old_weights
     numbers = {
         "dt": dt,
+        # of the first half of an explicit step: the second one follows as ``u_late``
         "u_v": u[0] - late,
         "u_a": u[1],
         "v_a": v[1],
