@@ -146,7 +146,7 @@ def compiled_size(scene: Scene) -> int:
     InputError : the scene cannot be compiled, or the library is missing. SceneError : it cannot be built.
     """
     with tempfile.TemporaryDirectory() as folder:
-        return build_fmu(scene, Path(folder) / "size.fmu", extra={}, compiled=True).stat().st_size
+        return build_fmu(scene, Path(folder) / "size.fmu", extra={}).stat().st_size
 
 
 def _quantities(inputs: Inputs) -> Quantities:

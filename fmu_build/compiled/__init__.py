@@ -39,7 +39,7 @@ from latin_fmu.cosim.output_table import AT_POINTS
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.errors import InputError, Problem
+from latin_fmu.errors import NeedsPythonError, Problem
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -103,7 +103,7 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
 
     Raises
     ------
-    InputError : the kernels do not hold something of this scene; SceneError : it cannot be built.
+    NeedsPythonError : the kernels do not hold something of this scene; SceneError : it cannot be built.
     """
     run = CommunicationRun(scene)
     image = write(run)
@@ -119,23 +119,27 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     return CompiledRun(table, image, _table(table, scene, run, (image, results), token, places, record), results, token)
 
 
-def libraries() -> dict[str, bytes]:
-    """Libraries of the kernels with the functions of the FMI, by target.
+def libraries(portable: bool = False) -> dict[str, bytes]:
+    """Libraries of the kernels with the functions of the FMI, by platform; ``portable`` : those that need no AVX2.
 
     Raises
     ------
-    InputError : there is none that was made from these sources.
+    NeedsPythonError : there is none that was made from these sources.
     """
-    known = linking.functions_digest().encode()
-    made = {path.stem.removeprefix("_kernels-"): path.read_bytes() for path in library.shipped()}
-    fit = {target: content for target, content in made.items() if known in content}
+    known, end = linking.functions_digest().encode(), "-portable" if portable else ""
+    made = {path.stem.removeprefix("_kernels-"): path for path in library.shipped()}
+    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith("-portable") == portable}
+    fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
     if not fit:
+        targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
         remedy = (
-            "install a wheel, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64 (of "
-            f"{', '.join(linking.TARGETS)} those on which it is to run)"
+            f"in a source tree run: python -m latin_fmu.aot {targets} (of {', '.join(linking.TARGETS)} those on which "
+            "it is to run)"
         )
-        problem = Problem("--compiled", "the library of compiled kernels is missing here", None, None, remedy)
-        raise InputError([problem], "the FMU cannot be compiled")
+        if not portable:
+            remedy = f"install a wheel, or, {remedy}"
+        problem = Problem("compiled FMU", "the library of compiled kernels is missing here", None, None, remedy)
+        raise NeedsPythonError([problem], "the FMU cannot be compiled")
     return fit
 
 

@@ -68,8 +68,8 @@ static int filled(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
     if (!latin_fmu_fits())
-        return msg(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run the FMU that was "
-                   "made without --compiled"), 0;
+        return msg(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run one that was made "
+                   "with --portable, or with --python"), 0;
     c->fmu = calloc(1, sizeof *c->fmu);
     if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
     struct Object *o = c->fmu;
@@ -171,7 +171,7 @@ int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
             return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
                        "FMU of a scene with another start_value", input_name(c, input, IN_VALUE), start);
         return msg(c, ERROR, "%s must stay %g over the first time step, for which the initial state was computed: begin "
-                   "later, or use the FMU that was made without --compiled", input_name(c, input, IN_VALUE), start);
+                   "later, or use an FMU that was made with --python", input_name(c, input, IN_VALUE), start);
     }
     return msg(c, status, "no convergence of the time step that ends at %g s%s", t,
                status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");

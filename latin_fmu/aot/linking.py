@@ -40,9 +40,9 @@ TARGETS: Final[Mapping[str, Target]] = MappingProxyType(
         "linux-aarch64": Target("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
         "windows-x86_64": Target("x86_64-w64-windows-gnu", "x86-64-v3", "x86_64-windows-gnu"),
         "darwin-aarch64": Target("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0"),
-        # for compiled FMUs (``latin-fmu fmu --portable``): every x86-64 processor
-        "linux-x86_64-portable": Target("x86_64-unknown-linux-gnu", "x86-64", "x86_64-linux-gnu.2.17"),
-        "windows-x86_64-portable": Target("x86_64-w64-windows-gnu", "x86-64", "x86_64-windows-gnu"),
+        # for compiled FMUs (``latin-fmu fmu --portable``): x86-64 processors from 2009 on
+        "linux-x86_64-portable": Target("x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
+        "windows-x86_64-portable": Target("x86_64-w64-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
     }
 )
 

@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.segments import SegmentedRun
-from ..errors import InputError, Problem
+from ..errors import InputError, NeedsPythonError, Problem
 from ..kernels import entries
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
@@ -116,7 +116,7 @@ class CommunicationRun:
 
     Raises
     ------
-    InputError : a scene that the kernels do not hold; SceneError : it cannot be built.
+    NeedsPythonError : a scene that the kernels do not hold; SceneError : it cannot be built.
     """
 
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
@@ -168,10 +168,10 @@ def _check(scene: Scene, explicit: bool) -> None:
     if moved and explicit:
         what, remedy = "is a mean over two time steps in an explicit march", 'use propagator "direct"'
         problems = [Problem(f"port.{name}", f"its force {what}", None, None, remedy) for name in moved]
-        raise InputError(problems, "the scene needs Python at run time")
+        raise NeedsPythonError(problems, "the scene needs Python at run time")
 
 
-def _solved_by_python(run: Run) -> InputError:
+def _solved_by_python(run: Run) -> NeedsPythonError:
     """What of a run the kernels do not hold, by name."""
     problems = []
     for propagator, row in zip(run.assembly.propagators, run.image.classes, strict=True):
@@ -186,7 +186,7 @@ def _solved_by_python(run: Run) -> InputError:
     if not problems:
         what = "perfect interfaces are too many, or redundant, for a direct solution in kernels"
         problems.append(Problem("solver.bonds", what, None, None, 'use bonds = "iterated"'))
-    return InputError(problems, "the scene needs Python at run time")
+    return NeedsPythonError(problems, "the scene needs Python at run time")
 
 
 # -- the file ---------------------------------------------------------------------------------------------------

@@ -242,7 +242,7 @@ def models(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, ...]]:
             for kind in KINDS:
                 target = folder / f"{name.replace('/', '_')} {fmi} {kind}.fmu"
                 try:
-                    off = in_fmpy(build_fmu(inputs.scene, target, fmi, carried[kind], kind == "compiled"))
+                    off = in_fmpy(build_fmu(inputs.scene, target, fmi, carried[kind], python=kind != "compiled"))
                     results.append(f"{judged(off)} ({off:.1g})" if off <= CLOSE else judged(off))
                 except Exception as error:  # the page says what went wrong with one, and goes on
                     results.append(f"failed: {str(error).splitlines()[0][:120]}")
@@ -272,7 +272,7 @@ def checkers(fmus: Sequence[Path]) -> Iterator[tuple[str, ...]]:
 def page(folder: Path, files: Sequence[Path]) -> str:
     """Run all and write the page."""
     fmus = {
-        (fmi, kind): build_fmu(blocks(), folder / f"blocks {fmi} {kind}.fmu", fmi, compiled=kind == "compiled")
+        (fmi, kind): build_fmu(blocks(), folder / f"blocks {fmi} {kind}.fmu", fmi, python=kind != "compiled")
         for fmi in VERSIONS
         for kind in KINDS
     }

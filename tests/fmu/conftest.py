@@ -28,7 +28,7 @@ def store(tmp_path_factory) -> Iterator[Path]:
 def fmus(tmp_path_factory) -> dict[str, Path]:
     """FMU of the two blocks, by version of the FMI."""
     folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi) for fmi in ("2", "3")}
+    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi, python=True) for fmi in ("2", "3")}
 
 
 @pytest.fixture(params=["2", "3"])

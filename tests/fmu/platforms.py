@@ -153,12 +153,15 @@ def outputs(platform: Platform, fmu: Path, fmi: str, folder: Path) -> Outputs:
         *references,
     ]
     environment = {**os.environ, "WINEPREFIX": str(folder / "wine"), **platform.environment}
-    done = subprocess.run(
-        command, input="\n".join(lines), capture_output=True, text=True, env=environment, timeout=300, check=False
-    )
+    lines_in, told, said = (folder / f"{name}.txt" for name in ("given", "told", "said"))
+    lines_in.write_text("\n".join(lines), encoding="utf-8")
+    with lines_in.open() as source, told.open("w") as out, said.open("w") as error:  # Windows' services hold pipes open
+        done = subprocess.run(
+            command, stdin=source, stdout=out, stderr=error, env=environment, timeout=300, check=False
+        )
     if done.returncode:
-        raise RuntimeError(f"{fmu.name} on {platform.target}: {done.returncode}: {done.stderr.strip()}")
-    rows = np.array([[float.fromhex(word) for word in line.split()] for line in done.stdout.splitlines()])
+        raise RuntimeError(f"{fmu.name} on {platform.target}: {done.returncode}: {said.read_text().strip()}")
+    rows = np.array([[float.fromhex(word) for word in line.split()] for line in told.read_text().splitlines()])
     assert rows.shape == (n + 1, len(read))
     return {(v.unit, v.name): rows[:, i] for i, v in enumerate(read)}
 
@@ -179,7 +182,7 @@ def compared(platform: Platform, fmi: str, folder: Path) -> Iterator[tuple[str, 
     for name, scene in SCENES.items():
         fmu = folder / f"{name}{fmi}.fmu"
         if not fmu.is_file():
-            build_fmu(scene(), fmu, fmi, compiled=True)  # type: ignore[arg-type]
+            build_fmu(scene(), fmu, fmi)  # type: ignore[arg-type]
         there, here = (outputs(one, fmu, fmi, folder) for one in (platform, HERE))
         yield name, *difference(there, here)
 

@@ -82,7 +82,7 @@ KINDS += [pytest.param(True, id="compiled", marks=pytest.mark.skipif(not LIBRARY
 @pytest.fixture(scope="module", params=KINDS)
 def made(request, tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=request.param) for fmi in ("2", "3")}
+    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, python=not request.param) for fmi in ("2", "3")}
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def precise() -> Scene:
 @pytest.fixture(scope="module", params=[False, pytest.param(True, marks=COMPILED)], ids=["python", "compiled"])
 def made(request, tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(precise(), folder / f"{fmi}.fmu", fmi, {}, compiled=request.param) for fmi in ("2", "3")}
+    return {fmi: build_fmu(precise(), folder / f"{fmi}.fmu", fmi, {}, python=not request.param) for fmi in ("2", "3")}
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def test_the_fmu_is_the_session(opened, fmi, tmp_path, kind, compiled):
     if compiled and library.loaded() is None:
         pytest.skip("no library of kernels here")
     scene = driven.bars({"type": "input"}, kind)
-    host = opened(fmi, build_fmu(scene, tmp_path / "driven.fmu", fmi, compiled=compiled))
+    host = opened(fmi, build_fmu(scene, tmp_path / "driven.fmu", fmi, python=not compiled))
     session, stem = Session(scene, Settings(keep=False)), driven.name_of(kind)
     session.set_load(stem, 0.0, 1.0)
     session.initialize()

@@ -186,7 +186,7 @@ def test_nothing_is_printed_and_no_file_appears(fmus, fmi, tmp_path):
 
 
 def test_two_scenes_in_one_process(opened, fmi, tmp_path):
-    other = build_fmu(bar(), tmp_path / "bar.fmu", fmi)
+    other = build_fmu(bar(), tmp_path / "bar.fmu", fmi, python=True)
     first, second = opened(fmi), opened(fmi, other)
     for host in (first, second):
         host.start()
@@ -204,7 +204,7 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         return {**files, "latin_fmu/cosim/windowed.py": (text + "\nOTHER = True\n").encode()}
 
     monkeypatch.setattr("fmu_build.build.package_files", changed)
-    other = build_fmu(blocks(), tmp_path / "other.fmu", fmi)
+    other = build_fmu(blocks(), tmp_path / "other.fmu", fmi, python=True)
     first, second = opened(fmi), opened(fmi, other)
     for host in (first, second):
         host.start()

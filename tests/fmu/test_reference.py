@@ -39,7 +39,7 @@ def columns(content: bytes) -> np.ndarray:
 @needs_library
 @pytest.mark.parametrize("compiled", [False, True])
 def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
-    fmu = build_fmu(blocks(), tmp_path / "blocks.fmu", fmi, compiled=compiled)
+    fmu = build_fmu(blocks(), tmp_path / "blocks.fmu", fmi, python=not compiled)
     files = contents(fmu)
     (experiment,) = etree.fromstring(files[f"{FOLDER}/blocks.exp"])
     children = {child.tag: f"{FOLDER}/{child.get('source')}" for child in experiment}
@@ -65,7 +65,7 @@ def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
 
 @needs_library
 def test_the_manifest_follows_the_layered_standard(tmp_path):
-    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu"))
+    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
     manifest = etree.fromstring(files[f"{FOLDER}/fmi-ls-manifest.xml"])
     assert manifest.tag == "fmiReferences"
     assert dict(manifest.attrib) == {
@@ -89,7 +89,7 @@ SCHEMAS = os.environ.get("FMI_LS_REF_SCHEMAS", "")
 @needs_library
 @pytest.mark.skipif(not SCHEMAS, reason="FMI_LS_REF_SCHEMAS names no folder with the schemas of FMI-LS-REF")
 def test_the_schemas_of_the_layered_standard_find_nothing(tmp_path):
-    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu"))
+    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
     common = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3LayeredStandardManifest.xsd"
     for part, name in (("Manifest", "fmi-ls-manifest.xml"), ("Experiments", "blocks.exp")):
         path = Path(SCHEMAS, f"fmi3LayeredStandardReference{part}.xsd")

@@ -218,7 +218,7 @@ def test_fmus_keep_the_clamp_force(instants: int, every: int, tmp_path: Path) ->
     """Compiled where there is a library of the kernels, else with Python inside."""
     compiled = library.loaded() is not None
     scene = latin_fmu.scene_from_dict(carried(instants, instants == 1000))
-    host = Host(build_fmu(scene, tmp_path / "pair.fmu", "2", compiled=compiled), tmp_path / "instance")
+    host = Host(build_fmu(scene, tmp_path / "pair.fmu", "2", python=not compiled), tmp_path / "instance")
     try:
         host.start()
         names = [f"interface.joint.force[{i}]" for i in (1, 2, 3)]
