@@ -22,14 +22,7 @@ def example(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_every_example_is_tested_here():
     names = {path.stem for path in EXAMPLES.glob("fmu_*.py")}
-    assert names == {
-        "fmu_first",
-        "fmu_sweep",
-        "fmu_cut_bar",
-        "fmu_package",
-        "fmu_model_exchange",
-        "fmu_stop",
-    }
+    assert names == {"fmu_first", "fmu_sweep", "fmu_cut_bar", "fmu_package", "fmu_model_exchange", "fmu_stop"}
 
 
 @pytest.mark.parametrize("example", ["fmu_first"], indirect=True)
