@@ -43,7 +43,7 @@ def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
 
     def open_fmu(fmi: str = "2", path: Path | None = None, folder: str = "") -> Host:
         place = tmp_path / (folder or f"instance {len(hosts)}")  # a path with a space
-        hosts.append(Host(path or fmus[fmi], place))
+        hosts.append(Host(path or fmus[fmi], place, alone=bool(folder)))
         return hosts[-1]
 
     yield open_fmu

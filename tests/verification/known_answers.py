@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -257,8 +257,3 @@ MAKERS: tuple[Callable[[], Known], ...] = (
 def known() -> tuple[Known, ...]:
     """All of them."""
     return tuple(make() for make in MAKERS)
-
-
-def named(*names: str) -> Iterator[Known]:
-    """Some of them."""
-    return (case for case in known() if case.name in names)

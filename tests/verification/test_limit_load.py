@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -160,8 +161,10 @@ def random_stack(seed: int) -> dict[str, Any]:
     return made
 
 
-@pytest.mark.parametrize("seeds", [range(3, 9), pytest.param(range(9, 34), marks=pytest.mark.slow)])
-def test_random_stacks_end_where_runs_without_the_program_end(seeds: range, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seeds", [(4, 8), pytest.param(range(3, 34), marks=pytest.mark.slow)])
+def test_random_stacks_end_where_runs_without_the_program_end(
+    seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No run goes beyond the loss; nine in ten end right before it, and converge to the end where there is none."""
     monkeypatch.setattr(api, "loss_of_equilibrium", lambda _: None)
     ends = []

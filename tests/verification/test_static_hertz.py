@@ -161,7 +161,7 @@ def test_cylinder_on_the_way_back(cylinder: latin_fmu.Solution) -> None:
 
 
 # -- sphere on a plane --------------------------------------------------------------------------------------------
-PER_RADIUS = 6
+PER_RADIUS = 5
 
 
 @pytest.fixture(scope="module")
