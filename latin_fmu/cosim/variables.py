@@ -204,13 +204,11 @@ _PORT_WORDS: Final[Mapping[str, tuple[str, str, str]]] = {
 
 def _port_words(name: str) -> tuple[str, str, str]:
     """Unit, unit of the rate, and meaning of an input of a port."""
-    # the word between the last dot and the index
     return _PORT_WORDS[name.partition("[")[0].rpartition(".")[2]]
 
 
 def _port_inputs(name: str, law: InputLaw) -> Iterator[Variable]:
     unit, per_second, meaning = _port_words(name)
-    # the digit in brackets
     about = f"{meaning.format(name.split('.')[1])}, {AXES[int(name[-2]) - 1]}"
     when = "at the end of the step, at its start where the rate is set" if is_wave(name) else "at the start of the step"
     yield Variable(name, "input", "continuous", "real", f"{about}, {when}", unit, law.start_value)
