@@ -485,6 +485,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
     body, facets = side
     face = face_of(body.mesh.nodes, facets)
     normals = face.normals
+    # of faces that stay bonded the shape does not matter
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
         angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))

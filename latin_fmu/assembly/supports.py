@@ -361,6 +361,7 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
     for name, port in scene.port.items():
         place, material = place_on_face(bodies[port.body], port.face), bodies[port.body].shape.material
         area, at = place.area, place.point
+        # sqrt(E rho) times the area: what absorbs waves of a bar
         bar = area * float(np.sqrt(material.young_modulus * material.density))
         centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
         lines.append(
@@ -388,11 +389,13 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
         return full
     for component, impedance in zip(port.components, port.impedance or (), strict=True):
         if diagonal:
+            # shared out by area: a diagonal matrix, which an explicit march can divide by
             shares[face.nodes, COMPONENTS.index(component)] = impedance * face.areas / face.areas.sum()
             continue
         rows = motion.translation if component in TRANSLATIONS else motion.rotation
         assert rows is not None
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
+        # Z times the mean motion, spread as that is measured: r^T Z r
         full = sp.csr_array(full + impedance * (row.T @ row))
     return diagonal_matrix(shares.ravel()) if diagonal else full
 
