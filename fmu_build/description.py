@@ -178,6 +178,7 @@ def fmi2_description(facts: Facts) -> Element:
         if variable.causality != "independent":  # optional in FMI 2, and some hosts require a start value for it
             element = SubElement(variables, "ScalarVariable", _identity(variable, number))
             SubElement(element, types[variable.kind], _values(variable, facts))
+            # FMI 2 counts variables from 1, by their place in the list
             places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
@@ -221,6 +222,7 @@ def fmi3_description(facts: Facts) -> Element:
 def _add_variable(parent: Element, references: dict[str, int], variable: Variable, facts: Facts) -> None:
     types = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
     attributes = _identity(variable, references[variable.name]) | _values(variable, facts)
+    # FMI 3 has an element for the start of a string
     start = attributes.pop("start", "") if variable.kind == "string" else None
     element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
@@ -246,6 +248,7 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
         if reference in names.states:
             variables[-1].set("initial", "exact")
             variables[-1].set("start", "0.0")
+    # their place is the value reference: locals stand behind the table
     for reference, local in enumerate(names.locals, len(facts.table)):
         SubElement(variables, "Float64", _local(reference, local, facts))
     structure = SubElement(root, "ModelStructure")  # without dependencies: everything may depend on everything

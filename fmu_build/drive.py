@@ -49,6 +49,7 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
     names = [member.filename for member in members]
     if "modelDescription.xml" not in names:
         return "not a valid FMU: it has no modelDescription.xml"
+    # the last one would be unpacked over the first
     if len(set(names)) < len(names):
         return "not a valid FMU: several members have the same name"
     for name in names:
@@ -66,6 +67,7 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
     if sum(sizes.values()) > _MOST_BYTES or sizes["modelDescription.xml"] > _MOST_XML:
         return f"not a valid FMU: unpacked it has {sum(sizes.values())} bytes"
     for member in members:
+        # small members may be packed to any share
         if member.file_size > max(_SMALL, _MOST_TIMES * member.compress_size):
             packed = f"{member.file_size} bytes from {member.compress_size}"
             return f"not a valid FMU: the member {member.filename[:80]!r} would unpack to {packed}"

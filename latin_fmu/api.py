@@ -87,6 +87,7 @@ class Iteration:
             raise KeyError(f"no substructure {name!r}; there are {', '.join(where)}")
         propagator, member = where[name]
         fields: list[Array] = []
+        # of all instants of the window: the march of the iterate is made once more
         self._event.trial(lambda _: fields.append(full_displacement(propagator, member)))
         return np.stack(fields)
 
@@ -207,6 +208,7 @@ def solve(
             continue
         if left_out is None or not touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
             break
+        # its time counts as set-up: ``start`` stays
         leave_out, timings = False, Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
@@ -233,6 +235,7 @@ def _made(
 ) -> tuple[SolverReadyProblem, Prediction]:
     """The problem of a scene, ready to run, and what it will take; parameters and errors as for ``solve``,
     ``leave_out`` as for ``discretise``."""
+    # an error of one process is raised on all of them, before any waits for it in an exchange
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept, leave_out)
         prediction = Prediction(discretised)
@@ -287,6 +290,7 @@ def run(
     assembly = problem.assembly
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
+    # of the substructures of this process, where there are several
     recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
 
     def observe(event: IterationEvent) -> None:
@@ -335,6 +339,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         converged=converged,
         status=with_faults(sentence + (balance_words(balance) if converged else ""), faults),
         faults=tuple(faults),
+        # marches, and solves on the interfaces, over substructures and instants
         passes=(march.marched + march.condensed) / (n_body * assembly.n_instant),
         marched=march.marched / (n_body * assembly.n_instant),
         energy=energy,

@@ -167,6 +167,7 @@ class Body:
         own = self.shape.lumped_mass
         if self.added is None:
             return own
+        # row sums of the mass, whose components do not couple
         own = self.shape.mass @ np.ones(self.full_size()) if own is None else own
         return np.asarray(own + self.added.lumped)
 
@@ -203,6 +204,7 @@ class Body:
     @property
     def rigid_nodes(self) -> Index:
         """Nodes of the faces that move as rigid bodies."""
+        # an empty array first: bodies without rigid faces have none to join
         return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.facets(f).nodes for f in self.rigid_faces)]))
 
     @property
@@ -314,6 +316,7 @@ def flexibility(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Lay
     stiffness, made = side_stiffness(bodies, units, layout), {unit.name: 0.0 for unit in units}
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
+            # stiffness along the normal: E over the length
             made[units[i].name] += 1.0 / float(stiffness[layout.channels(i, side)[0, 0]])
     return made
 

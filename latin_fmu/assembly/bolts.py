@@ -421,12 +421,14 @@ class _Section:
     def _one_section(self, chosen: Index, problems: Problems) -> Index | None:
         """Facets of the connected section that is nearest to the point of the bolt, or the only one."""
         nodes = self._facets[chosen]
+        # facets of all kinds in one table, -1 where one has fewer nodes
         rows, columns = np.nonzero(nodes >= 0)
         n_node = self._body.mesh.n_node
         # connected where facets share nodes: facets and nodes are the two kinds of vertices of the graph
         links = sp.coo_array(
             (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
         )
+        # labels of the facets come first
         label = connected_components(links, directed=False)[1][: len(chosen)]
         where, point = f"bolt.{self._name}.point", self._bolt.point
         centres = np.stack([self._body.mesh.nodes[row[row >= 0]].mean(axis=0) for row in nodes])

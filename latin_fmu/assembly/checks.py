@@ -215,6 +215,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
             )
         boundaries = scene.boundaries_of(name).values()
+        # walls of a periodic body end nowhere
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
         behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)

@@ -433,6 +433,7 @@ def rigid_model(
     nodal, description = held.nodal, body.description
     mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
     n_full = mass.shape[0]
+    # of Rayleigh damping the part of the mass alone: nothing is strained
     share = body.shape.material.rayleigh[0]
     still, start = np.zeros(3), held.start()
     return SubstructureModel(

@@ -453,6 +453,7 @@ def unheld(
         share, resultant = group.work(forces)
         if share <= BALANCED and not all(isinstance(conditions[n], RigidConditions) for n in group.motions):
             continue
+        # + 0.0: no negative zeros in a sentence
         by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
         loads = f"; its loads are out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
         for name, own in group.motions.items():

@@ -95,6 +95,7 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
     for load in scene.loads.values():
         source(load.face, _onset(load.law, time))
     for boundary in scene.boundary.values():
+        # a driven face whose value is zero is a held one
         if isinstance(boundary, Driven) and any(boundary.value):
             source(boundary.face, _onset(boundary.law, time))
     for port in scene.port.values():

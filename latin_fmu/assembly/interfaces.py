@@ -237,6 +237,7 @@ def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
     size = float(np.ptp(np.concatenate([points, ends.reshape(-1, 3)]), axis=0).max())
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
         start, along = ends[:, 0] - point, ends[:, 1] - ends[:, 0]
+        # as seen along the normal
         start = start - np.outer(start @ normal, normal)
         along = along - np.outer(along @ normal, normal)
         length = np.maximum(np.einsum("ei,ei->e", along, along), 1e-300)
@@ -485,6 +486,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
     body, facets = side
     face = face_of(body.mesh.nodes, facets)
     normals = face.normals
+    # of faces that stay bonded the shape does not matter
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
         angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))
@@ -670,6 +672,7 @@ def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) 
 def _on_a_line(points: Array, size: float) -> bool:
     """Whether points (n, 3) lie on one line."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    # second singular value: how far they leave a line
     return len(points) < 3 or float(spread[1]) <= _STRAIGHT * size
 
 

@@ -285,6 +285,7 @@ def _steepest(law: TimeLaw, end: float, within: float, static: bool) -> float:
         if width > 0:
             width = min(width, _SAMPLES - 1)
             return max(jump, float(np.abs(values[width:] - values[:-width]).max())) / largest
+        # the next round takes the span between two samples
         at = int(np.abs(np.diff(values)).argmax())
         first, last = times[at], times[at + 1]
 
@@ -352,6 +353,7 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
     """A sentence where the scheme gains energy, or makes the force of a landing depend on the step."""
     remedy = 'choose time.scheme = "generalized_alpha"'
     largest = max(courant.values(), default=0.0)
+    # gamma = 1/2 undamped: velocity_gain(1) is gamma
     if scheme.name == "newmark" and scheme.force_weight == 1.0 and scheme.velocity_gain(1.0) == 0.5:
         return [f"time.scheme newmark with gamma = 0.5 gains energy at contacts that open and close: {remedy}"]
     if scheme.name == "massless_contact" and largest > _MASSLESS:
@@ -359,6 +361,7 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
             f"time.scheme massless_contact at Courant number {largest:.2g} of the contact faces (stable up to "
             f"{_MASSLESS:g}): it gains energy at impacts: {remedy}, or take smaller steps"
         ]
+    # the smallest: the peak of a landing grows as the step shrinks
     lowest = min((c for n, c in courant.items() if n in landing), default=np.inf)
     if scheme.name in ("hht", "newmark") and lowest < _RESOLVED:
         return [

@@ -470,6 +470,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))
+        # + 0.0: no negative zeros, whose bits differ
         for part in (*index, np.round(matrix.data, 9) + 0.0):
             digest.update(np.ascontiguousarray(part).tobytes())
     digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
@@ -477,6 +478,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
         sizes = float(model.damping.trace()), float(abs(model.damping).sum())
         digest.update(f"{model.damping.nnz} {sizes[0]:.9e} {sizes[1]:.9e}".encode())
         digest.update(model.damping.indices.astype(np.int64).tobytes())
+    # which nodes have no mass depends on the contacts of a body, not on its shape
     if model.mass is not None and model.nodal is None:
         digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
     if body.added is not None:

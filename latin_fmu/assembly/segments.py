@@ -314,6 +314,7 @@ class SegmentedRun(SegmentState):
     def _solve(
         self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
     ) -> Segment:
+        # the first segment: a start that depends on the loads is found with them
         if self.run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
         run = self.begin(n, loads, make)

@@ -190,8 +190,8 @@ def state_at_end(
         points = group.members[i]
         traction[unit.name] = group.block(run.f_hat)[0, points]
         if unit.behaviour.opens and not unit.behaviour.elastic:
+            # pressed points are closed: what gap they have is a residual of the iteration
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
-    # pressed points are closed: what gap they have is a residual of the iteration
     windows = run.windows
     message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
     remarks = (
@@ -434,6 +434,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
+        # with a force given its shortening is what the equilibrium finds
         free = [cut.name for cut in group if cut.table.force is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)

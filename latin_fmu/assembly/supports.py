@@ -389,11 +389,13 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
         return full
     for component, impedance in zip(port.components, port.impedance or (), strict=True):
         if diagonal:
+            # shared out by area: a diagonal matrix, which an explicit march can divide by
             shares[face.nodes, COMPONENTS.index(component)] = impedance * face.areas / face.areas.sum()
             continue
         rows = motion.translation if component in TRANSLATIONS else motion.rotation
         assert rows is not None
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
+        # Z times the mean motion, spread as that is measured: r^T Z r
         full = sp.csr_array(full + impedance * (row.T @ row))
     return diagonal_matrix(shares.ravel()) if diagonal else full
 

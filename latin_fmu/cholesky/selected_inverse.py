@@ -155,6 +155,7 @@ def _selected_inverse(
     panel, work = np.empty(panel_size), np.empty(panel_size)
     left = children.copy()
     top = 0
+    # from the roots down: a front takes over entries from that of its parent
     for s in range(len(first) - 2, -1, -1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:

@@ -196,6 +196,7 @@ def forward_tile(
         used = width - c
         own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        # from the last row up: row i of L11^-1 reads the rows before it, which are still the old ones
         i = used - 1
         while i >= 0:
             if not whole and i >= 3:
@@ -254,6 +255,7 @@ def backward_tile(
             at += 4 * width
             i += 4
         while i < last:
+            # fewer than four rows are left
             tail[:LANES] = x[rows[i] * LANES : rows[i] * LANES + LANES]
             subtract_one(panel[at:], used, tail, own)
             at += width

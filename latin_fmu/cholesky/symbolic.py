@@ -154,11 +154,13 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
     of_all = np.concatenate([owner, np.full(n_vertex - len(owner), -1, dtype=np.int64)])
     graph = (pointers, neighbours, of_all, tree, quotient.n_interior)
     nothing = np.zeros(0, dtype=np.int64)
+    # the first call counts, the second one writes
     start = running_sum(supernode_rows(*graph, nothing, nothing))
     vertices = np.empty(start[-1], dtype=np.int64)
     if len(vertices):
         supernode_rows(*graph, start, vertices)
     at = running_sum(weight)
+    # first dof of each supernode: that of its first vertex, as owners ascend
     first = at[np.searchsorted(owner, np.arange(n_super + 1))]
     repeats = weight[vertices]
     ends = running_sum(repeats)
@@ -166,6 +168,7 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
     rows = np.repeat(at[vertices] - ends[:-1], repeats) + np.arange(ends[-1])
     row_start = ends[start]
     width, below = np.diff(first), np.diff(row_start)
+    # supernodes without rows below hand nothing to a parent
     handed = (tree >= 0) & (below > 0)
     n_children = np.bincount(tree[handed], minlength=n_super).astype(np.int64)
     position = np.empty(len(quotient.order), dtype=np.int64)
@@ -177,6 +180,7 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
         first,
         row_start,
         rows,
+        # a panel: a square, of which the lower triangle counts, and the rows below it
         running_sum(width * (width + below)),
         n_children,
         tree < 0,

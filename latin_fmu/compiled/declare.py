@@ -174,6 +174,7 @@ def address(array: NDArray[Any]) -> int:
     """
     if not array.flags.c_contiguous:
         raise MismatchError(f"an array of shape {array.shape} is not C-contiguous")
+    # ``from_buffer`` takes no array that is empty or read-only
     if array.dtype.fields is None and array.size and array.flags.writeable:
         return addressof(
             c_char.from_buffer(cast(Any, array))

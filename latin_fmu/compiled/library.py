@@ -79,6 +79,7 @@ def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:
     digest = hashlib.sha256(more.encode())
     for source in sources:
         content = (package / source).read_bytes().replace(b"\r\n", b"\n")  # as git writes them on Windows
+        # name and length first: text that moves between two files changes the digest
         digest.update(f"{source.as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
@@ -109,6 +110,7 @@ def _search() -> ctypes.CDLL | str:
         return "the compiled library is switched off (LATIN_FMU_LIBRARY=0)"
     name = file_name(target())
     message = f"this installation has no compiled library for {target()}"
+    # an installed library first
     for folder in (PACKAGE, PACKAGE.parent / "build"):
         if (folder / name).is_file():
             result = opened(folder / name, PACKAGE)

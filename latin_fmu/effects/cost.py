@@ -140,6 +140,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
     sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
         body = discretised.bodies[c.members[0].name]
+        # members of a class may start to move at different instants: the mean counts
         marched = float(np.mean([share[m.name] for m in c.members]))
         classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
     return RunSize(
@@ -404,6 +405,7 @@ def tables(d: DiscretisedProblem, sizes: Sequence[ClassSize]) -> Tables | None:
         if share > settings.tables:
             return None
         reach, width = max(reach, radius), points.channels.shape[1]
+        # pairs of channels within reach
         entries[i] = share * size.channels**2
         columns[i] = (1.0 + _OF_CHECK) * width * _COLOURS * inside
     return Tables(truncation, reach, tuple(entries), tuple(columns))

@@ -57,6 +57,7 @@ class PerfectInterfaceSolve:
         self._area = assembly.layout.area[self._first]
         self._matrix = self._assemble()
         diagonal = self._matrix.diagonal()
+        # redundant interfaces stay regular by the shift, which the refinement takes out again; 1 where nothing can move
         shift = np.where(diagonal > 0, _SHIFT * diagonal, 1.0)
         none = np.zeros(0, dtype=np.int64)
         self._factor = interface_factor(sp.csr_array(self._matrix + sp.diags_array(shift)), none)

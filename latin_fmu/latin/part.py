@@ -57,6 +57,7 @@ class Part:
         whole, part = self.whole, copy.copy(self.whole)
         part.interfaces = [whole.interfaces[i] for i in self.interfaces]
         layout = part.layout = Layout(part.interfaces)
+        # numbers in the whole of the channels of the part
         self.channels = np.zeros(layout.n_flat, dtype=np.int64)
         for own, i in enumerate(self.interfaces):
             group, wide = layout.group(own), whole.layout.group(i)
@@ -89,6 +90,7 @@ class Part:
 
     def gathered_order(self) -> Index:
         """Row of every interface of the whole among those of all processes, one process after the other."""
+        # of a permutation its inverse
         order: Index = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *map(_integers, self.owned)]))
         return order
 
@@ -112,9 +114,10 @@ class Part:
         first = np.cumsum([0, *(n + 1 for n in counts)])  # rows of norms: classes of a process, then its flag
         seen, rows = [0] * self.size, []
         for r in classes:
+            # the next row of its process
             rows.append(int(first[r]) + seen[r])
             seen[r] += 1
-        rows += [int(first[r + 1]) - 1 for r in range(self.size)]
+        rows += [int(first[r + 1]) - 1 for r in range(self.size)]  # flags
         given, taken = [n[1] for n in self.neighbours], [n[2] for n in self.neighbours]
         none = np.zeros(0, dtype=np.int64)
         return {

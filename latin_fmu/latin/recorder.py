@@ -163,6 +163,7 @@ class Recorder:
         self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
         for key, kept in self._series["energy"].items():
             drift = key == "drift"
+            # the work of the drift is one number an instant, of all interfaces
             own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
             kept[now] = own[rows]
         self.n_kept += n

@@ -131,6 +131,7 @@ class WindowSolver:
                 used.append(fallback)
                 stages.leave_newton()
                 record.fallbacks.append(fallback)
+                # differences and stalls count from here on
                 phase = start
                 if fallback == RELAXED:
                     best.put(stages)
@@ -141,6 +142,7 @@ class WindowSolver:
                     stages.points_one_by_one(best.f_hat[0])
         finally:
             stages.accelerate(settings)
+        # the last iterate need not be the best one
         if not record.converged:
             best.put(stages)
         return best
@@ -325,6 +327,7 @@ class WindowRun(RunState, ABC):
         )
         self._begin_window(stages, guess)
         if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
+            # the record of what was refused is dropped
             self.refusals, record = self.refusals + 1, WindowRecord(first, first)
             self._use(n, exact=True)
             self._begin_window(stages, guess)
@@ -415,6 +418,7 @@ class WindowRun(RunState, ABC):
         image = self.image
         # the whole block: work of the iteration is needed again, too
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
+        # one instant leaves the state at its start; a long window has marched it to its end
         if stages.n > 1:
             image.call(entries.REWIND)
         self._set_first_row(stages.first)

@@ -156,6 +156,7 @@ class Run(WindowRun):
     def _solve(self, total: int, length: int) -> None:
         """Solve the instants up to ``total`` in windows of ``length``."""
         count, number = -(-total // length), len(self.windows)
+        # an observer is called from Python
         compiled = length == 1 and self._observer is None and self.marches
         while number < count and not self.stopped and not self._looked():
             refusals, self._refused = self.refusals, self._keeps_failing()
@@ -164,6 +165,7 @@ class Run(WindowRun):
             if done and self._progress is not None:
                 last = self.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
+            # an instant that the kernels have left
             if number < count and (not compiled or self._refused):
                 self._advance_or_return(min(length, total - number * length), number, count, refusals)
                 number += 1

@@ -202,6 +202,7 @@ class _DeckScopes:
 
     def spell(self, name: str) -> str:
         """The name in capitals, its first spelling remembered."""
+        # names of a deck know no case; the scene is written in the first spelling
         key = name.strip().upper()
         self.spelled.setdefault(key, name.strip())
         return key
@@ -209,6 +210,7 @@ class _DeckScopes:
     def take(self, card: Card) -> None:
         """Add the content of a card to its scope."""
         keyword = card.keyword
+        # long tables are read as numbers elsewhere: here they would be split into words
         rows = [] if keyword in _TABLES else [fields for _, fields in card.tokens()]
         self.model.take(keyword, card.parameters, rows)
         if keyword == "NODE":
@@ -228,6 +230,7 @@ class _DeckScopes:
             name, part = self.spell(card.name("NAME")), self.spell(card.name("PART"))
             self.instances.append((name, part, self._here, [card]))
         elif keyword in ("END PART", "END INSTANCE"):
+            # cards after the end of a part belong to the assembly
             self._here = self.root
 
     def _nodes(self, card: Card) -> None:
@@ -240,6 +243,7 @@ class _DeckScopes:
         kind = element_type(card.name("TYPE"))
         if kind is None:
             name = card.name("TYPE").upper()
+            # a volume that is not known is a problem; beams, masses and others are left out
             if name.startswith(("C3D", "SC", "CSS")):
                 self.problems.add(
                     "element type not known",

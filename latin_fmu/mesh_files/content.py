@@ -81,6 +81,7 @@ class DeckModel:
             for names in rows:
                 if len(names) > 1:
                     stem, known = name or "tie", {tie[0] for tie in self.ties}
+                    # one card may tie several pairs: names of ties stay different
                     own = stem if stem not in known else f"{stem}_{len(known) + 1}"
                     self.ties.append((own, names[0], names[1]))
         elif keyword == "BOUNDARY" and "TYPE" not in parameters:

@@ -391,6 +391,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     if problems:
         raise SceneError(problems, _HEADING)
     bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
+    # displacements and velocities of all shapes, and the impulse of each interface
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(discretised.units)
     if n_state > MAX_STATES:
         problem = Problem(
@@ -427,6 +428,7 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     for name in scene.bolt:
         remedy = "remove the bolt, or make an FMU for co-simulation (without --model-exchange)"
         yield Problem(f"bolt.{name}", "a reduced model has no bolts", None, None, remedy)
+    # a bolt is refused above: its static start is not named as well
     if scene.time.start.type == "static" and not scene.bolt:
         yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
     for name, interface in scene.interface.items():

@@ -254,6 +254,7 @@ class Grid:
 
     def file_name(self, point: Index) -> str:
         """Name of the file of a point: of its values, so that more values may be added to a study."""
+        # values, not their numbers, and keys in order: the same point in a larger study
         values = {p.key: p.values[i] for p, i in zip(self.parameters, point, strict=True)}
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:24] + ".point"
 
@@ -261,6 +262,7 @@ class Grid:
         """Coordinates of a point in parameter space: values over the range of each parameter; for texts the number."""
         place = []
         for p, i in zip(self.parameters, point, strict=True):
+            # texts have places too, one apart
             values = p.values if p.numeric else range(len(p.values))
             span = max(values) - min(values)
             place.append(float(values[i]) / span if span else 0.0)
@@ -283,6 +285,7 @@ def to_and_fro(shape: Sequence[int]) -> Iterator[Index]:
         return
     for count, outer in enumerate(to_and_fro(shape[:-1])):
         inner = range(shape[-1])
+        # every second line backwards: successive points are neighbours
         yield from ((*outer, i) for i in (inner if count % 2 == 0 else reversed(inner)))
 
 
@@ -464,6 +467,7 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
     values = {key.rpartition(".")[2]: value for key, value in measured.items()}
     values["force_norm"] = values.pop(FORCE_HISTORY.key)
     fields = InterfaceFields.of_history(history, time)
+    # a contact that never closes: its instants would be those of the end
     if first_contact_time(fields) is None:
         values.pop("first_contact", None)
         values.pop("separation", None)
@@ -527,6 +531,7 @@ class FirstGuesses:
         """End the point: ``cost`` in substructure-instants."""
         self._costs[self.used] = [*self._costs[self.used], cost][-_JUDGED:]
         self._since = 0 if self.used else self._since + 1
+        # fields that have not converged are no guess
         if converged and self._now.fields:
             self._compare()
             self._solved.append(self._now)
@@ -570,6 +575,7 @@ class FirstGuesses:
                 guess = self._continued(first, f_hat.shape, back)
                 if guess is None:
                     return
+                # by the tractions; velocities follow from them
                 sizes[back] += float(np.linalg.norm(guess[0] - f_hat))
         if sizes[0] > 0.0:  # nothing changed: no error to compare with
             self._errors = {b: _FADING * self._errors[b] + sizes[b] / sizes[0] for b in _BACK}
@@ -584,6 +590,7 @@ class FirstGuesses:
         # too few to judge, or so long ago that it may have changed
         if len(with_guess) < _JUDGED or not without or self._since >= _AGAIN:
             return True
+        # substructure-instants of the last points with guesses and without
         return float(np.mean(with_guess)) < float(np.mean(without))
 
 
@@ -591,6 +598,7 @@ def _along(first: Array, second: Array, third: Array) -> float | None:
     """t with third = second + t (second - first); None where the three are on no line, or second is far off."""
     step = second - first
     length = float(step @ step)
+    # foot of the perpendicular on the line, in steps
     t = float((third - second) @ step) / length if length > 0.0 else 0.0
     off = float(np.abs(third - second - t * step).max(initial=0.0))
     # t = 0: the nearest point is where the present one is, or the line passes beside it

@@ -340,6 +340,7 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
 
     dataset = _surface(tree, interface)
     chosen = dataset.sel(time=instants, method="nearest")
+    # over all instants, so that colours mean the same in each of them
     ranges = [_range(field) for field in _tractions(chosen)]
     rubs = float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))

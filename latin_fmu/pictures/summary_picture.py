@@ -175,6 +175,7 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     if len(groups) > FEW:
         _legend(parts[0], parts[0].axes[0], "outside upper center", "interfaces")
     if strips:
+        # strips stand at the foot of the first column, or have one of their own
         last = parts[0 if len(strips) <= FEW else -1]
         _legend(last, last.axes[-1], "outside lower center")
     return figure
@@ -204,6 +205,7 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     normal = {
         _with_peak(name, item, scale, unit) if few else name: normal_resultant(item) for name, item in fields.items()
     }
+    # one scale for both panels
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
     draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference, unit=unit)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]

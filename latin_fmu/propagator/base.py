@@ -181,8 +181,10 @@ class Alone:
             flat = np.arange(p.n_channel * m, dtype=np.int64).reshape(p.n_channel, m)
             run = {"area": np.repeat(p.operators.area, m), "static": int(p.scheme.name == "quasi_static")}
             self._made = Image([ImageClass(p, flat)], np.ones(flat.size, dtype=bool), run=run)
+            # a token of no histories: they are begun anew
             self._token, self._bound = object(), None
         image: Image = state.image
+        # that of a run has its own histories and directions
         if image is not self._made:
             return image
         if self._bound is not p.k:  # ``bind`` makes a new array where k changes

@@ -220,6 +220,7 @@ def constants(
     # rows of a node taken together pay where half of the matrix is read, and not by pieces
     halved = row["m"] < TILED and row["n_piece"] == 0
     stiffness = propagator.members[0].stiffness_by_nodes if halved else ops.stiffness
+    # without inertia neither mass nor damping is read
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
@@ -339,6 +340,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
         if matrix is None:
             # a matrix without entries, so that the energies read rows of every kind
             matrix = sp.csr_array((model.n_full, model.n_full))
+        # rows of the motions: with the dofs, then among themselves
         with_dofs = sp.csr_array(shapes.T @ (matrix @ p))
         border = sp.csr_array(sp.hstack([with_dofs, sp.csr_array(shapes.T @ (matrix @ shapes))]))
         put_matrix(block, row, f"border_{name}", border)

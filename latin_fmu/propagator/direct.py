@@ -73,6 +73,7 @@ class ConjugateGradients:
 
     def _columns(self, b: Array) -> Array:
         x, r = np.zeros_like(b), b.copy()
+        # squared; each column has a limit of its own
         limit = self.tolerance**2 * np.einsum("nm,nm->m", b, b)
         z = self._inverse * r
         p = z.copy()

@@ -210,6 +210,7 @@ def part_name(group: str) -> str:
     name = re.sub("[^A-Za-z0-9_]", "_", group)
     if not name[:1].isalpha():
         name = f"part_{name}"
+    # the name of the ground is taken
     return f"{name}_" if name == GROUND else name[:100]
 
 
@@ -255,6 +256,7 @@ class Load(SceneTable):
         own, force = self.moment or (0.0, 0.0, 0.0), self.force or (0.0, 0.0, 0.0)
         if self.axes is not None:
             own, force = self.axes.to_global(own), self.axes.to_global(force)
+        # r x F of a point off the centre
         x, y, z = np.add(own, np.cross(np.subtract(self.point or centre, centre), force)).tolist()
         return (x, y, z)
 
@@ -262,6 +264,7 @@ class Load(SceneTable):
         """Size of the traction on a face of this area, m2, where the law is 1; Pa."""
         traction = self.uniform_traction(area)
         uniform = abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
+        # a moment over area times length, the root of the area
         return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 

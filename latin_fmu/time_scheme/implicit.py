@@ -125,6 +125,7 @@ class Newmark(TimeScheme):
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
         """The displacement of the new instant: springs of a layer are those of a mesh."""
         zero, one = np.zeros(1), np.ones(1)
+        # the recursion is linear in the new velocity: its value without one, and its factor
         rest, _ = self.advance_opening(gap, v, a, np.zeros_like(v), dt)
         return rest, float(self.advance_opening(zero, zero, zero, one, dt)[0][0])
 
@@ -166,6 +167,7 @@ class MasslessContact(Newmark):
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
         """Opening gap + dt * new, exactly."""
+        # the acceleration of the opening has no part in it
         return gap + dt * new, a
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:

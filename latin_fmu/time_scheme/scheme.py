@@ -99,6 +99,7 @@ class TimeScheme(Protocol):
         """Acceleration of the new instant of a free body, from that of the old one and the forces per mass at both
         instants: the equation of motion of the scheme without C and K."""
         if self.explicit:
+            # as in the equation of motion of the step
             mean: Array = 0.5 * (old + new)
             return mean
         a_m, a_f = self.old_weights
@@ -179,7 +180,7 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
         "gap_offset": scheme.gap_offset(dt),
         "layer_v": layer[0],
         "layer_a": layer[1],
-        "layer_rate": 1 / span,
+        "layer_rate": 1 / span,  # displacement laws take the jump of displacement times this
         "opening_v": opening[0],
         "opening_a": opening[1],
         "opening_new": opening[2],
@@ -235,7 +236,7 @@ class CentralDifference(TimeScheme):
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
         """Mean of the step, u_n + dt/4 (v_n + v_{n+1}) = x + dt/4 (v_{n+1} - v_n): second order, and a layer of any
         stiffness leaves the stable step alone."""
-        return gap - 0.25 * dt * v, 0.25 * dt
+        return gap - 0.25 * dt * v, 0.25 * dt  # the gap is that of x, dt/2 after the old instant
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Interface tractions act over the step that ends in their instant."""
