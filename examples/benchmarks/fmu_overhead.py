@@ -92,7 +92,10 @@ def single_steps(model: str) -> tuple[float, float]:
     loads = LOADS[model]
     scene = scene_of(model)
     dt, run, spent = scene.time.time_step, CommunicationRun(completed(scene)), list[tuple[float, float]]()
-    with tempfile.TemporaryDirectory() as folder, closing(FmuPeer(build_fmu(scene, Path(folder) / "a.fmu", python=True))) as peer:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(FmuPeer(build_fmu(scene, Path(folder) / "a.fmu", python=True))) as peer,
+    ):
 
         def hosted(i: int) -> None:
             for name in loads:
