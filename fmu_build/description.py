@@ -414,8 +414,8 @@ own.</li>
 <li>Error estimates: use an FMU made with <code>--python</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends, nor a new iteration with relaxation 1/2: it is
 discarded. The program that made the FMU has further fall-backs for it.</li>
-<li>Run on an x86-64 processor without AVX2 and FMA, unless it was made with <code>--portable</code>: instantiation fails
-with a message.</li>
+<li>Run on an x86-64 processor without AVX2 and FMA, unless it was made with <code>--portable</code>: instantiation
+fails with a message.</li>
 </ul>
 <p>Run on Linux, x86-64. The library for Windows (x86-64) is compiled and linked from the same source.</p>
 """
