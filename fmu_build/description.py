@@ -72,7 +72,6 @@ def identifier_of(scene: Scene) -> str:
 def suggested_step(scene: Scene) -> float:
     """Suggested communication step, s: about a fiftieth of the interval, a whole number of time steps."""
     n = scene.time.n_step
-    # the largest divisor up to 50
     parts = next((p for p in range(min(50, n), 0, -1) if n % p == 0), 1)
     return scene.time.end / parts
 
@@ -112,7 +111,6 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     defined: dict[str, Element] = {}
     for key, unit in UNITS.items():
         if key in used:
-            # some units of the table have one name in the FMI
             if (name := facts.unit_name(key)) in defined:
                 continue
             defined[name] = SubElement(definitions, "Unit", {"name": name})
@@ -178,7 +176,6 @@ def fmi2_description(facts: Facts) -> Element:
         if variable.causality != "independent":  # optional in FMI 2, and some hosts require a start value for it
             element = SubElement(variables, "ScalarVariable", _identity(variable, number))
             SubElement(element, types[variable.kind], _values(variable, facts))
-            # FMI 2 counts variables from 1, by their place in the list
             places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
@@ -222,7 +219,6 @@ def fmi3_description(facts: Facts) -> Element:
 def _add_variable(parent: Element, references: dict[str, int], variable: Variable, facts: Facts) -> None:
     types = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
     attributes = _identity(variable, references[variable.name]) | _values(variable, facts)
-    # FMI 3 has an element for the start of a string
     start = attributes.pop("start", "") if variable.kind == "string" else None
     element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
@@ -248,7 +244,6 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
         if reference in names.states:
             variables[-1].set("initial", "exact")
             variables[-1].set("start", "0.0")
-    # their place is the value reference: locals stand behind the table
     for reference, local in enumerate(names.locals, len(facts.table)):
         SubElement(variables, "Float64", _local(reference, local, facts))
     structure = SubElement(root, "ModelStructure")  # without dependencies: everything may depend on everything
@@ -419,8 +414,8 @@ own.</li>
 <li>Error estimates: use an FMU made with <code>--python</code>, or the program itself.</li>
 <li>A time step at which neither the iteration nor Newton's method ends, nor a new iteration with relaxation 1/2: it is
 discarded. The program that made the FMU has further fall-backs for it.</li>
-<li>Run on an x86-64 processor without AVX2 and FMA, unless made with <code>--portable</code>: instantiation fails
-with a message.</li>
+<li>Run on an x86-64 processor without AVX2 and FMA, unless it was made with <code>--portable</code>: instantiation
+fails with a message.</li>
 </ul>
 <p>Run on Linux, x86-64. The library for Windows (x86-64) is compiled and linked from the same source.</p>
 """
