@@ -189,15 +189,16 @@ assert not lost.converged and "equilibrium" in lost.status, lost.status
 OUTPUTS: Edits = {
     "latin_fmu/cosim/output_table.py": [
         (
-            '        Output("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n',
-            '        Output("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n'
-            '        Output("acceleration", "m s-2", "acceleration {about}", _read("motion", 2), _vector),\n',
+            '        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n',
+            '        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n'
+            '        OutputKind("acceleration", "m s-2", "acceleration {about}", _read("motion", 2), _vector),\n',
         ),
         (
-            '        Output("smallestGap"',
-            '        Output("shear", "N", "tangential resultant on {first}", lambda p: np.einsum("p,tpc->tc", p.areas, '
+            '        OutputKind("smallestGap"',
+            '        OutputKind("shear", "N", "tangential resultant on {first}", lambda p: '
+            'np.einsum("p,tpc->tc", p.areas, '
             'p.traction - np.einsum("tpc,pc,pd->tpd", p.traction, p.normals, p.normals)), _vector, at_start=True),\n'
-            '        Output("smallestGap"',
+            '        OutputKind("smallestGap"',
         ),
     ]
 }

@@ -146,15 +146,17 @@ class OutputRecorder(Recorder):
         super().keep(assembly, image, probes, n, row)
         drives = image.field("drive", image.rows, self._drives.shape[1])
         drives[row : row + n] = self._drives[first : first + n]
+        progress, made = image.field("progress", 9), self._made + max(first - 1, 0)
+        progress[0] = made
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
             # the first row of the drives begins with the motion state
             state[:] = self._drives[0, : len(state)]
             if self._opens is not None:
-                image.field("progress", 9)[6] = self._opens
-            image.call(entries.FOLLOW, 0, int(self._opens is not None))
-        else:
-            image.call(entries.FOLLOW, row, n, self._made + first - 1)
+                progress[6] = self._opens
+        for i in range(n if first else 0):
+            image.call(entries.CONCLUDE, row + i, made + i)
+        image.call(entries.PRESENT, 0, 0, 2 if first == 0 and self._opens is not None else 1)
         if self._every:
             n_output = int(image.run_fields["n_output"])
             self._rows.append(image.field("output", image.rows, n_output)[row : row + n].copy())

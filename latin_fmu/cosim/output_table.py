@@ -23,7 +23,7 @@ from ..scene.schema import Scene
 from .variable import AXES, Variable, output
 
 
-class Points(NamedTuple):
+class FacePoints(NamedTuple):
     """Fields of an interface at n instants, and its faces.
 
     traction : (n, n_point, 3) on side E, Pa. velocity : (n, 2, n_point, 3), m s-1. gap : (n, n_point), m. status : (n,
@@ -39,16 +39,16 @@ class Points(NamedTuple):
     normals: Array
 
     @classmethod
-    def of(cls, fields: PointFields, areas: Array, normals: Array) -> Points:
-        """Points of one whole interface."""
+    def of(cls, fields: PointFields, areas: Array, normals: Array) -> FacePoints:
+        """FacePoints of one whole interface."""
         gap, status = fields.gap, fields.contact_status
         nothing = np.zeros((0, len(areas)))
         shown = nothing if gap is None else gap, nothing if status is None else status
         return cls(fields.traction, fields.velocity, *shown, areas, areas / areas.sum(), normals)
 
     @classmethod
-    def over(cls, history: InterfaceHistory) -> Points:
-        """Points at the instants of a history."""
+    def over(cls, history: InterfaceHistory) -> FacePoints:
+        """FacePoints at the instants of a history."""
         return cls.of(history.points_over_time, history.areas, history.normals)
 
     def means(self) -> Array:
@@ -86,15 +86,15 @@ def _opening(interface: Interface) -> Sequence[int | None]:
 
 
 @dataclass(frozen=True)
-class Output:
+class OutputKind:
     """A row of the table.
 
     Attributes
     ----------
     name : last part of the name. unit : UDUNITS, empty for a whole number, which changes at events. meaning : with the
         words of the family in braces.
-    of : of an interface the values, (n,) or (n, 3), from ``Points``; else rows over the signals, (1, n_signal) or (3,
-        n_signal), from ``Signals`` and the name of the owner. None: integral, or written by the kernels.
+    of : of an interface the values, (n,) or (n, 3), from ``FacePoints``; else rows over the signals, (1, n_signal) or
+        (3, n_signal), from ``Signals`` and the name of the owner. None: integral, or written by the kernels.
     axes : axes of its numbers from the owner, a table of the scene; None for a scalar; empty where it has no such
         output.
     integral : of the output before it since the start, by the trapezoidal rule.
@@ -124,17 +124,17 @@ class Family:
     prefix: str
     owners: Callable[[Scene], Mapping[str, Any]]
     words: Callable[[str, Any], Mapping[str, str]]
-    rows: tuple[Output, ...]
+    rows: tuple[OutputKind, ...]
 
-    def row(self, name: str) -> Output:
+    def row(self, name: str) -> OutputKind:
         """The row of a name."""
         return next(row for row in self.rows if row.name == name)
 
 
-def _share(name: str, text: str, chosen: Callable[[Any], Any]) -> Output:
+def _share(name: str, text: str, chosen: Callable[[Any], Any]) -> OutputKind:
     about, window = f"share of the area {text}", f"share of the area {name}"
     limits: Any = {"at_start": True, "least": 0.0, "most": 1.0, "constant": True, "over_window": window}
-    return Output(name, "1", about, lambda p: chosen(p.status) @ p.share, _opening, **limits)
+    return OutputKind(name, "1", about, lambda p: chosen(p.status) @ p.share, _opening, **limits)
 
 
 INTERFACE: Final = Family(
@@ -142,36 +142,38 @@ INTERFACE: Final = Family(
     lambda scene: scene.joints,
     lambda name, interface: {"name": name, "first": interface.sides[0], "second": interface.sides[1]},
     (
-        Output(
+        OutputKind(
             *("force", "N", "resultant force of interface {name} on {first}"),
             *(lambda p: np.einsum("p,tpc->tc", p.areas, p.traction), _vector),
             at_start=True,
             over_window="resultant force on the first side",
         ),
-        Output("impulse", "N s", "time integral of the resultant force since the start", None, _vector, integral=True),
-        Output(
+        OutputKind(
+            "impulse", "N s", "time integral of the resultant force since the start", None, _vector, integral=True
+        ),
+        OutputKind(
             *("velocityE", "m s-1", "mean velocity of {first}, weighted by area", lambda p: p.means()[:, 0], _vector),
             over_window="mean velocity of side E",
         ),
-        Output(
+        OutputKind(
             *("velocityEp", "m s-1", "mean velocity of {second}, weighted by area", lambda p: p.means()[:, 1], _vector),
             over_window="mean velocity of side Ep",
         ),
-        Output(
+        OutputKind(
             *("relativeVelocity", "m s-1", "mean velocity of {second} relative to {first}"),
             *(lambda p: p.means()[:, 1] - p.means()[:, 0], _vector),
         ),
-        Output(
+        OutputKind(
             *("normalForce", "N", "normal resultant, positive in compression"),
             lambda p: 0.0 - np.einsum("p,tpc,pc->t", p.areas, p.traction, p.normals),  # no negative zero
             at_start=True,
         ),
-        Output(
+        OutputKind(
             *("gap", "m", "mean gap, weighted by area; negative where the sides penetrate"),
             *(lambda p: p.gap @ p.share, _opening),
             over_window="mean gap",
         ),
-        Output("smallestGap", "m", "smallest gap of all points", lambda p: p.gap.min(axis=1), _opening),
+        OutputKind("smallestGap", "m", "smallest gap of all points", lambda p: p.gap.min(axis=1), _opening),
         _share("closed", "in contact", lambda status: status != SEPARATION),
         _share("sticking", "in contact and sticking", lambda status: status == STICK),
         _share("slipping", "in contact and slipping", lambda status: status == SLIP),
@@ -191,17 +193,17 @@ SENSOR: Final = Family(
         "about": f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
     },
     (
-        Output("displacement", "m", "displacement {about}", _read("motion", 0), _vector),
-        Output("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),
+        OutputKind("displacement", "m", "displacement {about}", _read("motion", 0), _vector),
+        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),
     ),
 )
 
 
-def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str, str, str]) -> Iterator[Output]:
+def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str, str, str]) -> Iterator[OutputKind]:
     """Of ports of a causality what a method of ``Signals`` gives for translations and for rotations."""
     for turned, (name, unit, meaning) in enumerate(words):
         of, axes = _read(method, turned, *what), _connected(causality, turned)
-        yield Output(name, unit, meaning, of, axes, at_start=True)
+        yield OutputKind(name, unit, meaning, of, axes, at_start=True)
 
 
 PORT: Final = Family(
@@ -214,10 +216,10 @@ PORT: Final = Family(
             ("force", "N", "force that the body exerts through port {name}"),
             ("moment", "N m", "moment that the body exerts through port {name}, about its centre"),
         ),
-        Output("displacement", "m", "displacement of port {name}", _read("port_motion", 0, 0), _measured(0)),
-        Output("velocity", "m s-1", "velocity of port {name}", _read("port_motion", 0, 1), _measured(0)),
-        Output("rotation", "rad", "rotation of port {name}", _read("port_motion", 1, 0), _measured(1)),
-        Output(
+        OutputKind("displacement", "m", "displacement of port {name}", _read("port_motion", 0, 0), _measured(0)),
+        OutputKind("velocity", "m s-1", "velocity of port {name}", _read("port_motion", 0, 1), _measured(0)),
+        OutputKind("rotation", "rad", "rotation of port {name}", _read("port_motion", 1, 0), _measured(1)),
+        OutputKind(
             "angularVelocity", "rad s-1", "angular velocity of port {name}", _read("port_motion", 1, 1), _measured(1)
         ),
         *_pair(
@@ -236,12 +238,12 @@ BOLT: Final = Family(
     "bolt.{}.",
     lambda scene: scene.bolt,
     lambda name, bolt: {"name": name, "body": bolt.substructure},
-    (Output("force", "N", "tension of bolt {name} in {body}", _read("tension"), at_start=True),),
+    (OutputKind("force", "N", "tension of bolt {name} in {body}", _read("tension"), at_start=True),),
 )
 
 
-def _solver(name: str, unit: str, meaning: str, least: float | None = None, most: float | None = None) -> Output:
-    return Output(name, unit, meaning, least=least, most=most, constant=True)
+def _solver(name: str, unit: str, meaning: str, least: float | None = None, most: float | None = None) -> OutputKind:
+    return OutputKind(name, unit, meaning, least=least, most=most, constant=True)
 
 
 SOLVER: Final = Family(
@@ -260,10 +262,10 @@ SOLVER: Final = Family(
 )
 
 
-def _energy(name: str, *parts: str) -> Output:
+def _energy(name: str, *parts: str) -> OutputKind:
     """A sum of ``kernels.outputs.ENERGIES``, those less that begin with -; of the one of its name without any."""
     meaning = _TERMS[name].meaning.removesuffix(" of the run")
-    return Output(name, "J", meaning, lambda signals, _: signals.energies(parts or (name,)))
+    return OutputKind(name, "J", meaning, lambda signals, _: signals.energies(parts or (name,)))
 
 
 ENERGY: Final = Family(
@@ -287,12 +289,12 @@ ENERGY: Final = Family(
 )
 
 
-def _event(count: str, instant: str, becomes: str) -> tuple[Output, Output]:
+def _event(count: str, instant: str, becomes: str) -> tuple[OutputKind, OutputKind]:
     """How many events there were, and the instant of the last one."""
     about = f"number of times that the interface became {becomes}"
     last = f"instant of the last of interface.{{name}}.{count}; 0 before the first"
-    of_count = Output(count, "", about, None, _opening, least=0.0, constant=True)
-    return of_count, Output(instant, "s", last, None, _opening, constant=True)
+    of_count = OutputKind(count, "", about, None, _opening, least=0.0, constant=True)
+    return of_count, OutputKind(instant, "s", last, None, _opening, constant=True)
 
 
 EVENTS: Final = Family(
@@ -323,7 +325,7 @@ class Placed(NamedTuple):
     family: Family
     name: str
     owner: Any
-    row: Output
+    row: OutputKind
 
     @property
     def stem(self) -> str:

@@ -27,7 +27,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..latin.outcome import Array, InterfaceHistory
-from .output_table import INTERFACE, Points
+from .output_table import INTERFACE, FacePoints
 
 _PAIR: Final = 2  # columns of an event: how many, instant of the last one
 
@@ -45,7 +45,7 @@ def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHisto
     history = interfaces[interface]
     if group == "window":
         values: Any = INTERFACE.row(quantity).of
-        return np.asarray(values(Points.over(history)))
+        return np.asarray(values(FacePoints.over(history)))
     field = getattr(history, "contact_status" if quantity == "status" else quantity)
     return np.zeros(0) if field is None else np.asarray(field[instant], dtype=float)
 

@@ -21,7 +21,7 @@ from ..latin.recorder import Recorder
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
-from .output_table import INTERFACE, Points, first_of_events, outputs_of, places_of
+from .output_table import INTERFACE, FacePoints, first_of_events, outputs_of, places_of
 
 _POINTS = 32  # points whose unit fields are read at a time
 
@@ -157,7 +157,7 @@ class Signals(SignalPlaces):
         blocks, sizes, order = [], list[int](), list[Any]()
         for start in range(0, geometry.n_point, _POINTS):
             some = slice(start, start + _POINTS)
-            points = Points(
+            points = FacePoints(
                 _apart(every.traction[:, some]),
                 _apart(every.velocity.transpose(0, 2, 1, 3)[:, some]).transpose(0, 2, 1, 3),
                 *(np.zeros(0) if v is None else _apart(v[:, some]) for v in (every.gap, every.contact_status)),

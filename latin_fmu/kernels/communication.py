@@ -106,11 +106,18 @@ def place(pools: Any) -> int:
 
 
 @kernel
-def present(pools: Any, rule: int, whole: int) -> int:
+def present(pools: Any, rule: int, whole: int, by_caller: int) -> int:
     """Put the outputs of the present state, and its fields at the points, into row 0; before the first time step those
     at t = 0 under the inputs as they are set, where a simulation begins; with ``whole`` under those of a first
-    communication step of so many time steps. 0, or a negative status."""
+    communication step of so many time steps; of a segment that the caller marches (1), or begins with (2), from the
+    fields and drives in row 0. 0, or a negative status."""
     run, moving = pools.run[0], pools.moving
+    if by_caller > 0:
+        if by_caller == 2:
+            open_outputs(pools)
+        row_of_state(pools)
+        set_ratios(pools, 0)
+        return 0
     if whole > 0:
         return open_run(pools, rule, whole)
     if moving[run.progress] > 0.0:
@@ -302,24 +309,6 @@ def open_outputs(pools: Any) -> None:
     moving[run.event_rates : run.event_rates + 2 * run.n_interface] = 0.0
     set_ratios(pools, 0)
     move(pools, run.output, run.present, run.n_output)
-
-
-@kernel
-def follow(pools: Any, row: int, n: int, made: int) -> None:
-    """Outputs of n rows from ``row`` on, whose fields and drives the caller has filled; ``made`` time steps lie before
-    the first of them. The last one is row 0 of the next call. From row 0 on: the start of a simulation, or with n = 0
-    the present state."""
-    run = pools.run[0]
-    if row == 0 and n > 0:
-        open_outputs(pools)
-    elif n > 0:
-        for i in range(n):
-            keep_outputs(pools, row + i, made + i + 1, made + i + 1)
-        last = row + n - 1
-        move(pools, run.output + last * run.n_output, run.present, run.n_output)
-        move(pools, run.drive + last * run.n_drive, run.motion_state, run.n_motion_state)
-    row_of_state(pools)
-    set_ratios(pools, 0)
 
 
 @kernel

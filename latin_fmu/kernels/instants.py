@@ -12,7 +12,7 @@ from .callouts import SUM, call_out, has_failed
 from .energy import open_account
 from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
-from .iteration import iterate, precise
+from .iteration import begin_window, iterate, precise, rewind
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
 from .newton import MADE, POWER, RESIDUAL
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 WITHIN, CORRECTED, FAILED = 1, 0, -1
 """Results of ``correct``."""
+OPENINGS, GUESS, FREE = range(3)
+"""How much ``begin_at`` does."""
 
 
 @kernel
@@ -48,11 +50,48 @@ def march_instants(pools: Any, first: int, n: int) -> int:
                 return call
         if pools.run[0].shared == 1:
             pools.moving[pools.run[0].touched] = pools.moving[pools.run[0].acting]
-        each_class(pools, END, instant, 0)
-        end_instant(pools, instant, 0)
+        end_at(pools, instant, 0, 1)
         if has_failed(pools):
             return call
     return n
+
+
+@kernel
+def begin_at(pools: Any, window: int, first: int, further: int) -> None:
+    """Begin a window that starts with instant ``first``: keep the states, read the openings; of one instant the free
+    response, and with GUESS its first guess. FREE, in a window that has begun: the velocities without tractions, into
+    ``w``."""
+    run = pools.run[0]
+    if further != FREE:
+        begin_window(pools)
+        open_window(pools, window, first - 1)
+    if window == 1:
+        each_class(pools, PREDICT, first, 0)
+    if further == GUESS:
+        first_guess(pools, first)
+    elif further == FREE:
+        free_motion(pools, first, pools.moving[run.w : run.w + run.n_flat])
+        exchange(pools, run.w, run.n_flat, 1)
+
+
+@kernel
+def leave_window(pools: Any, accepted: int) -> None:
+    """End the iterations over a window whose last iterate is accepted for so many instants, 0 where it is not, and
+    return to the states at its start; those of one instant have not changed."""
+    if accepted > 0:
+        accept(pools, accepted)
+    if accepted != 1:
+        rewind(pools)
+
+
+@kernel
+def end_at(pools: Any, instant: int, i: int, window: int) -> None:
+    """End the instant i of a window with the accepted iterate: motion, gaps, energies, probes, fields."""
+    if window == 1:
+        each_class(pools, END, instant, 0)
+        end_instant(pools, instant, 0)
+    else:
+        end_window_instant(pools, instant, i)
 
 
 @kernel

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.callouts import LAW, OBSERVE, TANGENTS
+from ..kernels.instants import FREE, OPENINGS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
@@ -327,23 +328,16 @@ class Stages:
         """Stages of one instant with another search direction."""
         return Stages(self.image, direction, 1, self.first)
 
-    def predict(self) -> None:
-        """Free responses of one instant."""
-        for c in range(len(self.image.propagators)):
-            self.image.call(entries.PREDICT, c, self.first)
-
-    def begin(self) -> None:
-        """Openings at the start of the window."""
-        self.image.call(entries.OPEN, self.n, self.first - 1)
+    def begin(self, further: int = OPENINGS) -> None:
+        """Begin the window (``kernels.instants.begin_at``)."""
+        self.image.call(entries.BEGIN, self.n, self.first, further)
 
     def free_motion(self) -> None:
         """Velocities of all channels without tractions, into ``w``: in the rest of the window there is no reference."""
-        if self.image.run_fields["from_last"]:
-            self.image.set({"from_last": 0})
-            # predicted anew, without the tractions of the last instant among the loads
-            self.predict()
-            self.image.set({"from_last": 1})
-        self.image.call(entries.FREE_MOTION, self.first)
+        from_last = self.image.run_fields["from_last"]
+        self.image.set({"from_last": 0})
+        self.begin(FREE)
+        self.image.set({"from_last": from_last})
 
     def ended(self) -> None:
         """Called at the end of an instant."""

@@ -302,8 +302,7 @@ class RunState(RunImage):
         self.refusals, self._per_instant, self._refused = 0, 0.0, False
         self._still = still(assembly)
         self._clear()
-        self.image.call(entries.OPEN_ACCOUNTS)
-        self._begin_recording()
+        self._begin_recording(accounts=True)
 
     def _clear(self) -> None:
         """Forget the windows of the last segment."""
@@ -348,10 +347,10 @@ class RunState(RunImage):
             self.recorder = recorder
             self._begin_recording()
 
-    def _begin_recording(self) -> None:
-        """Record the first instant of the segment."""
+    def _begin_recording(self, accounts: bool = False) -> None:
+        """Record the first instant of the segment, with which the accounts of energies begin."""
         self.image.set({"first_row": 0})
-        self.image.call(entries.READ_START)
+        self.image.call(entries.START, int(accounts))
         if self._exchange is not None:
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)

@@ -24,7 +24,7 @@ from typing import Protocol
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.instants import CORRECTED, WITHIN
+from ..kernels.instants import CORRECTED, GUESS, OPENINGS, WITHIN
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE
 from ..propagator.image import Image
 from .assembly import Array
@@ -218,7 +218,6 @@ def softened_start(
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
     image.set(rules(rough))
     window = stages.of(soft)
-    window.predict()
     window.begin()
     window.field("q")[...] = 0.0
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
@@ -335,7 +334,7 @@ class WindowRun(RunState, ABC):
             solver.solve(stages, record, number)
         # the given fields were no help: once more from the state itself
         if given and not record.converged:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
             record.fallbacks.append(COLD)
             guess = self._own_guess(n)
             self._use(n, exact=True)
@@ -346,13 +345,13 @@ class WindowRun(RunState, ABC):
             solver.solve(stages, record, number)
         # the state at the start of the window comes back
         if not record.converged and n > 1:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
             self._count(before)
             return self._one_by_one(record, n, number, count)
         # NaN included; without inertia nothing can follow a state that is no equilibrium
         self.stopped = not record.converged and (self.assembly.quasi_static or not record.final_error <= HOPELESS)
         if self.stopped:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
         else:
             self._end_window(stages, record)
         self.windows.append(record)
@@ -361,12 +360,8 @@ class WindowRun(RunState, ABC):
 
     def _begin_window(self, stages: Stages, guess: Array | None = None) -> None:
         """State at the start, free responses of one instant, first guess of q where none is given."""
-        image = self.image
-        image.call(entries.BEGIN)
-        stages.begin()
+        stages.begin(GUESS if stages.n == 1 else OPENINGS)
         if stages.n == 1:
-            stages.predict()
-            image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None:
                 guess = stages.bonded(self._bonds)
         elif guess is None:
@@ -378,14 +373,13 @@ class WindowRun(RunState, ABC):
         """Move the substructures to the end of the window and record its fields."""
         image, n, first = self.image, stages.n, stages.first
         scales = image.field("scales", 3).copy()
-        image.call(entries.ACCEPT, n)
+        image.call(entries.LEAVE, n)
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
         # the velocities of bodies that closed a large gap are no guess for the next increment
         image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
         # a long window leaves the substructures at its end: back to its start, to march it with the accepted fields
         if n > 1:
-            image.call(entries.REWIND)
             record.disagreement = stages.disagreement()
             if self._fields is not None and record.converged:
                 self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
@@ -403,12 +397,7 @@ class WindowRun(RunState, ABC):
         """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
         image, n, first = self.image, stages.n, stages.first
         for i in range(n):
-            if n == 1:
-                for c in range(len(image.propagators)):
-                    image.call(entries.END_CLASS, c, first)
-                image.call(entries.END_INSTANT, first)
-            else:
-                image.call(entries.END_WINDOW, first + i, i)
+            image.call(entries.END, first + i, i, n)
             stages.ended()
             self._set_instant(first + i)
             after(i)
@@ -420,7 +409,7 @@ class WindowRun(RunState, ABC):
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
         # one instant leaves the state at its start; a long window has marched it to its end
         if stages.n > 1:
-            image.call(entries.REWIND)
+            image.call(entries.LEAVE)
         self._set_first_row(stages.first)
         self._march_accepted(stages, after)
         image.moving[:] = kept
@@ -432,10 +421,8 @@ class WindowRun(RunState, ABC):
         image = self.image
         for instant in range(first, first + n):
             self._set_first_row(instant)
-            for c in range(len(image.propagators)):
-                image.call(entries.PREDICT, c, instant)
-                image.call(entries.END_CLASS, c, instant)
-            image.call(entries.END_INSTANT, instant)
+            image.call(entries.BEGIN, 1, instant, OPENINGS)
+            image.call(entries.END, instant, 0, 1)
             self._set_instant(instant)
             self._sample()
             self._record_instant(0)

@@ -23,17 +23,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..kernels import entries
-from ..kernels.energy_parts import TERMS
 from ..time_scheme import TimeScheme
 from .forcing import Forcing, MotionState
-from .image import Image, ImageClass
+from .image import Image
 from .interface_matrices import condensed
 from .interface_probing import Table
 from .model import Array, Histories, SubstructureModel, closest_reduced
@@ -159,102 +156,6 @@ class ClassState:
         self._own, self.image = kept, None
 
 
-class Alone:
-    """March of a propagator by itself: ``predict``, then ``respond`` for one or more q, then ``commit``.
-
-    Parameters
-    ----------
-    propagator : begun and started; its search direction is that of its last ``bind``.
-    """
-
-    def __init__(self, propagator: Any) -> None:
-        self._propagator = propagator
-        self._made: Image | None = None  # of this class only
-        self._token: Any = None  # histories that it has begun with
-        self._bound: Array | None = None  # its search direction
-
-    def image(self) -> Image:
-        """The image of the run, or one of this class only, with the operators of now."""
-        p, state = self._propagator, self._propagator.state
-        if state.image is None:
-            m = len(p.members)
-            flat = np.arange(p.n_channel * m, dtype=np.int64).reshape(p.n_channel, m)
-            run = {"area": np.repeat(p.operators.area, m), "static": int(p.scheme.name == "quasi_static")}
-            self._made = Image([ImageClass(p, flat)], np.ones(flat.size, dtype=bool), run=run)
-            # a token of no histories: they are begun anew
-            self._token, self._bound = object(), None
-        image: Image = state.image
-        # that of a run has its own histories and directions
-        if image is not self._made:
-            return image
-        if self._bound is not p.k:  # ``bind`` makes a new array where k changes
-            image.bind(0, afresh=True)
-            self._bound = p.k
-        if self._token is not p.forcing.token:
-            image.begin(p.forcing.n_time, {})
-            self._token = p.forcing.token
-        if p.opening is not None:
-            image.field("f_hat", *p.opening.shape)[:] = p.opening
-            image.set({"first_row": p.instant})
-            image.call(entries.OPEN_ACCOUNTS)
-            p.opening = None
-        return image
-
-    def predict(self) -> Array:
-        """March to the next instant without interface forces; velocities of the channels (n_channel, n_member)."""
-        image, p = self.image(), self._propagator
-        image.set({"first_row": p.instant + 1})
-        image.call(entries.PREDICT, p.state.number, p.instant + 1)
-        shape = p.n_channel, len(p.members)
-        # copies: the next action writes over them
-        free: Array = p.state.part("w_free", shape[0] * shape[1]).reshape(shape).copy()
-        return free
-
-    def respond(self, q: Array) -> Array:
-        """W for q = F + k W after ``predict``, both (n_channel, n_member)."""
-        image = self.image()
-        image.field("q", q.size)[:] = q.reshape(-1)
-        image.call(entries.RESPOND, self._propagator.state.number)
-        return image.field("w", *q.shape).copy()
-
-    def commit(self, traction: Array) -> None:
-        """End the instant with tractions (a quasi-static class: incoming quantities q), Pa."""
-        image, p = self.image(), self._propagator
-        image.field("local_f", *traction.shape)[:] = traction
-        if p.scheme.name == "quasi_static":  # tractions are what the springs leave of q
-            image.field("f", *traction.shape)[:] = traction - p.k * self.respond(traction)
-        image.call(entries.END_CLASS, p.state.number, p.instant + 1)
-        p.instant += 1
-
-    @property
-    def totals(self) -> dict[str, Array]:
-        """Terms of the account of energies at the present instant, (n_member,) each, J."""
-        account, m = self._account(), len(self._propagator.members)
-        assert account is not None, "energies are not accounted for"
-        return {term: account[i * m : (i + 1) * m].copy() for i, term in enumerate(TERMS)}
-
-    def _account(self) -> Array | None:
-        """The account of energies, begun where it is not yet."""
-        p = self._propagator
-        if p.energy and p.begun and p.state.account is None:
-            self.image()
-        account: Array | None = p.state.account
-        return account
-
-    def snapshot(self) -> tuple[int, list[Array], Array | None]:
-        """All that determines the next instants of this segment."""
-        account = self._account()
-        fields = [field.copy() for field in self._propagator.state.fields]
-        return self._propagator.instant, fields, None if account is None else account.copy()
-
-    def restore(self, snapshot: tuple[int, list[Array], Array | None]) -> None:
-        """Return to the state and the energies of a ``snapshot``."""
-        self._propagator.instant, fields, account = snapshot
-        self._propagator.state.set(*fields)
-        if account is not None:
-            self._propagator.state.set_account(account)
-
-
 class Propagator(ABC):
     """A class of identical substructures (module docstring).
 
@@ -266,8 +167,7 @@ class Propagator(ABC):
     Attributes
     ----------
     instant, state : number of the present instant, and the motion there. begun : whether there are histories.
-    opening : tractions (n_channel, n_member), Pa, with which the account of energies of a march alone opens; None where
-        it is open. operators : constant for the step: area (n_channel,), m2; dofs (n_gamma,) of the
+    operators : constant for the step: area (n_channel,), m2; dofs (n_gamma,) of the
         interface; trace (n_channel, n_gamma); compliance (n_channel, n_channel), m s-1 N-1; admittance, per traction.
     condensed : Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), made when first used.
     swept : whether interfaces are solved with by substitution; then ``condensed`` is a factor (``interface_sweeps``).
@@ -299,7 +199,6 @@ class Propagator(ABC):
         self.state = ClassState(self.n_dof, len(self.members), energy)
         self._use(dt)
         self.sampled = np.zeros(2)  # data of ``remarks``
-        self.opening: Array | None = None
 
     # -- operators ----------------------------------------------------------------------------------------------
     @abstractmethod
@@ -361,11 +260,6 @@ class Propagator(ABC):
         """Unknowns of one member."""
         return int(self.members[0].expansion.shape[1])
 
-    @cached_property
-    def alone(self) -> Alone:
-        """The march of this class by itself."""
-        return Alone(self)
-
     # -- time ---------------------------------------------------------------------------------------------------
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state; one per member."""
@@ -378,7 +272,6 @@ class Propagator(ABC):
         self.instant = 0
         if not self.begun:
             self.state.set(*_initial_motion(self))
-            self.opening = np.zeros((self.n_channel, len(self.members)))
         self.begun = True
 
     @abstractmethod
@@ -403,7 +296,6 @@ class Propagator(ABC):
             residual = mass_old * (self.operators.mass @ a) - force_old * self.forcing.at(0)
             residual += 0.0 if inertia is None else mass_old * inertia
         self.state.set(u, v, a, residual)
-        self.opening = np.array(traction)  # a copy: callers use theirs again
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
         """Add the present state to ``sampled``, the data of ``remarks``."""
@@ -425,7 +317,7 @@ class Propagator(ABC):
     def resume(self, image: Image, number: int, motions: list[MotionState]) -> None:
         """Go on from the state in an image, as its class ``number``, and from ``motions``; ``begin`` must follow."""
         self.state.stand_in(image, number)
-        self.instant, self._resumed, self.opening = 0, motions, None
+        self.instant, self._resumed = 0, motions
 
 
 def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:

@@ -64,7 +64,7 @@ class Forcing:
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
-        self.n_time, self.token = 0, object()  # instants of the segment, and a mark of its own
+        self.n_time = 0  # instants of the segment
         self.amplitudes: list[list[Array]] = [[] for _ in members]  # (n_time,) of each load of a member
         self.sources: frozenset[str] | None = None
         """Names of the loads that get terms of the sums whatever their histories are, and only they; prescribed motions
@@ -72,7 +72,7 @@ class Forcing:
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
-        self.n_time, self.token = len(histories[0].time), object()
+        self.n_time = len(histories[0].time)
         self.amplitudes = [history.amplitudes for history in histories]
         self._constant = np.zeros((self._n, len(self.members)))
         varying: dict[tuple[int, int], Array] = {}

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from ctypes import cast as pointer_to
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from math import prod
 from typing import Any, NamedTuple, cast
 from weakref import ReferenceType, proxy, ref
@@ -34,6 +34,7 @@ from .model import Array, Index
 Fields = dict[str, Any]
 CallOut = Callable[[int, int, int], None]
 _CALLOUT = CFUNCTYPE(c_int64, *[c_int64] * 4)
+_coefficients = lru_cache(maxsize=64)(coefficients)
 _DIRECTIONS = 2  # further search directions that there is room for from the start
 
 
@@ -219,7 +220,7 @@ class Image:
             "relaxation": 1.0,
             "threads": 1,
             "longest_step": np.inf,
-            **coefficients(first.scheme, first.dt),
+            **_coefficients(first.scheme, first.dt),
             **_placed(run or {}, fixed),
         }
         self._groups = [_placed(group, fixed) for group in groups]
@@ -340,10 +341,9 @@ class Image:
             block.fill(self.fixed)
         self._waiting.clear()
         for records, rows in ((self.run, [self._run]), (self.classes, self._rows), (self.groups, self._groups)):
-            names = cast(tuple[str, ...], records.dtype.names)
+            blank = dict.fromkeys(cast(tuple[str, ...], records.dtype.names), 0)
             for i, row in enumerate(rows):
-                # in the order of the record; what a run lacks is 0
-                records[i] = tuple([row.get(name, 0) for name in names])
+                records[i] = tuple({**blank, **row}.values())  # in the order of the record
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         tables = self.run.view(kind), self.classes.view(kind), self.groups.view(kind)
         self.pools = pools_of(*tables, self.fixed, self.moving)

@@ -56,6 +56,7 @@ class Arrays:
 
     def __init__(self, arrays: Sequence[Declared]) -> None:
         self.arrays = tuple(arrays)
+        self._places = tuple((array.name, array.elsewhere) for array in arrays)
         self._sizes = compile(f"[{', '.join(array.size for array in arrays)}]", "sizes of arrays", "eval")
         self.names = self._sizes.co_names
 
@@ -66,10 +67,14 @@ class Arrays:
 
     def place(self, block: Any, record: MutableMapping[str, Any], names: dict[str, Any]) -> None:
         """Reserve the arrays in a block, one after the other, and set their places in the record."""
-        for array, size in zip(self.arrays, self.sizes(names), strict=True):
-            here = size > 0 or array.elsewhere is None
-            # not there: it takes the place of an array declared before it
-            record[array.name] = block.reserve(size) if here else record[str(array.elsewhere)]
+        at = block.size
+        for (name, elsewhere), size in zip(self._places, self.sizes(names), strict=True):
+            if size > 0 or elsewhere is None:
+                record[name] = at
+                at += -(-size // LINE) * LINE
+            else:
+                record[name] = record[elsewhere]
+        block.size = at
 
 
 def declared(fields: Iterable[records.Field]) -> dict[str, Arrays]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.cosim import Session
-from latin_fmu.cosim.output_table import EVENTS, FAMILIES, INTERFACE, SOLVER, Points
+from latin_fmu.cosim.output_table import EVENTS, FAMILIES, INTERFACE, SOLVER, FacePoints
 from latin_fmu.cosim.variable import UNITS, table_from, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import SceneError
@@ -70,7 +70,7 @@ def test_outputs_of_an_interface_are_those_of_its_points():
     session.initialize()
     for step in range(8):
         assert session.step(step * 0.4e-6, 0.4e-6)
-    points = Points.over(session._mode.interfaces["crush"])
+    points = FacePoints.over(session._mode.interfaces["crush"])
     compared = [row for row in INTERFACE.rows if row.of]
     assert len(compared) == len(INTERFACE.rows) - 1
     for row in compared:
