@@ -11,8 +11,7 @@ import pytest
 
 from latin_fmu import cli
 from latin_fmu.commands import fmu as commands
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 

@@ -7,8 +7,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from latin_fmu.cosim import Session
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 H = 3e-6  # longer than the way of a wave through a block
 UNKNOWNS = ["interface.crush.force[3]", "interface.crush.velocityEp[3]", "energy.kinetic"]
