@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import SceneError, Solution, api, load_scene, open_results, solve
+from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
 from latin_fmu.cli import main
 from latin_fmu.latin import interface_rows
 from latin_fmu.machine import group_limits, peak_memory
 from latin_fmu.results import dataset
 from latin_fmu.results.checkpoint import Checkpoint
+from latin_fmu.stability.scenes import STEEL, Box, Description, column, placed, rubbing
 
 from .test_checkpoint import Stopping, assert_equal
 from .test_cli import SCENE
@@ -231,13 +232,11 @@ def test_streamed_histories_are_those_of_a_run_in_memory(every: int, tmp_path: P
 @pytest.mark.usefixtures("small_memory")
 @pytest.mark.parametrize("settings", [(), ("time.scheme=hht",), ("solver.propagator=explicit",)])
 def test_streamed_energies_and_slip_are_those_of_a_run_in_memory(settings: tuple[str, ...], tmp_path: Path) -> None:
-    """Impacts, friction, a moving ground, an elastic layer and a viscous joint."""
     scene = tmp_path / "scene.toml"
-    scene.write_text(LOSSES)
-    given = ("time.instants=300", "time.end=3e-4", *settings)
-    whole = solve(load_scene(scene, list(given)))
+    scene.write_text(scene_from_dict(losses()).text())
+    whole = solve(load_scene(scene, list(settings)))
     whole.save(tmp_path / "whole.nc")
-    part = streamed(scene, tmp_path / "streamed.nc", *given)
+    part = streamed(scene, tmp_path / "streamed.nc", *settings)
     assert len(part.outcome.interface_time) <= 101
     assert part.energy is not None
     assert all(len(values) == 301 for values in part.energy.values())
@@ -261,7 +260,7 @@ def test_a_streamed_run_continues_from_a_checkpoint(tmp_path: Path) -> None:
 
 def peak_of_a_run(place: Path, code: str, settings: list[str]) -> list[float]:
     """Peak memory of a process that solves three small blocks, behind the numbers that ``code`` prints."""
-    (place / "scene.toml").write_text(THREE_BLOCKS)
+    (place / "scene.toml").write_text(three_blocks())
     whole = f"""
 from pathlib import Path
 from latin_fmu import api, load_scene
@@ -279,64 +278,40 @@ print(peak_memory())
     return [float(word) for word in done.stdout.split()]
 
 
-LOSSES = """name = "losses"
-[material.steel]
-young_modulus = 210e9
-poisson_ratio = 0.3
-density = 7800.0
-[substructure.low]
-material = "steel"
-box = { origin = [0.0, 0.0, 0.0], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.top]
-material = "steel"
-box = { origin = [0.0, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.beside]
-material = "steel"
-box = { origin = [0.02, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.last]
-material = "steel"
-box = { origin = [0.04, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[interface.slides]
-sides = ["low.zmax", "top.zmin"]
-friction_coefficient = 0.2
-[interface.layer]
-sides = ["top.xmax", "beside.xmin"]
-behaviour = "elastic_layer"
-normal_stiffness = 1e13
-tangential_stiffness = 1e12
-[interface.joint]
-sides = ["beside.xmax", "last.xmin"]
-behaviour = "viscous_joint"
-normal_viscosity = 1e7
-tangential_viscosity = 1e6
-[interface.floor]
-sides = ["low.zmin", "ground"]
-behaviour = "perfect"
-ground_velocity = { direction = [0.0, 0.0, 1.0], amplitude = 0.1, law = { type = "constant" } }
-[load.press]
-face = "top.zmax"
-pressure = 1e7
-[load.pull]
-face = "last.xmax"
-traction = [8e6, 0.0, 0.0]
-[output]
-energy = true
-surfaces = true
-"""
-THREE_BLOCKS = (
-    'name = "blocks"\n[material.steel]\nyoung_modulus = 210e9\npoisson_ratio = 0.3\ndensity = 7800.0\n'
-    + "".join(
-        f'[substructure.b{i}]\nmaterial = "steel"\n'
-        f"box = {{ origin = [0.0, 0.0, {0.01 * i}], size = [0.01, 0.01, 0.01], elements = [2, 2, 2] }}\n"
-        for i in range(3)
+def losses() -> Description:
+    """Impacts, friction, a moving ground, an elastic layer and a viscous joint."""
+    block = Box(STEEL, (0.02, 0.02, 0.01), (2, 2, 1))
+    places = {"low": (0.0, 0.0), "top": (0.0, 0.01), "beside": (0.02, 0.01), "last": (0.04, 0.01)}
+    layer = {"behaviour": "elastic_layer", "normal_stiffness": 1e13, "tangential_stiffness": 1e12}
+    joint = {"behaviour": "viscous_joint", "normal_viscosity": 1e7, "tangential_viscosity": 1e6}
+    ground = {"direction": [0.0, 0.0, 1.0], "amplitude": 0.1, "law": "constant"}
+    return placed(
+        {name: (block, (x, 0.0, z)) for name, (x, z) in places.items()},
+        {"end": 3e-4, "instants": 300},
+        interface={
+            "slides": rubbing("low.zmax", "top.zmin", 0.2),
+            "layer": {"sides": ["top.xmax", "beside.xmin"], **layer},
+            "joint": {"sides": ["beside.xmax", "last.xmin"], **joint},
+            "floor": {"sides": ["low.zmin", "ground"], "behaviour": "perfect", "ground_velocity": ground},
+        },
+        load={
+            "press": {"face": "top.zmax", "pressure": 1e7},
+            "pull": {"face": "last.xmax", "traction": [8e6, 0.0, 0.0]},
+        },
+        output={"energy": True, "surfaces": True},
     )
-    + "".join(
-        f'[interface.i{i}]\nsides = ["b{i}.zmax", "b{i + 1}.zmin"]\nbehaviour = "contact"\nfriction_coefficient = 0.3\n'
-        for i in range(2)
+
+
+def three_blocks() -> str:
+    """Text of a scene of three small blocks in a pile."""
+    tables = column(
+        {f"b{i}": Box(STEEL, (0.01,) * 3, (2, 2, 2)) for i in range(3)},
+        {f"i{i}": {"friction_coefficient": 0.3} for i in range(2)},
+        {"end": 5e-3, "instants": 50000},
+        boundary={"base": {"type": "symmetry", "face": "b0.zmin"}},
+        load={"push": {"face": "b2.zmax", "pressure": 1e6}},
     )
-    + '[boundary.base]\ntype = "symmetry"\nface = "b0.zmin"\n'
-    + '[load.push]\nface = "b2.zmax"\npressure = 1e6\n[time]\nend = 5e-3\ninstants = 50000\n'
-)
+    return scene_from_dict(tables).text()
 
 
 @pytest.mark.slow
@@ -382,7 +357,7 @@ def test_a_disk_without_room_for_the_results_is_told_before_the_run(tmp_path, ca
 def test_a_long_run_with_its_error_estimate_stays_below_500_mb(tmp_path: Path) -> None:
     """Three hundred thousand instants of three small blocks; the coarser run with shorter steps has half a million,
     whose histories would take 2 GB in memory."""
-    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    (tmp_path / "scene.toml").write_text(three_blocks())
     settings = ["time.instants=300000", "time.end=0.03", "solver.tolerance=1e-6"]
     words = [word for setting in settings for word in ("--set", setting)]
     code = f"""
@@ -401,7 +376,7 @@ print(peak_memory())
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no process status here")
 def test_memory_is_given_back_after_a_run(tmp_path: Path) -> None:
     """In a process that goes on: after four runs whose histories take 44 MB each it is as large as after the second."""
-    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    (tmp_path / "scene.toml").write_text(three_blocks())
     code = """
 import gc
 from pathlib import Path

@@ -163,12 +163,14 @@ class Walk:
             assert straight.snapshot() == other.snapshot()
 
 
-QUICK = [(0, False), (1, True)]
-SLOW = [pytest.param(seed, keep, marks=pytest.mark.slow) for seed in range(2, 8) for keep in (False, True)]
+QUICK = [(name, i % 2, bool(i % 2)) for i, name in enumerate(WALKS)]
+SLOW = [(name, seed, keep) for name in WALKS for seed in range(8) for keep in (False, True)]
 
 
-@pytest.mark.parametrize(("seed", "keep"), [*QUICK, *SLOW])
-@pytest.mark.parametrize("name", list(WALKS))
+@pytest.mark.parametrize(
+    ("name", "seed", "keep"),
+    [*QUICK, *(pytest.param(*walk, marks=pytest.mark.slow) for walk in SLOW if walk not in QUICK)],
+)
 def test_a_random_walk_is_that_of_segments(name, seed, keep):
     make, inputs, limit = WALKS[name]
     walk = Walk(make(), inputs, seed, keep)

@@ -14,19 +14,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.merged_assembly import merge
-from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
-from latin_fmu.propagator import DirectPropagator
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.propagator.base import full_displacement
-
-
-def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice]]:
-    """The assembly as one body, begun at its instants; slices of the full dofs of its substructures."""
-    assembly = built.assembly
-    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, built.info)
-    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, False)
-    propagator.begin([merged.histories(built.timeline, assembly.time)], assembly.dt)
-    return propagator, merged.where
+from tests.verification.test_equivalence import bonded
 
 
 @pytest.fixture

@@ -36,9 +36,9 @@ from fmu_build.checks import validate, with_inputs
 from fmu_build.drive import Drive
 from fmu_build.reference import FOLDER, reference_of
 from latin_fmu.cosim import Session, Settings
+from tests.cosim.scenes import blocks
 
 from .host import hosts_folder
-from .scenes import blocks
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "fmu_compatibility.md"

@@ -10,9 +10,9 @@ import pytest
 pytest.importorskip("fmpy")
 
 from fmu_build.build import build_fmu
+from tests.cosim.scenes import blocks
 
 from .host import Host
-from .scenes import blocks
 
 
 @pytest.fixture(scope="session", autouse=True)

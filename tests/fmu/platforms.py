@@ -30,8 +30,7 @@ from latin_fmu import load_scene
 from latin_fmu.compiled.library import suffix
 from latin_fmu.errors import NeedsPythonError
 from latin_fmu.scene.schema import Scene
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 NATIVE = "linux-x86_64"

@@ -15,9 +15,9 @@ from fmu_build.build import build_fmu
 from latin_fmu import load_scene
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
+from tests.cosim.scenes import bar, blocks
 
 from .host import Host
-from .scenes import bar, blocks
 
 DT = 0.2e-6
 END = 30 * DT

@@ -13,8 +13,7 @@ from fmu_build.build import build_fmu
 from fmu_build.checks import validate
 from latin_fmu.errors import InputError
 from latin_fmu.scene.schema import Scene
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 

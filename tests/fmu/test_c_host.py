@@ -16,8 +16,7 @@ import pytest
 from fmu_build.bridge import zig
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
-
-from .scenes import bar
+from tests.cosim.scenes import bar
 
 H = 0.2e-6
 _SHARED = sysconfig.get_config_var("Py_ENABLE_SHARED")

@@ -12,9 +12,9 @@ import pytest
 
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
+from tests.cosim.scenes import blocks
 
 from .host import Host
-from .scenes import blocks
 
 H = 0.2e-6
 LIBRARY = library.target() == "linux-x86_64" and library.loaded() is not None

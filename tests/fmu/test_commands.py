@@ -12,8 +12,7 @@ import pytest
 from latin_fmu import cli
 from latin_fmu.commands import fmu as commands
 from latin_fmu.compiled import library
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -91,8 +90,8 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
     target = tmp_path / "blocks.fmu"
     assert cli.main(["fmu", str(scene_file), "-o", str(target)]) == 0
     assert "--modes" not in capsys.readouterr().err
-    monkeypatch.setattr(commands, "_LARGE", 1e7)
-    assert cli.main(["fmu", str(MODELS / "lap_joint" / "scene.toml"), "-o", str(target)]) == 0
+    monkeypatch.setattr(commands, "_LARGE", 1e6)
+    assert cli.main(["fmu", str(MODELS / "stacked_blocks" / "n02.toml"), "-o", str(target)]) == 0
     told = re.search(r"take about ([\d.]+) MB in the FMU .* --modes 20", capsys.readouterr().err)
     assert told is not None
     size = zipfile.ZipFile(target).getinfo("resources/image.bin").file_size

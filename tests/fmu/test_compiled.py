@@ -35,9 +35,9 @@ from latin_fmu.errors import InputError
 from latin_fmu.scene.laws import TableLaw
 from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.settings import NoAcceleration
+from tests.cosim.scenes import bar, blocks
 
 from .host import Host
-from .scenes import bar, blocks
 
 DT = 0.2e-6
 LIMIT = 1e-9  # of the peak

@@ -14,9 +14,9 @@ from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
 from latin_fmu.scene.schema import Scene
+from tests.cosim.scenes import blocks
 
 from .host import Host
-from .scenes import blocks
 
 H = 3e-6  # longer than the way of a wave through a block
 UNKNOWNS = ["interface.crush.force[3]", "interface.crush.velocityEp[3]", "energy.kinetic"]

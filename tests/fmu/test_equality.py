@@ -13,9 +13,9 @@ import latin_fmu
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session, Settings
+from tests.cosim.scenes import bar, blocks
 
 from .host import Host
-from .scenes import bar, blocks
 
 H = 0.6e-6
 NEEDS_LIBRARY = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")

@@ -24,8 +24,7 @@ from fmu_build.drive import described
 from latin_fmu import InputError
 from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.variables import table_of
-
-from .scenes import bar, blocks
+from tests.cosim.scenes import bar, blocks
 
 H = 0.6e-6
 

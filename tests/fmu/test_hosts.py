@@ -17,10 +17,10 @@ import pytest
 from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, reference_of
 from latin_fmu.compiled import library
+from tests.cosim.scenes import bar, blocks
 
 from .compatibility import INPUT, OUTPUT, STEP, VALUE, N, expected, in_fmpy, in_host, judged
 from .host import hosts_folder
-from .scenes import bar, blocks
 
 SCRIPTS = Path(__file__).parent / "hosts"
 MODULES = {

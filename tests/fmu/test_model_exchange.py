@@ -16,9 +16,9 @@ from fmu_build.build import build_fmu, build_model_exchange
 from fmu_build.checks import validate
 from latin_fmu import cli
 from latin_fmu.errors import SceneError
+from tests.cosim.scenes import bar, blocks
 
 from .exchange_host import ExchangeHost, integrate
-from .scenes import bar, blocks
 from .test_hosts import SCRIPTS, ran, tool
 
 MODELS = Path(__file__).parents[2] / "models"

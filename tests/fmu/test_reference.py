@@ -18,8 +18,7 @@ from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, NOTE, reference_of
 from latin_fmu import cli
 from latin_fmu.compiled import library
-
-from .scenes import bar, blocks
+from tests.cosim.scenes import bar, blocks
 
 LS = "{http://fmi-standard.org/fmi-ls-manifest}fmi-ls-"
 needs_library = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")

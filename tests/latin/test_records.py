@@ -29,6 +29,7 @@ from latin_fmu.propagator.class_record import BlockLayout
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 from tests.alone import alone_of
+from tests.scenes import given_motion
 
 Tables = dict[str, Any]
 POOLS = ("constants", "direction", "histories", "state", "work", "output")
@@ -73,13 +74,7 @@ def driven(tables: Tables) -> None:
     law = {"type": "half_sine", "duration": 2e-6}
     tables["interface"]["floor_b0"]["ground_velocity"] = {"direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law}
     tables["boundary"] = {
-        f"drive_{name}": {
-            "type": "velocity",
-            "face": f"{name}.xmin",
-            "components": ["x"],
-            "value": [1.0 + i],
-            "law": law,
-        }
+        f"drive_{name}": given_motion(f"{name}.xmin", [1.0 + i], law)
         for i, name in enumerate(sorted(tables["substructure"]))
     }
     tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
