@@ -18,7 +18,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.estimate import estimate_error
-from latin_fmu.accuracy.runs import Resolution, at_resolution, measure_solution
+from latin_fmu.accuracy.quantities import measure_solution
+from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.results.quantities_of_interest import FLOOR
 
 from .known_answers import Known, known, named
