@@ -253,7 +253,8 @@ class Accuracy(SceneTable):
     quantity: Annotated[
         Quantity,
         about(
-            'quantity that has to reach the target: "impulse" (of every interface that may open), "crush.impulse", ...'
+            'quantity that has to reach the target: "impulse" (of every interface that may open), "crush.impulse", '
+            '"head.acceleration_peak" (of the sensor head), ...'
         ),
     ] = "impulse"
     target: Annotated[
