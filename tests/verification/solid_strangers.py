@@ -29,9 +29,9 @@ from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.results.quantities_of_interest import FLOOR, definition_of
 from latin_fmu.stability.scenes import Box, Description, Material, column, half_sine, placed, rubbing
 from latin_fmu.stability.surfaces import write_mesh
+from tests.fem.meshes import cut
+from tests.scenes import ramp
 
-from ..fem.meshes import cut
-from ..scenes import ramp
 from .strangers import Case, chosen_seeds, table
 
 FINER, FINEST = 2.0, 3.0
