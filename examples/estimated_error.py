@@ -24,7 +24,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 import latin_fmu
-from latin_fmu.accuracy.runs import Quantities, Resolution, aligned, at_resolution, measure_solution, run_at
+from latin_fmu.accuracy.quantities import Quantities, measure_solution
+from latin_fmu.accuracy.runs import Resolution, aligned, at_resolution, run_at
 from latin_fmu.accuracy.study import declared
 from latin_fmu.scene.schema import Scene
 

@@ -55,7 +55,7 @@ examples:
 
 Named items are addressed by name: --set load.press.pressure=100e6
 """
-_SEARCH: Final = 600.0  # CPU seconds of a run of a search for an accuracy
+_SEARCH: Final = 600.0  # CPU seconds of all runs of a search for an accuracy
 _UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
 
 
@@ -85,7 +85,7 @@ def register(add: AddParser) -> None:
     text = (
         f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
         f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
-        f"--accuracy: of each run of the search, {_SEARCH:g} by default; all together use ten times that at most"
+        f"--accuracy: of all runs of the search together, {_SEARCH:g} by default"
     )
     add_max_cpu(parser, text)
 

@@ -28,7 +28,8 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..accuracy.runs import measure, message_of
+from ..accuracy.quantities import measure
+from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory

@@ -10,7 +10,7 @@ from __future__ import annotations
 import pytest
 
 from latin_fmu.accuracy.adaptive_resolution import Choice, choose
-from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.quantities import measure_solution
 from latin_fmu.accuracy.study import Reference, declared
 
 from .known_answers import shipped
