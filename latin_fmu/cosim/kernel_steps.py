@@ -134,7 +134,7 @@ class KernelSteps:
             row = self._marched(self.begun)
         if row is None or (self._followed and self._gains_energy(row)):
             return None
-            self._has_rows = self.begun.n < COMMUNICATION_ROWS
+        self._has_rows = self.begun.n < COMMUNICATION_ROWS
         run.made += self.begun.n
         if run.problem.output.energy:
             friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
