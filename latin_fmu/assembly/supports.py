@@ -361,6 +361,7 @@ def port_lines(scene: Scene, bodies: Mapping[str, Body]) -> list[str]:
     for name, port in scene.port.items():
         place, material = place_on_face(bodies[port.body], port.face), bodies[port.body].shape.material
         area, at = place.area, place.point
+        # sqrt(E rho) times the area: what absorbs waves of a bar
         bar = area * float(np.sqrt(material.young_modulus * material.density))
         centre = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in at)
         lines.append(
