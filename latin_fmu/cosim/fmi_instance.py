@@ -286,10 +286,10 @@ class FmiInstance(ReferencedVariables):
         self._variables.update(session)
         return True
 
-    # and its inputs: the same step with others may be made
     @staticmethod
     def _step(session: Session, t: float, h: float) -> str:
         """A step and its inputs, as text."""
+        # with its inputs: the same step with others may be made
         return repr((t, h, [session.load(name) for name in session.loads]))
 
     @exception_barrier(lambda *_: ())
