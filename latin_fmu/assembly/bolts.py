@@ -326,8 +326,8 @@ class _Section:
             for local in CELL_FACES[block.cell_type]:
                 nodes = np.full((len(block.cells), _WIDEST), -1, dtype=np.int64)
                 nodes[:, : len(local)] = block.cells[:, list(local)]
-                # the number of an element counts through all blocks
                 tables.append(nodes)
+                # the number of an element counts through all blocks
                 owners.append(first + np.arange(len(block.cells)))
             first += len(block.cells)
         facets, owner = np.concatenate(tables), np.concatenate(owners)
@@ -347,7 +347,6 @@ class _Section:
         """The cut of the bolt, or None with a problem; nodes that are ``blocked`` may not be on it, those that are
         ``joined`` belong to interfaces."""
         where, point = f"bolt.{self._name}", self._bolt.point
-        # the plane through the point
         level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
             problems.add(

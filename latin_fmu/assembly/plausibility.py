@@ -155,9 +155,9 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
 
 def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     """Nothing that could move a body."""
-    # all that may move a body, inputs among them
     scene = problem.scene
     bodies = scene.substructure.values()
+    # all that may move a body, inputs among them
     driven = scene.loads or scene.bolt or scene.port or scene.time.start.type == "static"
     driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
     driven = driven or (scene.gravity is not None and any(scene.gravity.acceleration))

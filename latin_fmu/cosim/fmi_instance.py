@@ -125,6 +125,7 @@ class HostedSession:
 
             for name, history in read_histories(file, session.loads).items():
                 session.set_history(name, *history)
+        # after the file: arrays replace its columns
         for name, history in self._variables.histories().items():
             session.set_history(name, *history)
 
@@ -191,6 +192,7 @@ class ReferencedVariables:
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
         them is refused: then none is set."""
+        # outputs in Initialization Mode follow what is set: the session starts anew when they are read
         self._hosted.opened = False
         return self._variables.set(references, values)
 
@@ -284,10 +286,10 @@ class FmiInstance(ReferencedVariables):
         self._variables.update(session)
         return True
 
-    # and its inputs: the same step with others may be made
     @staticmethod
     def _step(session: Session, t: float, h: float) -> str:
         """A step and its inputs, as text."""
+        # with its inputs: the same step with others may be made
         return repr((t, h, [session.load(name) for name in session.loads]))
 
     @exception_barrier(lambda *_: ())

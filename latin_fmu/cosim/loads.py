@@ -352,6 +352,7 @@ def given_rows(times: Array, amplitudes: Mapping[str, Array]) -> Histories:
     """
     # products of True from the end: how many rows repeat the last instant
     repeated = int(np.cumprod(times[::-1] == times[-1]).sum())
+    # one of the rows that repeat the last instant is that instant
     n = len(times) - max(repeated - 1, 0)
     if n == 1 and not any((values != values[0]).any() for values in amplitudes.values()):
         return {}
@@ -378,6 +379,7 @@ def _csv(lines: Sequence[str], where: str) -> dict[str, Array]:
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names):
         raise _bad(where, "two columns have the same name")
+    # as editors count: the header is line 1
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
             raise _bad(where, f"row {number} has {len(row)} columns, the header {len(names)}")
@@ -402,6 +404,7 @@ def _netcdf(file: Path) -> dict[str, Array]:
     try:
         if is_damaged(file):
             raise _bad(str(file), "the file is damaged: its digest does not fit")
+        # times as numbers, whatever unit the file names
         with xr.open_dataset(file, engine="netcdf4", decode_times=False, decode_timedelta=False) as dataset:
             columns = {str(name): np.asarray(v.values, dtype=float) for name, v in dataset.data_vars.items()}
             if "time" in dataset.coords:

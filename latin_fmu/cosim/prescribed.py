@@ -138,6 +138,7 @@ class Prescribed:
     def instant(self, time: float) -> int:
         """Index in ``time`` of the last instant that is not after a time since the start, s."""
         place = self._place(time)
+        # a time within round-off of an instant is there
         return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
 
     def close(self) -> None:

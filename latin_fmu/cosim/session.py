@@ -67,6 +67,7 @@ class Session:
         self._index = {name: i for i, name in enumerate(self.outputs)}
         self._loads = Loads(scene)
         self._time_step = self.settings.step_of(scene)
+        # what snapshots must agree in: the scene as it is solved, and what was chosen
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._mode: Windowed | Prescribed | None = None
         self._starts: dict[str, float] = {}
@@ -324,6 +325,7 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
         three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)] if match else [-1]
         if match is None or min(three) < 0:  # a port may have one or two components
             columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable))
+        # the first of three components writes the vector
         elif match[2] == "1":
             attributes = _attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
             columns[_plain(match[1])] = (("time", "component"), rows[:, three], attributes)

@@ -116,7 +116,7 @@ def inertia(p: Prediction) -> Effect:
     reason = f"motion is integrated by the scheme {p.discretised.scheme_in_words}"
     switch = "time.quasi_static = true (loads slow against the waves)"
     cost, kernels = saved(p, p.run.scaled(mass=0.0)), ("mass product",)
-    # value and index
+    # an entry is a number of 8 bytes and an index of 4
     return Effect("inertia", True, ("time.scheme",), reason, switch, kernels, cost, memory=12 * p.total("mass"))
 
 
@@ -368,8 +368,8 @@ def energy(p: Prediction) -> Effect:
 
 
 def _stored(p: Prediction) -> int:
-    # t = 0 is one of them
     """Number of instants at which fields are kept."""
+    # t = 0 is one of them
     return p.run.n_instant // p.run.every + 1
 
 

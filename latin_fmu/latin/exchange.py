@@ -84,8 +84,9 @@ class Exchange:
         self._norms[n]()
 
     def touch(self) -> None:
-        """Find out whether any traction of the last accepted instant acts."""  # a sum over processes
+        """Find out whether any traction of the last accepted instant acts."""
         acts = np.array([float(self._image.field("f_hat", self._image.n_flat).any())])
+        # a sum over processes: above 0 where any of them has one
         self.processes.add(acts)
         self._image.field("touched", 1)[0] = float(acts[0] > 0.0)
 

@@ -76,7 +76,6 @@ class InterfaceHistory:
     quasi_static: bool = False
     peak_duration: float | None = None
 
-    # "or": None as well
     @property
     def mu(self) -> float:
         """Coulomb's coefficient; 0 also for a law without one."""

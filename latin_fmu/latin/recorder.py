@@ -58,6 +58,7 @@ class StoredFields:
         output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
         every = self._request.every
         first = now.stop - 1 if whole is None else now.start  # fields of the state now
+        # multiples of ``every`` alone
         instants = range(-(-first // every) * every, now.stop, every)
         if not instants:
             return
@@ -174,6 +175,7 @@ class Recorder:
         """Instants from the last kept one to the next whose fields are kept."""
         if self._stored.wanted and self._whole is None:
             return self.request.every - (self.n_kept - 1) % self.request.every
+        # more than there are: nothing has to be read between two calls
         return self.rows.every * len(self.rows.table)
 
     # -- parts of the histories -------------------------------------------------------------------------------------

@@ -201,6 +201,7 @@ class RunImage:
         key = min(n, LONG)
         if key not in self._directions:
             compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
+            # tables serve windows of one instant, with laws that the kernels have
             usable = self.settings.window == 1 and compiled
             settings = self.settings if usable else replace(self.settings, tables=0.0)
             self._directions[key] = self.made_direction(settings, n)
@@ -245,6 +246,7 @@ class RunImage:
                 return -1.0
             terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
             own += float(terms[WORK_OF_LOADS].sum())
+        # never less than it was
         return max(self._over_processes(own), float(works[PUT_IN]))
 
     def account(self) -> Account | None:

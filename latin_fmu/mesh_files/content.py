@@ -297,11 +297,11 @@ class FileProblems:
         remedy: str | None = None,
         line: int | None = None,
     ) -> None:
-        # the same problem of many lines is told once
         """One more problem; ``line`` counts from 1."""
         place = self.where if line is None else f"{self.where}, line {line}"
         text = None if value is None else str(value)[:80]
         problem = Problem(place, what, text, allowed, remedy)
+        # the same problem of many lines is told once
         if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
             self.problems.append(problem)
 

@@ -126,8 +126,8 @@ def _built_joint(unit: InterfaceUnit) -> _Joint:
     """The part of the faces that takes part."""
     geometry = unit.geometry
     nodes = {
+        # three dofs a node
         split_face(side)[0]: np.unique(trace.indices // 3).astype(np.int64)
-        # dof -> node
         for side, trace in zip(unit.sides, geometry.traces, strict=True)
         if trace is not None
     }

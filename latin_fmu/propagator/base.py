@@ -324,9 +324,9 @@ def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
     """Initial displacements and velocities; accelerations come with ``start``."""
     members, forcing, shape = propagator.members, propagator.forcing, (propagator.n_dof, len(propagator.members))
     if not any(m.displacement.any() or m.velocity.any() for m in members) and not forcing.moves:
-        # u_full = P u + imposed
         return np.zeros(shape), np.zeros(shape)
     p = members[0].expansion
+    # u_full = P u + imposed
     u = closest_reduced(p, np.stack([m.displacement for m in members], axis=1) - forcing.imposed_u(0))
     v = closest_reduced(p, np.stack([m.velocity for m in members], axis=1) - forcing.imposed_v(0))
     return u, v

@@ -164,8 +164,8 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
         factors, matrices = [*factors, c_damping], [*matrices, damping]
-    gain = scheme.interface_gain(dt) * scheme.traction_weight
     # accelerations of interface dofs are w_t S^-1 times the forces, W follows by dW/da
+    gain = scheme.interface_gain(dt) * scheme.traction_weight
     on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
     factor: Any
     if model.swept:

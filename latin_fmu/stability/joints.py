@@ -422,8 +422,8 @@ def _cradle(thrown: int, scheme: str, bench: Bench) -> list[Measure]:
 
 def _mean_velocity(solution: Solution, body: str) -> float:
     """Mean velocity along z of a bar of equal elements at the end (integral of its shape functions)."""
-    # nodes of a layer have the same z to the bit: they come from one axis
     history = solution.substructures[body]
+    # nodes of a layer have the same z to the bit: they come from one axis
     at, number = np.unique(history.nodes[:, 2], return_inverse=True)
     assert history.velocity is not None
     velocity = np.bincount(number, history.velocity[-1][:, 2]) / np.bincount(number)
