@@ -17,8 +17,8 @@ from typing import Final
 
 import numpy as np
 
+from ..assembly.body import elasticity_of
 from ..errors import LatinError
-from ..fem.elements import wave_speeds
 from ..latin.outcome import Array
 from ..latin.processes import Processes
 from ..results.estimates import ErrorEstimate, QuantityEstimate
@@ -204,7 +204,7 @@ def element_transit(scene: Scene, interface: str, spacing: float) -> float:
         if body.box is not None:
             edges = np.divide(body.box.size, body.box.elements)
             size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
-        speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+        speed = elasticity_of(material).wave_speeds[0]
         longest = max(longest, size / speed)
     return longest
 

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from ..fem.elements import wave_speeds
+from ..assembly.body import elasticity_of
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, SensorHistory
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
@@ -288,8 +288,7 @@ def resolved_frequency(scene: Scene) -> float:
     for body in scene.substructure.values():
         if body.box is None or body.rigid:
             continue
-        material = scene.material[body.material]
-        speed = wave_speeds(material.young_modulus, material.poisson_ratio, material.density)[0]
+        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
         pairs = list(zip(body.box.size, body.box.elements, strict=True))
         edges = [size / n for size, n in pairs if n > 1] or [max(size for size, _ in pairs)]
         limits.append(speed / (ELEMENTS_PER_WAVE * max(edges)))

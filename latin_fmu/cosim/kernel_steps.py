@@ -87,8 +87,7 @@ class KernelSteps:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, made = self._run, self._run.made
         given = loads.driving(part, run.dt, self._rule)
-        # ones behind: what varies must not look constant when it is laid out
-        rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))
+        rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))  # what varies must not look constant to the layout
         rows[:2, : len(given)] = np.reshape([line[:2] for line in given.values()], (-1, 2)).T
         rows[:2, len(given) :] = self.sources.own(self._scene, run.instants(made, 1))
         with np.errstate(all="ignore"):  # an overflow is reported as "not converged"

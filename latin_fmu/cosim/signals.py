@@ -137,8 +137,7 @@ class Signals(SignalPlaces):
         for e in range(2 * n_s if self.probes.slide.ground else 0):
             amplitudes = np.zeros(2 * n_s)
             amplitudes[e] = 1.0
-            # two instants, before and at the end: one of the 2 n_s amplitudes is 1
-            drives.begin(amplitudes.reshape(2, n_s))
+            drives.begin(amplitudes.reshape(2, n_s))  # two instants: before the step, at its end
             for i, velocity in drives.slides().items():
                 if i in self.probes.slide.ground and velocity.any():
                     to = table.slide[i][0, 1].astype(int)
@@ -151,8 +150,7 @@ class Signals(SignalPlaces):
         own, unit = self._unknowns(i, width), assembly.interfaces[i]
         geometry = unit.geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
-        # a point depends on its own unknowns alone: unit fields of all points at once, then taken apart
-        every = self._unit_fields(i, width)
+        every = self._unit_fields(i, width)  # of all points at once, then taken apart
         linear = [r for r in INTERFACE.rows if r.of and r.name not in WRITTEN and r.axes(self._scene.joints[unit.name])]
         blocks, sizes, order = [], list[int](), list[Any]()
         for start in range(0, geometry.n_point, _POINTS):
@@ -166,8 +164,7 @@ class Signals(SignalPlaces):
             columns = [row.of(points).reshape(len(points.traction), -1) for row in linear if row.of]
             sizes = [column.shape[1] for column in columns]
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
-            # in the order of the rows of ``_apart``: unknown, then point
-            order.append(own[:, some].ravel())
+            order.append(own[:, some].ravel())  # as the rows of ``_apart``: unknown, then point
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
         rows, ends = sp.csr_array(picked @ kept[np.concatenate(order)]), np.cumsum([0, *sizes])
         return {row.name: rows[ends[k] : ends[k + 1]] for k, row in enumerate(linear)}
@@ -185,8 +182,7 @@ class Signals(SignalPlaces):
         """Tangential resultant (3, n) of an interface on its first side."""
         geometry, channels = self._assembly.interfaces[i].geometry, self._assembly.layout.channels(i, 0)
         rows = sp.lil_array((3, self.n))
-        # channel 0 is the normal, which has no part in the shear
-        for k in range(1, channels.shape[1]):
+        for k in range(1, channels.shape[1]):  # channel 0 is the normal, which has no part in the shear
             for axis in range(3):
                 rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
         return sp.csr_array(rows)
@@ -210,8 +206,7 @@ class Signals(SignalPlaces):
                 blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, kept.shape[0]))) @ kept)
                 at += size
             if fields.gap is not None:
-                # rows of the states are empty here: the kernels write them
-                blocks.append(sp.csr_array((n, self.n)))
+                blocks.append(sp.csr_array((n, self.n)))  # states: the kernels write them
                 status[i] = at
                 at += n
         return {"field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
