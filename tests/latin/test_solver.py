@@ -17,7 +17,7 @@ from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.latin.solver import WindowSolver
 from latin_fmu.propagator.image import pools_of
-from tests.plain_kernels import in_python, plain
+from tests.plain_kernels import in_python
 
 ROOM = 32  # numbers between the fields
 
@@ -72,12 +72,12 @@ class OneNumber:
     def judge(self, window: int, phase: int, iteration: int, accelerated: bool) -> int:
         """Verdict on an iterate."""
         with in_python():
-            return int(plain(loop.judge)(self.pools, window, phase, iteration, accelerated))
+            return int(loop.judge(self.pools, window, phase, iteration, accelerated))
 
     def advance(self, window: int, iteration: int, phase: int) -> None:
         """The next iterate."""
         with in_python():
-            plain(advance_iterate)(self.pools, window, iteration, phase)
+            advance_iterate(self.pools, window, iteration, phase)
 
 
 class Scripted(Stages):
