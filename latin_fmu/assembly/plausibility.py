@@ -156,10 +156,9 @@ def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     """Nothing that could move a body."""
     scene = problem.scene
     bodies = scene.substructure.values()
-    driven = scene.loads or scene.bolt or scene.port or scene.time.start.type == "static"
+    driven = scene.force_laws or scene.bolt or scene.port or scene.time.start.type == "static"
     driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
-    driven = driven or (scene.gravity is not None and any(scene.gravity.acceleration))
-    driven = driven or any(any(b.body_force) or b.initial_keys for b in bodies)
+    driven = driven or any(b.initial_keys for b in bodies)
     joints = scene.joints.values()
     driven = driven or any(i.initial_pressure(1.0) or i.ground_velocity is not None for i in joints)
     if not driven:
