@@ -36,6 +36,7 @@ COMMANDS: Final = MappingProxyType(
         "fmu": "fmu",
         "simulate": "fmu",
         "srs": "analyses",
+        "export": "analyses",
         "modes": "analyses",
     }
 )

@@ -26,6 +26,7 @@ NAMES = {
     "absorbing ends",
     "body force",
     "surface loads",
+    "temperature",
     "bolts",
     "initial motion",
     "static start",

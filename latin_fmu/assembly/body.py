@@ -59,9 +59,11 @@ def elasticity_of(material: MaterialTable) -> Elasticity:
     own = material.orthotropic
     if own is None:
         assert material.poisson_ratio is not None, "material_problems"
-        return Isotropic(material.density, material.young_moduli[0], material.poisson_ratio)
+        alpha = material.thermal_expansion or 0.0
+        return Isotropic(material.density, material.young_moduli[0], material.poisson_ratio, expansions=(alpha,) * 3)
     constants = own.young_moduli, own.poisson_ratios, own.shear_moduli
-    return Orthotropic(material.density, *constants, *([] if own.axes is None else [own.axes.rows]))
+    axes, alphas = [] if own.axes is None else [own.axes.rows], own.thermal_expansions or (0.0, 0.0, 0.0)
+    return Orthotropic(material.density, *constants, *axes, expansions=alphas)
 
 
 class Shape:
@@ -95,6 +97,13 @@ class Shape:
     def stiffness(self) -> sp.csr_array:
         """Stiffness (3 n_node, 3 n_node), N m-1."""
         return stiffness(self.elements, self.elasticity, self.bending_modes)
+
+    @cached_property
+    def thermal_load(self) -> Array:
+        """Nodal forces (3 n_node,), N K-1, of a change of temperature, int B^T C alpha dV: those of the displacements
+        alpha x of free expansion, which the elements hold exactly."""
+        arms = self.mesh.nodes - self.mesh.nodes.mean(axis=0)
+        return np.asarray(self.stiffness @ (arms @ self.elasticity.expansion).ravel())
 
     @cached_property
     def rank(self) -> tuple[Array, Array]:

@@ -14,6 +14,8 @@ While a bolt is tightened F is given and delta is not. Eliminated,
 
     (K - g g^T / k) u = f + F g / k,      delta = (F + g . u) / k.
 
+A change of temperature T strains a free body by alpha T, so that u is u - alpha x T in F.
+
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
 both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
 stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis.
@@ -38,7 +40,7 @@ from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNE
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
 from ..scene.schema import Scene
-from ..scene.substructures import Bolt
+from ..scene.substructures import NUT_FACTOR, Bolt
 from ..scene.units import UnitSystem
 from .body import Body, Shape, body_sides
 from .conditions import Conditions
@@ -55,7 +57,8 @@ class BoltCut:
     name, table : of the bolt in the scene. axis : (3,) unit vector a. point : (3,) centre of the cut, m.
     area : of the cut across the axis, m2. nodes : of the cut. beyond : (n_cell,) elements beyond the plane that touch
         it. moving : (n_node,) nodes joined to those elements when the cut is open.
-    pattern : (n_full,) g, N m-1. stiffness : k, N m-1. loose : whether F is given and delta is not, while tightened.
+    pattern : (n_full,) g, N m-1. stiffness : k, N m-1. heated : tension per change of temperature where u = 0, N K-1.
+    loose : whether F is given and delta is not, while tightened.
     """
 
     name: str
@@ -68,6 +71,7 @@ class BoltCut:
     moving: np.ndarray
     pattern: Array
     stiffness: float
+    heated: float = 0.0
     loose: bool = False
 
     @property
@@ -88,19 +92,30 @@ class BoltCut:
                 * self.table.shortening
                 / float(np.ptp(body.mesh.nodes @ self.axis))
             )
-        return (self.table.force or 0.0) / self.area
+        return (self.table.tension or 0.0) / self.area
 
     def line(self, shortening: float, units: UnitSystem) -> str:
         """Section and place of the cut, target and shortening, for the command ``check``."""
         at = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in self.point)
-        force = self.table.force
+        force = self.table.tension
         target = ""
         if force is not None:
-            target = f"{force:.6g} {units['N']}, mean stress {force / self.area:.4g} {units['Pa']}, "
+            target = (
+                f"{force:.6g} {units['N']}{self._torque(units)}, mean stress {force / self.area:.4g} {units['Pa']}, "
+            )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
         return (
             f"  bolt {self.name}: section {section} at [{at}], {target}"
             f"shortened by {shortening:.4g} {units['m']}, order {self.table.order}"
+        )
+
+    def _torque(self, units: UnitSystem) -> str:
+        """The torque that the target is of, in words."""
+        table = self.table
+        return (
+            ""
+            if table.torque is None
+            else f" of {table.torque:.6g} {units['N m']}, nut factor {table.nut_factor or NUT_FACTOR:g}"
         )
 
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
@@ -276,7 +291,7 @@ def cuts_of(
         cut = _Section(name, bolt, body, axis).cut(blocked, joined, problems)
         if cut is not None:
             cuts[name] = cut
-            check_yield(name, bolt.force, cut, body, problems)
+            check_yield(name, bolt.tension, cut, body, problems)
     return cuts
 
 
@@ -519,6 +534,7 @@ class _Section:
             self._moving(facets, beyond),
             pattern,
             float(jump.ravel() @ pattern),
+            float(pattern @ (body.mesh.nodes @ body.shape.elasticity.expansion).ravel()),
         )
 
     def _area(self, facets: Index) -> float:

@@ -426,13 +426,14 @@ def _groups(factors: Mapping[str, Array], motions: Mapping[str, Array]) -> list[
 
 
 def acting(scene: Scene, bodies: Mapping[str, Body], time: Array) -> list[tuple[str, Array, Array]]:
-    """Substructure, pattern (3 n_node,), N, and amplitudes (n_row,) of everything that acts on nodes: rows for the
-    instants ``time``, then one for each law that is set from outside, whose amplitude is not known."""
+    """Substructure, pattern (3 n_node,), N, and amplitudes (n_row,) of everything that acts on nodes and can move a
+    body (temperatures cannot): rows for the instants ``time``, then one for each law that is set from outside, whose
+    amplitude is not known."""
     laws = scene.force_laws
     inputs = [name for name, law in laws.items() if isinstance(law, InputLaw)]
     forces = []
     for name, body in bodies.items():
-        for term in load_terms(scene, name, body, None):
+        for term in load_terms(scene.model_copy(update={"temperature": {}}), name, body, None):
             known = np.zeros(len(time)) if term.name in inputs else laws[term.name].sample(time)
             forces.append((name, term.pattern, np.concatenate([known, [float(term.name == n) for n in inputs]])))
     return forces

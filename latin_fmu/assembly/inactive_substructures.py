@@ -81,7 +81,8 @@ def _inside(scene: Scene, name: str, time: Array) -> float:
     described, laws = scene.substructure[name], scene.force_laws
     if described.initial_keys:
         return 0.0
-    return min((_onset(laws[n], time) for n in (f"{BODY_FORCE}{name}", GRAVITY) if n in laws), default=np.inf)
+    sources = (f"{BODY_FORCE}{name}", GRAVITY, *scene.temperatures_of(name))
+    return min((_onset(laws[n], time) for n in sources if n in laws), default=np.inf)
 
 
 def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> dict[Port, float]:

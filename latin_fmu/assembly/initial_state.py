@@ -213,16 +213,19 @@ class TightBolts:
         kept = {name: self.shortening.get(name, 0.0) for name in cuts}
         return {name: (delta, delta) for name, delta in kept.items()}
 
-    def places(self, cuts: Mapping[str, BoltCut]) -> dict[str, BoltPlace]:
-        """The bolts for the recorder."""
+    def places(
+        self, cuts: Mapping[str, BoltCut], temperatures: Mapping[str, Mapping[str, float]]
+    ) -> dict[str, BoltPlace]:
+        """The bolts for the recorder; ``temperatures`` : changes, K, by bolt and load term."""
         places = {}
         for name, cut in cuts.items():
             table, delta = cut.table, self.shortening.get(name, 0.0)
             forces = self.forces.get(name, ())
             about = BoltHistory(
-                name, table.substructure, table.order, table.force, cut.area, delta, np.zeros(0), self.orders, forces
+                name, table.substructure, table.order, table.tension, cut.area, delta, np.zeros(0), self.orders, forces
             )
-            places[name] = BoltPlace(table.substructure, cut.pattern, cut.stiffness, about)
+            heated = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
+            places[name] = BoltPlace(table.substructure, cut.pattern, cut.stiffness, about, heated)
         return places
 
 

@@ -379,6 +379,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
         terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, layer)))
     if scene.gravity is not None and any(scene.gravity.acceleration):
         terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
+    terms += [LoadTerm(n, t.change * body.shape.thermal_load) for n, t in scene.temperatures_of(name).items()]
     for load_name, load in scene.loads.items():
         substructure, face_name = split_face(load.face)
         if substructure != name:

@@ -157,11 +157,9 @@ def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     """Nothing that could move a body."""
     scene = problem.scene
     bodies = scene.substructure.values()
-    # all that may move a body, inputs among them
-    driven = scene.loads or scene.bolt or scene.port or scene.time.start.type == "static"
+    driven = scene.force_laws or scene.bolt or scene.port or scene.time.start.type == "static"
     driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
-    driven = driven or (scene.gravity is not None and any(scene.gravity.acceleration))
-    driven = driven or any(any(b.body_force) or b.initial_keys for b in bodies)
+    driven = driven or any(b.initial_keys for b in bodies)
     joints = scene.joints.values()
     # 1 m2: whether there is any
     driven = driven or any(i.initial_pressure(1.0) or i.ground_velocity is not None for i in joints)

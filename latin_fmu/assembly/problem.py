@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Final
 
@@ -28,6 +28,7 @@ from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable, Uniform
+from ..scene.substructures import Temperature
 from ..scene.units import SI, UnitSystem
 from ..time_scheme import QuasiStatic, TimeScheme
 from .body import Body, body_sides, flexibility, side_impedance, side_stiffness
@@ -222,8 +223,13 @@ class DiscretisedProblem:
             recover = None if opened is None else OpenedStress(opened, b.shape.elasticity)
             plain = b.shape.stress if stress and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
-            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain)
+            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, self._thermal_stress(b))
         return made
+
+    def _thermal_stress(self, body: Body) -> Callable[[Array], Array] | None:
+        """Part (n_time, 6) of the stress at instants (n_time,) that no strain makes, Pa; None without temperatures."""
+        acting = tuple(self.scene.temperatures_of(body.name).values())
+        return partial(_hindered, body.shape.elasticity.thermal_stress, acting) if acting else None
 
     def recovered_of(self, shortening: Mapping[str, float]) -> dict[str, Recovered]:
         """Recovery of further fields of the elastic substructures, where the scene requests them; ``shortening`` of the
@@ -236,7 +242,7 @@ class DiscretisedProblem:
             if not b.rigid:
                 opened = self.opened(n, shortening)
                 recovery = b.shape.recovery if opened is None else opened.recovery(b.shape)
-                made[n] = Recovered(recovery, *fields)
+                made[n] = Recovered(recovery, *fields, self._thermal_stress(b))
         return made
 
     def _timeline(self, bolts: TightBolts) -> Timeline:
@@ -328,6 +334,8 @@ class DiscretisedProblem:
         supported = supports(self.scene.boundary, self.bodies, models) if keys.reactions else {}
         if self.scene.port:
             supported |= port_supports(self.scene, self.bodies, models)
+        heats = {name: self.scene.temperatures_of(cut.table.substructure) for name, cut in self.cuts.items()}
+        changes = {name: {load: t.change for load, t in acting.items()} for name, acting in heats.items()}
         return OutputRequest(
             keys.keeps_fields,
             keys.stress,
@@ -337,9 +345,14 @@ class DiscretisedProblem:
             keys.peak_duration,
             keys.interfaces_every,
             supported,
-            bolts.places(self.cuts) if self.cuts and not self.ramps else {},
+            bolts.places(self.cuts, changes) if self.cuts and not self.ramps else {},
             {} if self.untouched is None else self.untouched.faces,
         )
+
+
+def _hindered(per_kelvin: Array, acting: Sequence[Temperature], times: Array) -> Array:
+    """Stress (n_time, 6), Pa, of a body that cannot expand at all."""
+    return -np.outer(sum(t.change * t.law.sample(times) for t in acting), per_kelvin)
 
 
 def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer] | None) -> list[ModelClass]:
@@ -560,12 +573,17 @@ def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> It
 
 
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
-    """Largest tractions that the body force and gravity bring over the length of a body, Pa."""
+    """Largest tractions of body force and gravity over the length of a body, and of temperatures in one that is
+    held, Pa."""
     force, law = body.description.body_force, body.description.body_force_law
     yield float(np.linalg.norm(force)) * _largest(law, time) * body.mesh.size
     if scene.gravity is not None:
         weight = body.shape.material.density * float(np.linalg.norm(scene.gravity.acceleration))
         yield weight * _largest(scene.gravity.law, time) * body.mesh.size
+    material = body.shape.elasticity
+    for temperature in scene.temperatures_of(body.name).values():
+        strain = abs(temperature.change) * max(map(abs, material.expansions)) * _largest(temperature.law, time)
+        yield material.young_moduli[1] * strain
 
 
 def _largest(law: TimeLaw, time: Array) -> float:

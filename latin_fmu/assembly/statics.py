@@ -39,6 +39,7 @@ from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
 from ..scene.materials import DAMPING_KEYS
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import StaticStart
+from ..scene.substructures import ALL
 from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut, check_yield
@@ -229,7 +230,7 @@ def loose_bolts(
     bodies without relative motion at any interface, open or closed."""
     still, kept = resting(scene), static_interfaces(scene)
     units, problems = [unit for unit in units if unit.name in kept], Problems()
-    pulled = [cut for cut in cuts.values() if cut.table.force is not None and cut.moving.any()]
+    pulled = [cut for cut in cuts.values() if cut.table.tension is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
         # rigid motions, of bolts with the shortening beside them
@@ -265,7 +266,7 @@ def _loose(cut: BoltCut, moved: list[str], units: UnitSystem) -> Problem:
         f"bolt.{cut.name}.force",
         f"nothing resists the tension: one side of the cut of {body} can be pulled along the axis"
         + (f", with {others}" if others else ""),
-        f"{cut.table.force:g} {units['N']}",
+        f"{cut.table.tension:g} {units['N']}",
         "interfaces or boundaries that hold both sides of the cut against each other",
         "add what lies between head and nut, or give a shortening",
     )
@@ -314,8 +315,9 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["load"] = dict(_loads(scene, data["load"], still, amplitudes))
     data["port"] = dict(_ports(scene, data["port"], still, amplitudes, loaded))
     _start_body_forces(scene, data, amplitudes)
+    data["temperature"] = dict(_temperatures(scene, data["temperature"], still))
     if not loaded:
-        data["load"] = {}
+        data["load"], data["temperature"] = {}, {}
         data.pop("gravity", None)
         for body in data["substructure"].values():
             body.pop("body_force", None)
@@ -344,6 +346,7 @@ def something_acts(scene: Scene) -> bool:
         or any(i.preload or i.preload_force or i.interference for i in scene.interface.values())
         or any(any(s.body_force) for s in scene.substructure.values())
         or scene.gravity is not None
+        or bool(scene.temperature)
         or any(isinstance(b, PrescribedDisplacement) for b in scene.boundary.values())
     )
 
@@ -369,6 +372,14 @@ def _loads(
         amplitude = _at_start(name, load.law, amplitudes)
         if amplitude != 0.0 and split_face(load.face)[0] in still:
             yield name, {**tables[name], "law": _raised(amplitude)}
+
+
+def _temperatures(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tuple[str, _Tables]]:
+    for name, temperature in scene.temperature.items():
+        amplitude, heated = _at_start(name, temperature.law, {}), [n for n in still if temperature.heats(n)]
+        if amplitude != 0.0 and heated:
+            bodies = list(temperature.substructures) if ALL in temperature.substructures else heated
+            yield name, {**tables[name], "substructures": bodies, "law": _raised(amplitude)}
 
 
 def _ports(
@@ -434,8 +445,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
-        # with a force given its shortening is what the equilibrium finds
-        free = [cut.name for cut in group if cut.table.force is not None]
+        free = [cut.name for cut in group if cut.table.tension is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
         converged, sentence = run.status()
@@ -459,7 +469,7 @@ def _ramps(group: Sequence[BoltCut], bolts: TightBolts, tensions: Mapping[str, f
     """First and last amplitude of the load of each bolt: shortening, or tension of those that have a force to reach."""
     ramps = {name: (kept, kept) for name, kept in bolts.shortening.items()}
     for cut in group:
-        force, shortening = cut.table.force, cut.table.shortening
+        force, shortening = cut.table.tension, cut.table.shortening
         if force is not None:
             ramps[cut.name] = tensions[cut.name], force
         elif shortening is not None:
@@ -482,7 +492,7 @@ def _locked(
     """The bolts with the shortenings that those of an order have in a state, and the tensions of all."""
     shortening = dict(bolts.shortening)
     for cut in group:
-        force, given = cut.table.force, cut.table.shortening
+        force, given = cut.table.tension, cut.table.shortening
         if force is not None:
             shortening[cut.name] = cut.shortening(force, state.displacement[cut.table.substructure])
         elif given is not None:
@@ -498,7 +508,7 @@ def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str, 
     reached = []
     for cut in group:
         first, last = ramps[cut.name]
-        unit = units["m" if cut.table.force is None else "N"]
+        unit = units["m" if cut.table.tension is None else "N"]
         reached.append(f"{cut.name} {first + share * (last - first):.6g} of {last:.6g} {unit}")
     return SceneError.of(
         "the scene cannot be built",

@@ -160,12 +160,13 @@ def never_touched(
 ) -> frozenset[str]:
     """Names of the bodies that probably no other one touches; ``traction`` : largest that the loads can bring, Pa.
 
-    None without inertia or with an explicit scheme, with gravity, bolts or a static start, where fields or reactions
-    are stored, where the histories of the interfaces are thinned or large, and with ``skip_at_rest = "off"``.
+    None without inertia or with an explicit scheme, with gravity, temperature, bolts or a static start, where fields or
+    reactions are stored, where the histories of the interfaces are thinned or large, and with ``skip_at_rest = "off"``.
     """
     output, time = scene.output, scene.time
     stored = output.keeps_fields or output.stress or output.recovers or output.reactions
-    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or scene.gravity is not None:
+    everywhere = scene.gravity is not None or scene.temperature
+    if time.quasi_static or time.scheme.type == CENTRAL or time.start.type == "static" or everywhere:
         return frozenset()
     if stored or output.interfaces_every > 1 or scene.bolt or scene.solver.skip_at_rest == "off":
         return frozenset()

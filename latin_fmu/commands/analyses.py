@@ -1,4 +1,5 @@
-"""Subcommands ``srs``, spectra of the sensors of a results file, and ``modes``, natural frequencies of an assembly."""
+"""Subcommands ``srs`` and ``export``, spectra and histories of the sensors of a results file, and ``modes``, natural
+frequencies of an assembly."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene
+from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene, switch
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,6 +26,14 @@ examples:
 
 Writes STEM.csv, STEM.nc and STEM.png. Without options the spectra that the scene requests (sensor.NAME.spectrum) are
 taken, with their estimated error where the run has one.
+"""
+_EXPORT_EXAMPLES = """\
+examples:
+  latin-fmu export out.nc
+  latin-fmu export out.nc --sensor tip --g -o tip
+
+Writes STEM.csv, a row for each instant and columns for displacement, velocity and acceleration of every sensor, and
+STEM.unv, a universal file (dataset 58) with these and the stored spectra in SI for the software of test laboratories.
 """
 _MODES_EXAMPLES = """\
 examples:
@@ -45,18 +54,27 @@ _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
 def register(add: AddParser) -> None:
-    """Declare the two subcommands."""
+    """Declare the three subcommands."""
     _register_modes(add)
+    text = "write the motions of the sensors of a results file as a table and as a universal file (UNV 58)"
+    parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
+    _add_sensors(parser)
+    option(parser, "-o --output", "STEM", "default: RESULT_sensors beside the results", Path)
     text = "make shock response spectra of the sensors of a results file: table, dataset and figure"
     parser = declare(add, "srs", text, _srs, _EXAMPLES)
-    parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
-    option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
+    _add_sensors(parser)
     option(parser, "--lowest", "HZ", "first frequency (default: 1 / duration)", float)
     option(parser, "--highest", "HZ", "last frequency (default: sampling rate / 10)", float)
     option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
     option(parser, "--quality", "Q", "amplification of the oscillators (default: 10)", float)
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
     option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
+
+
+def _add_sensors(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
+    option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
+    switch(parser, "--g", "accelerations of the table in g (9.80665 m/s2) instead of the units of the scene")
 
 
 def _register_modes(add: AddParser) -> None:
@@ -96,6 +114,7 @@ def _modes(arguments: argparse.Namespace) -> int:
 def _srs(arguments: argparse.Namespace) -> int:
     from ..pictures.style import save_figure
     from ..pictures.summary_picture import spectra_figure
+    from ..results.export import acceleration_unit
     from ..results.files import open_results, readable, write_netcdf
     from ..results.groups import in_units, units_of
     from ..results.sensors import spectrum_lines
@@ -111,14 +130,56 @@ def _srs(arguments: argparse.Namespace) -> int:
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
         units = units_of(tree.attrs)
+        in_g = acceleration_unit(units, arguments.g)
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)))
-    write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units).encode())
+    write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(made, targets[1])
     save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
     print(f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from ..results.export import sensors_as_csv, universal_file
+    from ..results.files import open_results, readable
+    from ..results.writing import check_target, write_bytes
+
+    stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_sensors")
+    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "unv")]
+    for target in targets:
+        check_target(target)
+    with closing(open_results(arguments.results)) as tree, readable(arguments.results):
+        known = _sensors(tree, arguments, "nothing to export")
+        names = arguments.sensor or known
+        made = sensors_as_csv(tree, names, arguments.g), universal_file(tree, names)
+    for target, text in zip(targets, made, strict=True):
+        write_bytes(target, text.encode())
+    print(f"sensors: {', '.join(map(str, targets))}")
+    return CONVERGED
+
+
+def _sensors(tree: xr.DataTree, arguments: argparse.Namespace, heading: str) -> list[str]:
+    """Names of the sensors of a file.
+
+    Raises
+    ------
+    LatinError : it has none, or not one that the options name.
+    """
+    known = list(tree["sensors"].children) if "sensors" in tree.children else []
+    if not known:
+        what = "the results have no sensors"
+        problem = Problem(str(arguments.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
+        raise ResultsError([problem], heading)
+    unknown = [
+        Problem("--sensor", "no sensor of this name", name, listed(known), did_you_mean(name, known))
+        for name in arguments.sensor
+        if name not in known
+    ]
+    if unknown:
+        raise InputError(unknown, heading)
+    return known
 
 
 def _tree(results: xr.DataTree, spectra: Mapping[str, xr.Dataset]) -> xr.DataTree:
@@ -136,18 +197,7 @@ def _spectra(
     """Spectra and their estimated errors by sensor."""
     from ..results.spectra import stored_spectrum
 
-    known = list(tree["sensors"].children) if "sensors" in tree.children else []
-    if not known:
-        what = "the results have no sensors"
-        problem = Problem(str(arguments.results), what, None, None, "add [sensor.NAME] tables to the scene and run it")
-        raise ResultsError([problem], "no shock response spectrum")
-    unknown = [
-        Problem("--sensor", "no sensor of this name", name, listed(known), did_you_mean(name, known))
-        for name in arguments.sensor
-        if name not in known
-    ]
-    if unknown:
-        raise InputError(unknown, "no shock response spectrum")
+    known = _sensors(tree, arguments, "no shock response spectrum")
     given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
     stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
     request = _request(given)

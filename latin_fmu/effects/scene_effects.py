@@ -198,6 +198,13 @@ def loads(p: Prediction) -> Effect:
     return _driven(p, "surface loads", keys, "load", "nodal forces times their laws", "a [load.NAME]")
 
 
+def temperature(p: Prediction) -> Effect:
+    """Changes of temperature."""
+    keys = [f"temperature.{n}" for n in p.scene.temperature]
+    reason = "nodal forces of hindered expansion, one vector for each body, times their laws"
+    return _driven(p, "temperature", keys, "temperature", reason, "a [temperature.NAME]")
+
+
 def bolts(p: Prediction) -> Effect:
     """Bolts: shortened shanks, tightened before t = 0."""
     keys = [f"bolt.{n}" for n in p.scene.bolt]
@@ -381,6 +388,7 @@ EFFECTS: tuple[Callable[[Prediction], Effect], ...] = (
     absorbing_ends,
     body_force,
     loads,
+    temperature,
     bolts,
     initial_motion,
     static_start,

@@ -18,8 +18,8 @@ than both; the dispersion of the time scheme at longer ones is made up for with 
 Courant number of a body. The peak stays what it is, the error of the force history (L2) falls by up to a tenth.
 
 Viscosity: C = sum q (h_e / c_p) K_e over the elements that touch a contact face, h_e their height over it (volume over
-area of the facets, three times that for tetrahedra; the mean of their neighbours' where they own no facet; half of
-it for quadratic cells, the distance of their nodes). K_e resists no rigid motion, so that neither translation nor
+area of the facets, thrice that for tetrahedra and pyramids; the mean of their neighbours' where they own no facet; half
+of it for quadratic cells, the distance of their nodes). K_e resists no rigid motion, so that neither translation nor
 rotation is damped. Peak over the plateau for a bar of 20 elements (10 quadratic ones) that lands on a wall, Courant
 number 0.1 to 2, q = 0.6: hexahedra and wedges 1.06 to 1.07, tetrahedra 1.06 to 1.08 (1.27 with the elements that own a
 facet alone), 10-node tetrahedra 1.09 to 1.14, 20- and 27-node hexahedra 1.09 to 1.17.
@@ -229,7 +229,7 @@ def _heights(mesh: Mesh, bare: Mask) -> Array:
         own = CellBlock(block.cell_type, block.cells[area > 0.0])
         volume = points_in(mesh.nodes, own, cell_rule(block.cell_type)).volumes.sum(axis=1)
         corners = N_CORNER[block.cell_type]
-        factor = (3.0 if corners == N_CORNER["tetra"] else 1.0) * (0.5 if own.cells.shape[1] > corners else 1.0)
+        factor = (3.0 if corners in (4, 5) else 1.0) * (0.5 if own.cells.shape[1] > corners else 1.0)
         np.add.at(total, own.cells, (factor * volume / area[area > 0.0])[:, None])
         np.add.at(count, own.cells, 1.0)
     # other nodes of these cells are inner ones

@@ -38,10 +38,11 @@ class Elasticity(ABC):
 
     Attributes
     ----------
-    density : rho, kg m-3.
+    density : rho, kg m-3. expansions : coefficients of thermal expansion along the axes of the material, K-1.
     """
 
     density: float
+    expansions: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), kw_only=True)
 
     @abstractmethod
     def products(self, pair: Array) -> Array:
@@ -82,6 +83,16 @@ class Elasticity(ABC):
     @abstractmethod
     def impedance(self, normals: Array) -> Array:
         """Traction over velocity (..., 3, 3) that lets waves out along unit normals (..., 3), Pa s m-1."""
+
+    @property
+    def expansion(self) -> Array:
+        """Strain (3, 3) of a free body per change of temperature, K-1."""
+        return np.diag(self.expansions)
+
+    @property
+    def thermal_stress(self) -> Array:
+        """C : alpha (6,), Pa K-1: the stress of a body that cannot expand is -C : alpha times the change."""
+        return self.stress(self.expansion[ROWS, COLUMNS])
 
     @property
     def bar_speed(self) -> float:
@@ -201,6 +212,12 @@ class Orthotropic(Elasticity):
             own[[i, i, j, j], [j, j, i, i], [i, j, i, j], [j, i, j, i]] = shear
         r = np.asarray(self.axes)
         return np.asarray(np.einsum("abcd,ai,bj,ck,dl->ijkl", own, r, r, r, r, optimize=True))
+
+    @property
+    def expansion(self) -> Array:
+        """sum_i alpha_i a_i a_i (3, 3), K-1."""
+        axes = np.asarray(self.axes)
+        return np.asarray(axes.T @ np.diag(self.expansions) @ axes)
 
     def products(self, pair: Array) -> Array:
         """C_ijkl int d_j phi_a d_l phi_b."""

@@ -165,8 +165,7 @@ def _reference(arms: Array, cell_type: str) -> Array:
 def _outside(at: Array, cell_type: str) -> Array:
     """How far reference coordinates (n, 3) are outside the reference cell, (n,); <= 0 inside, infinite for NaN."""
     corners = N_CORNER[cell_type]
-    # of hexahedra of any degree, then tetrahedra, wedges
-    if corners == 8:
+    if corners in (5, 8):  # pyramids have the reference coordinates of hexahedra
         far = np.abs(at).max(axis=1) - 1.0
     elif corners == 4:
         far = np.maximum(-at.min(axis=1), at.sum(axis=1) - 1.0)

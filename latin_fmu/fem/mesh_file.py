@@ -184,9 +184,10 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
     Returns
     -------
     cells (n_cell, n_node), and which of them (n_cell,) have no volume somewhere or change sign, by the
-    Jacobians at all nodes but those in the middle of faces and cells, and at the integration points.
+    Jacobians at all nodes but those in the middle of faces and cells and the apex of pyramids, and at the integration
+    points.
     """
-    places = cell_functions(block.cell_type).nodes[:20]
+    places = cell_functions(block.cell_type).nodes[: 4 if block.cell_type == "pyramid" else 20]
     points = np.concatenate([places, cell_rule(block.cell_type).points])
     rule = Rule(points, np.ones(len(points)))
     low, high = np.zeros((2, len(block.cells)))
@@ -219,8 +220,14 @@ def refined(mesh: Mesh) -> Mesh:
     not come closer to the shape that was meshed. The octahedron inside a tetrahedron is split along one fixed diagonal.
     A node that several cells share has the same shape functions in all of them, of the nodes that they share: sums of
     random whole numbers of these nodes, weighted with the functions, identify it without rounding.
+
+    Raises
+    ------
+    MeshError : pyramids, whose parts are no pyramids.
     """
-    # a fixed seed: the same mesh has the same numbers in every process
+    if "pyramid" in mesh.cell_types:
+        what = "pyramids cannot be split into eight of their kind"
+        raise MeshError([Problem("refine", what, remedy="leave refine out, or mesh the part finer")], "unusable mesh")
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
     pieces = [(block.cell_type, block.cells) for block in mesh.blocks]
     pieces += [(block.kind, block.facets) for face in mesh.faces.values() for block in face.blocks]

@@ -10,7 +10,11 @@ Shape functions are polynomials that are one at their node and zero at the other
 
 Reference cells: [-1, 1]^3 for hexahedra, the unit simplex for tetrahedra, the unit triangle times [-1, 1] for wedges.
 Monomials: complete degree 1 or 2 on tetrahedra, all products of degree 1 or 2 per axis on hexahedra; with 20 nodes
-those in which one axis at most is squared (serendipity).
+those in which one axis at most is squared (serendipity); on wedges of 15 nodes those of degree 2 in the triangle times
+1 and z, and of degree 1 times z^2.
+
+A pyramid is a hexahedron of which the upper face is one point: its functions are bilinear on the base and linear on the
+triangles, so that it joins hexahedra and tetrahedra; its Jacobian is zero at the apex.
 """
 
 from __future__ import annotations
@@ -28,11 +32,13 @@ Array = NDArray[np.float64]
 Local = tuple[tuple[int, ...], ...]
 HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+PYRAMID_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))
 WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
 # Corners of the faces, numbered so that the normal points outwards.
 HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
 TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
 WEDGE_FACES = ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))
+PYRAMID_FACES = ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4))
 CELL_EDGES: Final[dict[str, Local]] = {
     "hexahedron": HEX_EDGES,
     "tetra": TET_EDGES,
@@ -40,6 +46,8 @@ CELL_EDGES: Final[dict[str, Local]] = {
     "hexahedron20": HEX_EDGES,
     "hexahedron27": HEX_EDGES,
     "wedge": WEDGE_EDGES,
+    "wedge15": WEDGE_EDGES,
+    "pyramid": PYRAMID_EDGES,
 }
 N_CORNER: Final = {name: 1 + max(n for edge in edges for n in edge) for name, edges in CELL_EDGES.items()}
 # Kinds of facets, by their names in meshio: the number of nodes determines the kind.
@@ -47,6 +55,7 @@ FACET_KIND: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "q
 FACET_CORNERS: Final = {"triangle": 3, "quad": 4, "triangle6": 3, "quad8": 4, "quad9": 4}
 _HEX = ((-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1))
 _TET = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+_PYRAMID = (*_HEX[:4], (0, 0, 1))
 _WEDGE = ((0, 0, -1), (1, 0, -1), (0, 1, -1), (0, 0, 1), (1, 0, 1), (0, 1, 1))
 
 
@@ -69,6 +78,8 @@ CELL_FACES: Final[dict[str, Local]] = {
     "hexahedron20": _with_middle_nodes(HEX_FACES, HEX_EDGES, 8),
     "hexahedron27": _with_middle_nodes(HEX_FACES, HEX_EDGES, 8, centres=True),
     "wedge": WEDGE_FACES,
+    "wedge15": _with_middle_nodes(WEDGE_FACES, WEDGE_EDGES, 6),
+    "pyramid": PYRAMID_FACES,
 }
 
 
@@ -155,7 +166,7 @@ def _complete(degree: int, axes: int) -> list[tuple[int, ...]]:
 @cache
 def cell_functions(cell_type: str) -> ShapeFunctions:
     """Shape functions of a type of cell (a key of ``CELL_FACES``)."""
-    corners = np.array({8: _HEX, 4: _TET, 6: _WEDGE}[N_CORNER[cell_type]], dtype=float)
+    corners = np.array({8: _HEX, 4: _TET, 6: _WEDGE, 5: _PYRAMID}[N_CORNER[cell_type]], dtype=float)
     middles = [corners[list(edge)].mean(axis=0) for edge in CELL_EDGES[cell_type]]
     whole = np.concatenate([corners, middles])
     if cell_type == "hexahedron27":
@@ -167,7 +178,18 @@ def cell_functions(cell_type: str) -> ShapeFunctions:
         "tetra": lambda: _functions(corners, _complete(1, 3)),
         "tetra10": lambda: _functions(whole, _complete(2, 3)),
         "wedge": lambda: _functions(corners, [(*e, z) for e in _complete(1, 2) for z in (0, 1)]),
+        "wedge15": lambda: _functions(
+            whole, [*((*e, z) for e in _complete(2, 2) for z in (0, 1)), *((*e, 2) for e in _complete(1, 2))]
+        ),
+        "pyramid": lambda: _collapsed(corners),
     }[cell_type]()
+
+
+def _collapsed(nodes: Array) -> ShapeFunctions:
+    """Those of the hexahedron with its four upper ones added up."""
+    hexahedron = cell_functions("hexahedron")
+    together = np.eye(5)[[0, 1, 2, 3, 4, 4, 4, 4]]
+    return ShapeFunctions(nodes, hexahedron.exponents, hexahedron.coefficients @ together)
 
 
 def mirrored(cell_type: str) -> list[int]:
@@ -230,13 +252,18 @@ def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -
 
     Hexahedra: 2 x 2 x 2 points, 3 x 3 x 3 on quadratic ones. Tetrahedra: 4 points, which are exact for the stiffness
     of both orders where edges are straight; 8 where they are ``curved`` (degree 3: uniform strain stays exact), 27 for
-    the mass of quadratic ones (degree 5). Wedges: 3 x 2 points.
+    the mass of quadratic ones (degree 5). Wedges: 3 x 2 points, 3 x 3 on quadratic ones, 9 x 3 (degree 5 in the
+    triangle) for their mass and where they are curved. Pyramids: 2 x 2 x 2 points of the hexahedron, 3 x 3 x 3 for the
+    mass.
     """
-    if cell_type.startswith("hexahedron"):
-        line = _line(2 if cell_type == "hexahedron" else 3)
+    if cell_type.startswith(("hexahedron", "pyramid")):
+        low = cell_type == "hexahedron" or (cell_type == "pyramid" and not of_products)
+        line = _line(2 if low else 3)
         return _times(_times(line, line), line)
     if cell_type == "wedge":
         return _times(_corner_rule(2), _line(2))
+    if cell_type == "wedge15":
+        return _times(simplex_rule(3, 2) if of_products or curved else _corner_rule(2), _line(3))
     if cell_type == "tetra10" and (of_products or curved):
         return simplex_rule(3 if of_products else 2, 3)
     return _corner_rule(3)

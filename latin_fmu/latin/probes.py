@@ -143,18 +143,20 @@ class Support:
 @dataclass(frozen=True)
 class BoltPlace:
     """A tightened bolt: its tension is F = stiffness * shortening - pattern . u, the resultant along the axis of the
-    internal forces on its cut.
+    internal forces on its cut; a change of temperature adds its own.
 
     Attributes
     ----------
     substructure : its body. pattern : (n_full,) forces on the nodes per shortening, N m-1. stiffness : N m-1.
-    description : its history in the results, without instants.
+    description : its history in the results, without instants. heated : tension where u = 0 by the load terms of
+        temperatures of amplitude 1, N.
     """
 
     substructure: str
     pattern: Array
     stiffness: float
     description: BoltHistory
+    heated: Mapping[str, float] = field(default_factory=dict)
 
     def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
         """The pattern as one row."""
@@ -164,9 +166,14 @@ class BoltPlace:
         """Tension, N, where pattern . u is ``projection``, N."""
         return np.asarray(self.stiffness * self.description.shortening - projection)
 
-    def read(self, values: Array, _of: Reading, /) -> Array:
+    def read(self, values: Array, of: Reading, /) -> Array:
         """Tension (n,), N."""
-        return self.force(values[:, 0, 0])
+        tension = self.force(values[:, 0, 0])
+        forcing = of.assembly.propagators[of.number].forcing
+        for load, amplitude in zip(forcing.members[of.member].loads, forcing.amplitudes[of.member], strict=True):
+            if load.name in self.heated:
+                tension = tension + self.heated[load.name] * amplitude[of.instants]
+        return tension
 
 
 @dataclass(frozen=True)

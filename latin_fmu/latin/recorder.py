@@ -26,13 +26,14 @@ _SMALL: Final = 2000  # dofs of all nodes up to which the kernels keep the field
 
 @dataclass(frozen=True)
 class SubstructureInfo:
-    """Mesh of a substructure for the results, and its stress recovery (displacements (n_node, 3) -> (n_cell, 6),
-    None where no stress is requested)."""
+    """Mesh of a substructure for the results, its stress recovery (displacements (n_node, 3) -> (n_cell, 6), None where
+    no stress is requested), and the part of the stress that no strain makes (instants (n_time,) -> (n_time, 6))."""
 
     nodes: Array
     cells: np.ndarray
     cell_type: str
     stress: Callable[[Array], Array] | None
+    unstrained: Callable[[Array], Array] | None = None
 
 
 class StoredFields:
@@ -98,8 +99,11 @@ class StoredFields:
     def history(self, name: str, energy: dict[str, Array] | None) -> SubstructureHistory:
         """History of a substructure."""
         fields, info = {key: np.stack(values) for key, values in self.fields[name].items()}, self._info[name]
-        motion = fields.get("displacement"), fields.get("velocity"), fields.get("stress")
-        return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, np.array(self.times), *motion, energy)
+        times, stress = np.array(self.times), fields.get("stress")
+        if stress is not None and info.unstrained is not None:
+            stress = stress + info.unstrained(times)[:, None]
+        motion = fields.get("displacement"), fields.get("velocity"), stress
+        return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, times, *motion, energy)
 
 
 class Recorder:

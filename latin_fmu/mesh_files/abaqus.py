@@ -248,7 +248,7 @@ class _DeckScopes:
                 self.problems.add(
                     "element type not known",
                     name or "none given",
-                    "C3D4, C3D6, C3D8, C3D10, C3D15, C3D20 and their variants, shells for faces",
+                    "C3D4, C3D5, C3D6, C3D8, C3D10, C3D15, C3D20 and their variants, shells for faces",
                     line=card.line,
                 )
             self.skipped[name] = self.skipped.get(name, 0) + len(card.rows)

@@ -156,7 +156,15 @@ FLAT: Final = {
 }
 """Corner nodes of the surface cells, which come first in their connectivity."""
 
-SOLIDS: Final = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"}
+SOLIDS: Final = {
+    4: "tetra",
+    5: "pyramid",
+    6: "wedge",
+    8: "hexahedron",
+    10: "tetra10",
+    15: "wedge15",
+    20: "hexahedron20",
+}
 """Solid cells of decks by number of nodes."""
 
 SHELLS: Final = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}

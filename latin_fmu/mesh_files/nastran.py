@@ -16,7 +16,7 @@ import numpy as np
 
 from .content import SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
 
-_SOLIDS: Final = {"CTETRA": (4, 10), "CPENTA": (6, 15), "CHEXA": (8, 20)}
+_SOLIDS: Final = {"CTETRA": (4, 10), "CPYRAM": (5,), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
 _EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
 _HM_NAME = re.compile(r'\$HMNAME\s+PROP\s+(\d+)\s*"([^"]+)"')
@@ -129,18 +129,15 @@ class _BulkData:
             if name == "GRID":
                 self._grid(line, fields)
             elif name in _SOLIDS:
-                nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][1]] if f]
-                # the property is that of the same number as the element where it is blank
+                nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][-1]] if f]
                 self._element(line, name, int(fields[2] or fields[1]), nodes, _SOLIDS[name], solid=True)
             elif name in _SHELLS:
                 nodes = [int(f) for f in fields[3 : 3 + _SHELLS[name]] if f]
                 self._element(line, name, int(fields[2] or fields[1]), nodes, (_SHELLS[name],), solid=False)
             elif name in ("SPC", "SPC1"):
                 self._constraint(name, fields)
-            elif name in ("CBAR", "CBEAM", "CROD", "CPYRAM", "CELAS1", "CBUSH", "RBE2", "RBE3"):
+            elif name in ("CBAR", "CBEAM", "CROD", "CELAS1", "CBUSH", "RBE2", "RBE3"):
                 self.skipped[name] = self.skipped.get(name, 0) + 1
-                if name == "CPYRAM":
-                    self.problems.add("element type not known", name, ", ".join((*_SOLIDS, *_SHELLS)), line=line)
         except (ValueError, IndexError):
             self.problems.add(f"not a usable {name} entry", ", ".join(fields), line=line)
 

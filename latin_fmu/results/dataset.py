@@ -24,7 +24,7 @@ has. What a run does not have (the gap of a perfect connection, fields not reque
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -70,18 +70,22 @@ class Recovered:
     """Request for fields beyond displacement, velocity and mean stress.
 
     recovery : of the substructure. strain, nodal_stress, principal_stress : as in ``[output]``; principal values are
-    those of the mean stress and of the nodal stress, as far as these are kept.
+    those of the mean stress and of the nodal stress, as far as these are kept. unstrained : part of the stress that no
+    strain makes (instants (n_time,) -> (n_time, 6)), Pa.
     """
 
     recovery: Recovery
     strain: bool
     nodal_stress: bool
     principal_stress: bool
+    unstrained: Callable[[Array], Array] | None = None
 
     def fields(self, history: SubstructureHistory) -> dict[str, Array | None]:
         """The fields of a substructure by name, None where not requested."""
         moved, stress = history.displacement, history.stress
         nodal = self.recovery.nodal_stress(moved) if self.nodal_stress and moved is not None else None
+        if nodal is not None and self.unstrained is not None:
+            nodal = nodal + self.unstrained(history.time)[:, None]
         return {
             "strain": self.recovery.strain(moved) if self.strain and moved is not None else None,
             "principal_stress": principal(stress) if self.principal_stress and stress is not None else None,

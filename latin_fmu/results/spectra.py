@@ -252,13 +252,18 @@ def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> 
     return error
 
 
-def as_csv(spectra: Sequence[tuple[str, ShockSpectrum]], units: UnitSystem = SI) -> str:
-    """Spectra of sensors on the same frequencies as comma-separated values, one row a frequency."""
+def as_csv(
+    spectra: Sequence[tuple[str, ShockSpectrum]], units: UnitSystem = SI, acceleration: tuple[float, str] | None = None
+) -> str:
+    """Spectra of sensors on the same frequencies as comma-separated values, one row a frequency; ``acceleration`` :
+    factor and unit of accelerations where they are not to be in ``units``."""
     head = ["frequency [Hz]"]
     table = [spectra[0][1].frequency]
     for name, spectrum in spectra:
         for kind in ("acceleration", "pseudo_velocity"):
             values, unit = getattr(spectrum, kind), units.label(str(SPECTRUM[kind].unit))
+            if kind == "acceleration" and acceleration is not None:
+                values, unit = acceleration[0] * values, acceleration[1]
             for r, response in enumerate(RESPONSES):
                 head += [f"{name} {response} {kind} {axis} [{unit}]" for axis in AXES]
                 table += list(values[r].T)

@@ -58,6 +58,9 @@ class OrthotropicTable(SceneTable):
     poisson_ratios: Annotated[Vector, about("Poisson's ratios nu_12, nu_13, nu_23", "1")]
     shear_moduli: Annotated[_Moduli, about("shear moduli G_12, G_13, G_23", "Pa")]
     axes: Annotated[LocalAxes | None, about("axes x = 1, y = 2; the global ones where left out")] = None
+    thermal_expansions: Annotated[
+        Vector | None, about("thermal expansion along 1, 2, 3; required where a temperature acts", "K-1")
+    ] = None
 
     @model_validator(mode="after")
     def _check_energy(self) -> Self:
@@ -94,6 +97,9 @@ class MaterialTable(SceneTable):
     ] = None
     orthotropic: Annotated[
         OrthotropicTable | None, about("nine constants along three axes in the place of E and nu")
+    ] = None
+    thermal_expansion: Annotated[
+        Real | None, about("coefficient of thermal expansion alpha; required where a temperature acts", "K-1")
     ] = None
     density: Annotated[Real, about("mass per unit volume rho", "kg m-3", gt=0)]
     rayleigh_mass: Annotated[Real, about("Rayleigh damping, share a of the mass", "s-1", ge=0)] = 0.0
@@ -151,10 +157,10 @@ def material_problems(raw: Any) -> Iterator[Problem]:
     for name, table in named_tables(raw, "material").items():
         both = [key for key in _CONSTANTS if given(table, key)]
         if given(table, "orthotropic"):
-            for key in both:
+            for key in (*both, *(["thermal_expansion"] if given(table, "thermal_expansion") else [])):
                 yield Problem(
                     f"material.{name}.{key}",
-                    "the elastic constants are given twice",
+                    "the constants of an orthotropic material are in its table",
                     remedy=f"leave out {key!r} or 'orthotropic'",
                 )
             continue

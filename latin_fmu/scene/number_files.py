@@ -32,6 +32,7 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType(
         "m s-1": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": INCH, "ft/s": 12 * INCH},
         "m s-2": {"m/s2": 1.0, "mm/s2": 1e-3, "g": GRAVITY, "in/s2": INCH, "ft/s2": 12 * INCH},
         "N m-3": {"N/m3": 1.0, "kN/m3": 1e3, "N/mm3": 1e9},
+        "K": {"K": 1.0},
         "1": {"1": 1.0, "%": 1e-2},
     }
 )
@@ -45,6 +46,7 @@ QUANTITIES: Final[Mapping[str, str]] = MappingProxyType(
         "m s-1": "a velocity",
         "m s-2": "an acceleration",
         "N m-3": "a force per volume",
+        "K": "a change of temperature",
         "1": "a pure number",
     }
 )

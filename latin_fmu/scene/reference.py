@@ -64,6 +64,11 @@ Bolts          The shank is cut by a plane across its axis, through point or in 
                tight bolts; time.start.increments is the number of increments of every order. The results hold the
                tension of every bolt at every instant and after every order. Displacements count from before the
                bolts were tightened; the elastic energy leaves the preload out.
+Temperature    A change of temperature strains a free body by alpha times it. The vector of nodal forces is constant and
+               the law scales it, in statics, a static start (the default with temperatures) and dynamics. Bolts are
+               tightened before it acts: their tension follows from the unlike expansions of bolt and parts. Stresses
+               are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
+               free expansion does the work. Moduli do not depend on temperature.
 Thread         A perfect interface on faces of bolt and nut, matching or not, bonds a thread.
 Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides:
                points that are closed at the start of an instant are held along the face in it, at zero pressure too,
@@ -144,10 +149,10 @@ Initial fields The initial values of a body add up: a uniform one, a spin, gradi
                central_difference continue a vibration from its displacements and velocities as if it had not been
                interrupted; hht and generalized_alpha start with another acceleration than that run had.
 Static start   time.start = "static" solves the equilibrium under what acts at t = 0 first: loads at a(0) (a step
-               or pulse that starts at 0 is a shock and not in it), body forces, gravity, preloads, displaced
-               faces; faces driven by a velocity or an acceleration and the ground stand still. The motion starts from
-               its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity are left out.
-               A substructure that friction cannot hold is an error.
+               or pulse that starts at 0 is a shock and not in it), body forces, gravity, temperatures, preloads,
+               displaced faces; faces driven by a velocity or an acceleration and the ground stand still. The motion
+               starts from its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity
+               are left out. A substructure that friction cannot hold is an error.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
                move a free body: after a pulse its velocity and path are the exact integrals of the straight lines

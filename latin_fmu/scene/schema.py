@@ -27,9 +27,11 @@ from .substructures import (
     Load,
     MeshParts,
     Substructure,
+    Temperature,
     bolt_problems,
     load_problems,
     substructure_problems,
+    temperature_problems,
 )
 from .units import SystemName, UnitSystem, system_named
 
@@ -73,7 +75,7 @@ def toml_value(value: Any) -> str:
 
 
 _HEADING = "the scene cannot be used"
-BODY_FORCE, GRAVITY = "body_force.", "gravity.acceleration"
+BODY_FORCE, GRAVITY, TEMPERATURE = "body_force.", "gravity.acceleration", "temperature."
 """Names in ``Scene.force_laws``: no load has a dot in its name."""
 
 
@@ -130,6 +132,8 @@ def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
         ground = single_table(interface, "ground_velocity")
         yield f"interface.{name}.ground_velocity.law", ground.get("law"), "m s-1"
     yield "gravity.law", single_table(raw, "gravity").get("law"), "m s-2"
+    for name, temperature in named_tables(raw, "temperature").items():
+        yield f"temperature.{name}.law", temperature.get("law"), "K"
 
 
 def _unit_problems(raw: Any) -> Iterator[Problem]:
@@ -152,6 +156,7 @@ _CHECKS: Final = (
     interface_problems,
     boundary_problems,
     load_problems,
+    temperature_problems,
     bolt_problems,
     _unit_problems,
     sensor_problems,
@@ -201,6 +206,9 @@ class Scene(SceneTable):
         dict[Name, PointMass], about("masses on points and faces, by name"), Field(default_factory=dict)
     ]
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
+    temperature: Annotated[
+        dict[Name, Temperature], about("changes of temperature by name"), Field(default_factory=dict)
+    ]
     bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
     spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
     coupling: Annotated[dict[Name, CouplingTable], about("couplings by name"), Field(default_factory=dict)]
@@ -254,11 +262,12 @@ class Scene(SceneTable):
     @property
     def force_laws(self) -> dict[str, TimeLaw]:
         """Laws of everything that acts by forces on nodes: loads by their name (see ``loads``),
-        ``body_force.SUBSTRUCTURE`` and ``gravity.acceleration``."""
+        ``body_force.SUBSTRUCTURE``, ``gravity.acceleration`` and ``temperature.NAME``."""
         laws: dict[str, TimeLaw] = {name: load.law for name, load in self.loads.items()}
         laws |= {f"{BODY_FORCE}{n}": s.body_force_law for n, s in self.substructure.items() if any(s.body_force)}
         if self.gravity is not None and any(self.gravity.acceleration):
             laws[GRAVITY] = self.gravity.law
+        laws |= {f"{TEMPERATURE}{name}": t.law for name, t in self.temperature.items() if t.change}
         return laws
 
     @property
@@ -272,6 +281,12 @@ class Scene(SceneTable):
     def boundaries_of(self, substructure: str) -> dict[str, Boundary]:
         """Boundary conditions on the faces of a substructure."""
         return {n: b for n, b in self.boundary.items() if split_face(faces_of(b)[0])[0] == substructure}
+
+    def temperatures_of(self, substructure: str) -> dict[str, Temperature]:
+        """Changes of temperature of a substructure, by their names in ``force_laws``."""
+        if self.substructure[substructure].rigid:
+            return {}
+        return {f"{TEMPERATURE}{name}": t for name, t in self.temperature.items() if t.heats(substructure)}
 
     def ports_of(self, substructure: str) -> dict[str, Port]:
         """Ports on the faces of a substructure."""

@@ -542,9 +542,9 @@ def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]
 
 def with_defaults(raw: Any) -> Any:
     """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
-    most of the time there; with the explicit propagator its time scheme; with bolts a static start."""
-    # bolts need an equilibrium to start from
-    if named_tables(raw, "bolt") and (time := single_table(raw, "time")) and not given(time, "start"):
+    most of the time there; with the explicit propagator its time scheme; with bolts or temperatures a static start."""
+    strained = named_tables(raw, "bolt") or named_tables(raw, "temperature")
+    if strained and (time := single_table(raw, "time")) and not given(time, "start"):
         raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")
     if _is_static(raw) and not given(solver, "tolerance"):

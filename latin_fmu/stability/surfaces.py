@@ -20,7 +20,7 @@ from .scenes import Description
 
 KUHN: Final = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
 WEDGES: Final = ((0, 1, 3, 4, 5, 7), (1, 2, 3, 5, 6, 7))
-LINEAR: Final = {"tetra10": "tetra", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron"}
+LINEAR: Final = {"tetra10": "tetra", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron", "wedge15": "wedge"}
 
 
 def typed_box(cell_type: str, origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh:

@@ -60,10 +60,12 @@ GMSH_TYPE = {
     "hexahedron27": 12,
     "quad8": 16,
     "hexahedron20": 17,
+    "hexahedron64": 92,
     "wedge15": 18,
 }
 # Place in the order of VTK of each node in the order of gmsh, where the two differ.
 GMSH_ORDER = {
+    "wedge15": [*range(7), 8, 12, 7, 13, 14, 9, 11, 10],
     "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
     "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],
@@ -72,6 +74,7 @@ ABAQUS_TYPE = {
     "triangle": "S3",
     "quad": "S4",
     "tetra": "C3D4",
+    "pyramid": "C3D5",
     "hexahedron": "C3D8",
     "wedge": "C3D6",
     "hexahedron20": "C3D20",

@@ -16,8 +16,8 @@ ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
 # Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
 KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
 WEDGES = ((0, 1, 3, 4, 5, 7), (1, 2, 3, 5, 6, 7))
-TYPES = ("hexahedron", "tetra", "tetra10", "hexahedron20", "hexahedron27", "wedge", "mixed")
-QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27")
+TYPES = ("hexahedron", "tetra", "tetra10", "hexahedron20", "hexahedron27", "wedge", "wedge15", "pyramid", "mixed")
+QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27", "wedge15")
 
 
 def cut(mesh: Mesh, cell_type: str) -> Mesh:
@@ -25,8 +25,13 @@ def cut(mesh: Mesh, cell_type: str) -> Mesh:
     (block,) = mesh.blocks
     if cell_type in ("tetra", "tetra10"):
         converted = Mesh.uniform(mesh.nodes, "tetra", block.cells[:, KUHN].reshape(-1, 4))
-    elif cell_type == "wedge":
+    elif cell_type in ("wedge", "wedge15"):
         converted = Mesh.uniform(mesh.nodes, "wedge", block.cells[:, WEDGES].reshape(-1, 6))
+    elif cell_type == "pyramid":
+        apex = mesh.n_node + np.arange(len(block.cells))
+        sides = block.cells[:, np.array(HEX_FACES)[:, ::-1]]
+        cells = np.concatenate([sides, np.repeat(apex, 6).reshape(-1, 6, 1)], axis=2).reshape(-1, 5)
+        converted = Mesh.uniform(np.concatenate([mesh.nodes, mesh.nodes[block.cells].mean(axis=1)]), "pyramid", cells)
     elif cell_type == "mixed":
         middle = mesh.nodes[block.cells].mean(axis=1)
         upper = middle[:, 0] > mesh.nodes[:, 0].min() + 0.5 * np.ptp(mesh.nodes[:, 0])

@@ -21,7 +21,8 @@ from latin_fmu.fem.elements import (
     principal,
     stiffness,
 )
-from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
+from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, unjoined
+from latin_fmu.fem.reference_cells import HEX_FACES
 
 from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, inner_nodes, reference_cell, skewed, typed_box
 
@@ -72,6 +73,31 @@ def test_patch_test(cell_type: str, bending: bool) -> None:
     actual = solved(k, boundary(mesh).nodes, linear)
     assert np.abs(actual - linear).max() < 1e-10
     assert np.abs(linear[inner_nodes(mesh)]).max() > 0.1
+
+
+def test_patch_test_of_a_hex_dominant_mesh() -> None:
+    """Hexahedra, some of them cut into pyramids about their centre, one pyramid at the surface into two tetrahedra."""
+    mesh = typed_box("hexahedron", (3, 3, 3), shift=0.25)
+    cells = mesh.blocks[0].cells
+    some = cells[[0, 13, 14, 26]]
+    apex = mesh.n_node + np.arange(len(some))
+    sides = np.concatenate([some[:, np.array(HEX_FACES)[:, ::-1]], np.repeat(apex, 6).reshape(-1, 6, 1)], axis=2)
+    pyramids = sides.reshape(-1, 5)
+    (outer,) = np.flatnonzero((mesh.nodes[pyramids[:6, :4], 0] == ORIGIN[0]).all(axis=1))
+    tetrahedra = pyramids[outer][[[0, 1, 2, 4], [0, 2, 3, 4]]]
+    blocks = (
+        CellBlock("hexahedron", np.delete(cells, [0, 13, 14, 26], axis=0)),
+        CellBlock("pyramid", np.delete(pyramids, outer, axis=0)),
+        CellBlock("tetra", tetrahedra),
+    )
+    nodes = np.concatenate([mesh.nodes, mesh.nodes[some].mean(axis=1)])
+    mixed = Mesh(nodes, blocks, {})
+    assert unjoined(boundary(mixed)) == 0
+    assert Elements(mixed).volume.sum() == pytest.approx(VOLUME, rel=1e-12)
+    linear = nodes @ GRADIENT.T
+    actual = solved(stiffness(Elements(mixed), Isotropic(1.0, E, NU)), boundary(mixed).nodes, linear)
+    assert np.abs(actual - linear).max() < 1e-10
+    assert len(inner_nodes(mixed)) == 8 + 4
 
 
 @pytest.mark.parametrize(("cell_type", "bending"), KINDS)
@@ -174,7 +200,7 @@ def test_lumped_masses_are_positive_and_keep_the_total(cell_type: str) -> None:
     mesh = distorted(cell_type)
     elements = Elements(mesh)
     masses = lumped_mass(elements, RHO)
-    if cell_type not in ("tetra10", "hexahedron20"):
+    if cell_type not in ("tetra10", "hexahedron20", "wedge15"):
         assert masses is None
         masses = mass(elements, RHO).sum(axis=1)[::3]
     total = mass(elements, RHO)[::3][:, ::3].sum()
@@ -218,6 +244,8 @@ def manufactured(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
         ("tetra10", False, 3),
         ("hexahedron20", False, 3),
         ("hexahedron27", False, 3),
+        ("wedge15", False, 3),
+        ("pyramid", False, 2),
     ],
 )
 def test_order_of_convergence(cell_type: str, bending: bool, order: float) -> None:

@@ -15,6 +15,8 @@ COUNTS = {
     "hexahedron20": (20, 8),
     "hexahedron27": (27, 8),
     "wedge": (6, 6),
+    "wedge15": (15, 6),
+    "pyramid": (5, 5),
 }
 
 

@@ -21,7 +21,7 @@ SKFEM = {
 }
 
 
-@pytest.mark.parametrize("cell_type", TYPES)
+@pytest.mark.parametrize("cell_type", SKFEM)  # it lacks the wedge of 15 nodes and the pyramid
 def test_functions_are_those_of_scikit_fem(cell_type: str) -> None:
     """The same reference cell up to [0, 1] for [-1, 1]; its functions found by the place where they are one."""
     element, ours = SKFEM[cell_type](), cell_functions(cell_type)
@@ -60,7 +60,8 @@ def test_mirrored_numbering_is_its_own_inverse_and_turns_the_cell(cell_type: str
     functions = cell_functions(cell_type)
     slopes = functions.gradients(cell_rule(cell_type).points)
     jacobian = np.einsum("pak,ai->pik", slopes, functions.nodes[turned])
-    np.testing.assert_allclose(np.linalg.det(jacobian), -1.0, rtol=1e-12)
+    shrunk = 0.25 * (1 - cell_rule(cell_type).points[:, 2]) ** 2 if cell_type == "pyramid" else 1.0
+    np.testing.assert_allclose(np.linalg.det(jacobian), -shrunk, rtol=1e-12)
 
 
 def test_rule_of_the_simplex_is_exact_to_its_degree() -> None:
@@ -79,14 +80,14 @@ def test_rule_of_the_simplex_is_exact_to_its_degree() -> None:
 def test_rules_integrate_what_they_are_for(cell_type: str, products: bool) -> None:
     """Volume of the cell, and squares of its functions by a rule of degree 9 (constant Jacobian)."""
     rule = cell_rule(cell_type, products)
-    assert rule.weights.sum() == pytest.approx({"t": 1 / 6, "w": 1.0, "h": 8.0}[cell_type[0]], rel=1e-14)
+    assert rule.weights.sum() == pytest.approx({"t": 1 / 6, "w": 1.0, "h": 8.0, "p": 8.0}[cell_type[0]], rel=1e-14)
     if not products:
         return
     functions = cell_functions(cell_type)
     fine = np.polynomial.legendre.leggauss(5)
     if cell_type[0] == "t":
         points, weights = simplex_rule(5, 3).points, simplex_rule(5, 3).weights
-    elif cell_type == "wedge":
+    elif cell_type[0] == "w":
         flat = simplex_rule(5, 2)
         points = np.array([[*p, z] for p in flat.points for z in fine[0]])
         weights = np.outer(flat.weights, fine[1]).ravel()

@@ -135,7 +135,8 @@ def test_parts_without_sections_leave_gathering_sets_out(tmp_path: Path) -> None
         ("STRI65", ("triangle6", 6)),
         ("SFM3D4R", ("quad", 4)),
         ("B31", None),
-        ("C3D5", None),
+        ("C3D5", ("pyramid", 5)),
+        ("C3D7", None),
         ("", None),
     ],
 )

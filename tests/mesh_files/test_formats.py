@@ -123,11 +123,11 @@ def test_the_reason_of_the_reader_reaches_the_user(tmp_path: Path) -> None:
 
 
 def test_an_element_that_the_reader_does_not_know(tmp_path: Path) -> None:
-    """The wedge of 15 nodes of gmsh: a sentence with the remedy, no name of an error."""
-    nodes = "".join(f"{i + 1} {i % 3} {i // 3} {i % 2}\n" for i in range(15))
-    cell = "1 18 2 1 1 " + " ".join(str(i + 1) for i in range(15))
-    text = f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n15\n{nodes}$EndNodes\n$Elements\n1\n{cell}\n$EndElements\n"
-    (tmp_path / "wedge.msh").write_text(text)
-    with pytest.raises(MeshError, match=r"'wedge15', which its reader .* does not expect.*export it again") as caught:
-        read_content(tmp_path / "wedge.msh")
+    """The pyramid of 13 nodes of gmsh: a sentence with the remedy, no name of an error."""
+    nodes = "".join(f"{i + 1} {i % 3} {i // 3} {i % 2}\n" for i in range(13))
+    cell = "1 19 2 1 1 " + " ".join(str(i + 1) for i in range(13))
+    text = f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n13\n{nodes}$EndNodes\n$Elements\n1\n{cell}\n$EndElements\n"
+    (tmp_path / "pyramid.msh").write_text(text)
+    with pytest.raises(MeshError, match=r"'pyramid13', which its reader .* does not expect.*export it again") as caught:
+        read_content(tmp_path / "pyramid.msh")
     assert "KeyError" not in str(caught.value)

@@ -92,7 +92,7 @@ def test_listed_parts_and_other_bodies(folder: Path) -> None:
     ("change", "substructure", "where", "words"),
     [
         ({"parts": ["uper"]}, {}, "mesh.all.parts[0]", ("no such volume group", "Eall, low-er, upper")),
-        ({"parts": "all"}, {}, "mesh.all.parts", ("list of volume groups",)),
+        ({"parts": "all"}, {}, "mesh.all.parts", ("list of names",)),
         ({"fil": 1}, {}, "mesh.all.fil", ("unknown key",)),
         ({"scale": 0.0}, {}, "mesh.all.scale", ("out of range",)),
         ({"file": "none.inp"}, {}, "mesh.all.file", ("none.inp", "no such mesh file")),

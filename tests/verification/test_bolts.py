@@ -425,6 +425,20 @@ def test_frequencies_of_the_tight_joint(files: dict[str, Path]) -> None:
     assert wide.frequency[0] < 0.9 * bonded.frequency[0]
 
 
+@pytest.mark.parametrize("factor", [None, 0.15])
+def test_torque_gives_a_force(files: dict[str, Path], factor: float | None) -> None:
+    """F = T / (K d); the table of bolts and ``check`` say it."""
+    data = joint(files)
+    data["bolt"]["b"] = {"substructure": "bolt", "axis": [0, 0, 1], "torque": 6.0, "diameter": 6e-3}
+    data["bolt"]["b"] |= {} if factor is None else {"nut_factor": factor}
+    scene = scene_from_dict(data)
+    bolt = solve(scene).bolts["b"]
+    assert bolt.tightening[-1] == pytest.approx(6.0 / ((factor or 0.2) * 6e-3), rel=1e-9)
+    assert bolt.force[-1] == pytest.approx(6.0 / ((factor or 0.2) * 6e-3), rel=1e-6)
+    line = next(line for line in check(scene) if line.startswith("  bolt b:"))
+    assert f"N of 6 N m, nut factor {factor or 0.2:g}, mean stress" in line
+
+
 def test_check_and_explain_tell_of_bolts(files: dict[str, Path]) -> None:
     """Section, stress and shortening in the lines of the command check; an effect of the command explain."""
     scene = scene_from_dict(moving(files))
@@ -437,7 +451,11 @@ def test_check_and_explain_tell_of_bolts(files: dict[str, Path]) -> None:
 # -- bad input --------------------------------------------------------------------------------------------------------
 REFUSED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("bolt.b", {"shortening": 1e-5}, ("bolt.b:", "both 'force' and 'shortening'")),
-    ("bolt.b", {"force": None}, ("bolt.b:", "neither 'force' nor 'shortening'")),
+    ("bolt.b", {"force": None}, ("bolt.b:", "neither 'force' nor 'torque' nor 'shortening'")),
+    ("bolt.b", {"torque": 5.0, "diameter": 6e-3}, ("bolt.b:", "both 'force' and 'torque'")),
+    ("bolt.b", {"force": None, "torque": 5.0}, ("bolt.b.torque", "needs 'diameter'", "nut_factor diameter")),
+    ("bolt.b", {"nut_factor": 0.15}, ("bolt.b.nut_factor", "needs 'torque'")),
+    ("bolt.b", {"force": None, "torque": 5.0, "diameter": 0.0}, ("bolt.b.diameter", "> 0", "[m]")),
     ("bolt.b", {"substructure": "bold"}, ("bolt.b.substructure", "did you mean 'bolt'")),
     ("bolt.b", {"axis": [1, 0, 0]}, ("bolt.b", "no section of bolt across the axis")),
     ("bolt.b", {"axis": [1, 0, 0], "point": [0, 0, 0]}, ("bolt.b.axis", "no shank", "m wide", "m long")),

@@ -23,7 +23,7 @@ from .static_scenes import STEEL, add_block, scene
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SIZE, PRESSURE = (0.02, 0.01, 0.01), 80e6
 FIVE = ((6, 6), (4, 4), (7, 5), (3, 3), (5, 4))
-KINDS = ("hexahedron", "tetra", "wedge", "tetra10", "hexahedron20", "hexahedron27")
+KINDS = ("hexahedron", "tetra", "wedge", "wedge15", "tetra10", "hexahedron20", "hexahedron27")
 ROLLER = {"behaviour": "elastic_layer", "normal_stiffness": 2e13, "tangential_stiffness": 0.0}
 
 
