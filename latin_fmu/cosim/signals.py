@@ -86,7 +86,7 @@ class SignalPlaces:
     def _add_load(self, rows: Any, row: int, name: str, amplitude: Array, share: float) -> None:
         """Add ``share`` times the amplitude of a load, a signal where it varies."""
         source = self._source(name)
-        rows[row, self.n - 1 if source is None else source] += share * (amplitude[0] if source is None else 1.0)
+        rows[row, self._one if source is None else source] += share * (amplitude[0] if source is None else 1.0)
 
     def _add_motions(self, rows: Any, row: int, of: tuple[int, int, int], shapes: Array) -> None:
         """Add what prescribed motions of a class and member add, by ``shapes`` (n_motion,); ``of``: class, 0 for their
@@ -273,18 +273,18 @@ class Signals(SignalPlaces):
                 rows[axis, int(channel)] -= area
         return sp.csr_array(rows)
 
-    def _bolt_rows(self) -> Iterator[sp.csr_array]:
-        """Tension of each bolt (1, n)."""
-        for name, bolt in self._request.bolts.items():
-            place, rows = self.probes.places["tension"][name], sp.lil_array((1, self.n))
-            rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
-            self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
-            rows[0, self.n - 1] = float(bolt.force(np.zeros(())))
-            forcing = self._assembly.propagators[place.number].forcing
-            terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
-            for load, amplitude in terms:
-                self._add_load(rows, 0, load.name, amplitude, bolt.heated.get(load.name, 0.0))
-            yield sp.csr_array(rows)
+    def tension(self, name: str) -> sp.csr_array:
+        """Tension of a bolt."""
+        bolt, place = self._request.bolts[name], self.probes.places["tension"][name]
+        rows = sp.lil_array((1, self.n))
+        rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
+        self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
+        rows[0, self._one] = float(bolt.force(np.zeros(())))
+        forcing = self._assembly.propagators[place.number].forcing
+        terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
+        for load, amplitude in terms:
+            self._add_load(rows, 0, load.name, amplitude, bolt.heated.get(load.name, 0.0))
+        return sp.csr_array(rows)
 
     def energies(self, parts: Sequence[str]) -> sp.csr_array:
         """A sum of energies, less those that begin with -, added up in this order."""
