@@ -121,4 +121,4 @@ class Alone:
         self._propagator.instant, fields, account = snapshot
         self._propagator.state.set(*fields)
         if account is not None:
-            self._propagator.state.set_account(account)
+            self._propagator.state.part("energy", len(account))[:] = account

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ..interface.laws import SEPARATION, SLIP, STICK
-from ..latin.outcome import Array, InterfaceHistory, PointFields
+from ..latin.outcome import Array, InterfaceHistory
 from ..results.quantities import ENERGY as _TERMS
 from ..scene.interfaces import Interface
 from ..scene.ports import COMPONENTS, Port
@@ -39,17 +39,12 @@ class FacePoints(NamedTuple):
     normals: Array
 
     @classmethod
-    def of(cls, fields: PointFields, areas: Array, normals: Array) -> FacePoints:
-        """FacePoints of one whole interface."""
-        gap, status = fields.gap, fields.contact_status
-        nothing = np.zeros((0, len(areas)))
-        shown = nothing if gap is None else gap, nothing if status is None else status
-        return cls(fields.traction, fields.velocity, *shown, areas, areas / areas.sum(), normals)
-
-    @classmethod
     def over(cls, history: InterfaceHistory) -> FacePoints:
-        """FacePoints at the instants of a history."""
-        return cls.of(history.points_over_time, history.areas, history.normals)
+        """At the instants of a history; nothing for what it lacks."""
+        fields, areas, nothing = history.points_over_time, history.areas, np.zeros(0)
+        gap = nothing if fields.gap is None else fields.gap
+        own = fields.traction, fields.velocity, gap, fields.contact_status
+        return cls(*own, areas, areas / areas.sum(), history.normals)
 
     def means(self) -> Array:
         """Mean velocities of both sides, weighted by area, (n, 2, 3), m s-1."""

@@ -113,13 +113,6 @@ class ClassState:
             return self._account
         return self.part("energy", self.image.row(self.number)["n_energy"])
 
-    def set_account(self, account: Array) -> None:
-        """Set the account of energies."""
-        if self.image is None:
-            self._account = account.copy()
-        else:
-            self.part("energy", len(account))[:] = account
-
     def part(self, first: str, size: int) -> Array:
         """View of numbers of the class in the image, from the field ``first`` of its record on."""
         assert self.image is not None
