@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import latin_fmu
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import InputError, LatinError
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 from .scenes import blocks
 from .test_driven import bars
@@ -30,6 +32,7 @@ def sliding(**changes: Any) -> Scene:
 SOFT = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "soft_contact", "friction_coefficient": 0.2}}
 SOFT["crush"]["normal_stiffness"] = 1e14
 OPEN = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2, "gap": 3e-6}}
+LARGE = {"end": 3e-6, "step": 1.5e-7, "scheme": "hht"}
 STATIC = {"end": 6e-6, "step": 1e-6, "quasi_static": True}
 SCENES = {
     "stick": (sliding, {"press": 2.0, "push": 0.3}, 3e-6, EXACT),
@@ -156,6 +159,26 @@ def test_without_rates_a_value_turns_the_causal_line(what):
     assert alike
     _compare(session, computed, known, EXACT)
     assert np.abs(line).max() > 0.1 * np.abs(computed).max()
+
+
+def test_with_tables_of_large_interfaces_they_are_those_of_the_exact_operator():
+    """The exact motion corrects what the tables of Y leave, in the instants of the variants too."""
+    names, found = ["interface.crush.force[3]", "interface.crush.velocityEp[3]", "interface.crush.impulse[3]"], []
+    block = Box(STEEL, (0.01, 0.01, 0.002), (10, 10, 2))
+    for form in ("sparse", "exact"):
+        tables = column({"lower": block, "upper": block}, {"crush": {"friction_coefficient": 5.0}}, dict(LARGE))
+        tables["boundary"] = {"base": {"type": "symmetry", "face": "lower.zmin"}}
+        load = {"face": "upper.zmax", "pressure": 2e8, "law": {"type": "input", "start_value": 0.2}}
+        tables |= {"load": {"press": load}, "solver": {"interface_operator": form, "share_identical": False}}
+        session = Session(latin_fmu.scene_from_dict(tables), Settings(keep=False))
+        session.initialize()
+        for i in range(3):
+            session.set_load("press", 0.3 + 0.2 * i, 1e4)
+            assert session.step(i * 4.5e-7, 4.5e-7)
+        assert session._mode.kernels.image.run[0]["sparse"] == (form == "sparse")  # type: ignore[union-attr]
+        found.append(session.derivative(names, ["load.press.value"], [1.0]))
+        assert session.step(session.time, 4.5e-7)
+    assert np.abs(found[0] / found[1] - 1.0).max() < 1e-7
 
 
 def test_derivatives_leave_the_simulation_as_it_is():
