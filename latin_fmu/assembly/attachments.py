@@ -39,7 +39,7 @@ from ..latin.assembly import InterfaceUnit
 from ..latin.probes import SensorPlace
 from ..propagator.model import diagonal_matrix
 from ..scene.attachments import End, PointMass
-from ..scene.fields import split_face
+from ..scene.fields import ALL_OF_IT, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
 from .body import AddedMass, Body
@@ -109,7 +109,7 @@ def _located(body: Body, point: Array, where: str, problems: Problems) -> Locati
     location = locate(body.mesh, point)
     if location is not None:
         return location
-    distance, near = nearest_surface_point(body.mesh, point)
+    distance, near = nearest_surface_point(body.surface(ALL_OF_IT), point)
     at = ", ".join(f"{x:.6g}" for x in near)
     problems.add(
         where,

@@ -298,7 +298,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
                     f"at most {table.search:g} {scene.unit_system['m']}",
                     "move the meshes apart, or leave the pair out by except",
                 )
-            elif remarks is not None and _meet((bodies[first], one), (bodies[second], other), table.search):
+            elif remarks is not None and _meet(one, other, table.search):
                 edges.append(f"{first} and {second}")
     if remarks is not None and edges:
         more = f", {len(edges) - _NAMED} more pairs" if len(edges) > _NAMED else ""
@@ -340,18 +340,18 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
         middles = middles[((low < middles) & (middles < high)).all(axis=1)]
         for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
             if locate(body.mesh, middle) is not None:
-                deepest = max(deepest, nearest_surface_point(body.mesh, middle)[0])
+                deepest = max(deepest, nearest_surface_point(other, middle)[0])
     return deepest if deepest > search else 0.0
 
 
-def _meet(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> bool:
+def _meet(first: Surface, second: Surface, search: float) -> bool:
     """Whether nodes of one surface (``_MOST_MIDDLES`` of each) are within ``search`` of the other."""
-    for (_, surface), (body, other) in ((first, second), (second, first)):
+    for surface, other in ((first, second), (second, first)):
         low, high = _box(other)
         nodes = surface.nodes[surface.facets.nodes]
         nodes = nodes[((low - search <= nodes) & (nodes <= high + search)).all(axis=1)]
         for node in nodes[:: max(1, -(-len(nodes) // _MOST_MIDDLES))]:
-            if nearest_surface_point(body.mesh, node)[0] <= search:
+            if nearest_surface_point(other, node, search)[0] <= search:
                 return True
     return False
 

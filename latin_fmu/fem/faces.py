@@ -439,6 +439,17 @@ class Surface:
         return Pieces(kind, facet, facets[facet], corners, np.tile(reference, (n_facet, 1, 1)))
 
     @cached_property
+    def triangles(self) -> tuple[Array, Array, Array]:
+        """Triangles (n, 3, 3) of the pieces, m, and the lowest and highest corner (n, 3) of the box of each."""
+        parts = []
+        for p in self.pieces:
+            parts.append(p.corners[:, :3])
+            if p.corners.shape[1] == 4:
+                parts.append(p.corners[:, [0, 2, 3]])
+        every = np.concatenate(parts)
+        return every, every.min(axis=1), every.max(axis=1)
+
+    @cached_property
     def area(self) -> float:
         """Area of the pieces, m2."""
         return float(sum(p.areas.sum() for p in self.pieces))

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .faces import Face, Surface
-from .mesh import Array, CellBlock, Index, Mesh, boundary
+from .mesh import Array, CellBlock, Index, Mesh
 from .reference_cells import N_CORNER, cell_functions
 
 _MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
@@ -175,15 +175,15 @@ def _outside(at: Array, cell_type: str) -> Array:
     return np.asarray(np.where(np.isnan(far), np.inf, np.maximum(far, 0.0)))
 
 
-def nearest_surface_point(mesh: Mesh, point: Array) -> tuple[float, Array]:
-    """Distance of a point (3,) from the surface of a mesh, m, and the nearest point (3,) of its flat pieces."""
-    triangles = []
-    for pieces in Surface(mesh.nodes, boundary(mesh)).pieces:
-        corners = pieces.corners
-        triangles.append(corners[:, :3])
-        if corners.shape[1] == 4:
-            triangles.append(corners[:, [0, 2, 3]])
-    near = _nearest_in(np.concatenate(triangles), point)
+def nearest_surface_point(surface: Surface, point: Array, within: float = np.inf) -> tuple[float, Array]:
+    """Distance of a point (3,) from a surface, m, and the nearest point (3,) of its flat pieces; those whose boxes are
+    farther than ``within`` are not looked at, and the distance is infinite where all are."""
+    triangles, low, high = surface.triangles
+    if np.isfinite(within):
+        triangles = triangles[((low - within <= point) & (point <= high + within)).all(axis=1)]
+        if not len(triangles):
+            return np.inf, np.full(3, np.nan)
+    near = _nearest_in(triangles, point)
     distance = np.linalg.norm(near - point, axis=1)
     i = int(np.argmin(distance))
     return float(distance[i]), near[i]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from latin_fmu.fem.faces import Surface
 from latin_fmu.fem.location import locate, nearest_surface_point
-from latin_fmu.fem.mesh import Mesh
+from latin_fmu.fem.mesh import Mesh, boundary
 
 from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, typed_box
 
@@ -66,9 +67,12 @@ def test_outside_of_a_box(cell_type: str, offset: tuple[float, ...], near: tuple
     foot = np.where(np.array(near) == (0.5, 0.4, 1.0), foot, ORIGIN + SIZE * np.array(near))
     point = foot + np.array(offset)
     assert locate(mesh, point) is None
-    distance, nearest = nearest_surface_point(mesh, point)
-    assert distance == pytest.approx(np.linalg.norm(offset), rel=1e-12)
-    assert nearest == pytest.approx(foot, abs=1e-12)
+    surface, away = Surface(mesh.nodes, boundary(mesh)), float(np.linalg.norm(offset))
+    for within in (np.inf, 1.001 * away):
+        distance, nearest = nearest_surface_point(surface, point, within)
+        assert distance == pytest.approx(away, rel=1e-12)
+        assert nearest == pytest.approx(foot, abs=1e-12)
+    assert nearest_surface_point(surface, point, 0.5 * away)[0] > away
 
 
 def test_round_off_of_a_file_is_inside() -> None:
