@@ -46,6 +46,7 @@ def count_iterations(pools: Any, call: int) -> None:
     run, moving = pools.run[0], pools.moving
     used = pools.moving_int[run.iterations + call]
     moving[run.progress + 1] += used
+    # that of the last iteration
     reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
     moving[run.progress + 2] = max(moving[run.progress + 2], reached)
 
@@ -159,6 +160,7 @@ def friction_power(pools: Any, row: int) -> float:
         for p in range(group.n_point):
             for k in range(1, h):
                 at = p * h + k
+                # of E' over E; traction on E along it dissipates
                 slip = moving[w + second + at] - moving[w + group.start + at]
                 power += moving[f + group.start + at] * slip * pools.fixed[run.area + group.start + at]
     return power
