@@ -49,7 +49,7 @@ def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     status = begin_rows(pools, n, rule, before, whole)
     if status != 0:
         return status
-    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)
+    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)  # none: the caller solves them
     for i in range(1, done + 1):
         count_iterations(pools, i - 1)
         conclude(pools, i, before + i - 1, whole, rule)
@@ -62,6 +62,7 @@ def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     status."""
     run, moving = pools.run[0], pools.moving
     made = int(moving[run.progress])
+    # -1: the last row of the table holds ever after
     if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
         return BEYOND_LAWS
     if before == 0:

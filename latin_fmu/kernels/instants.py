@@ -81,6 +81,7 @@ def leave_window(pools: Any, accepted: int) -> None:
     return to the states at its start; those of one instant have not changed."""
     if accepted > 0:
         accept(pools, accepted)
+    # a long window has marched the classes to its end
     if accepted != 1:
         rewind(pools)
 

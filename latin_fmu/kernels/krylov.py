@@ -180,6 +180,7 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
     width, new = most + 1, basis[(k + 1) * n : (k + 2) * n]
     cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
     column = small[k * width : (k + 1) * width]
+    # modified Gram-Schmidt
     for e in range(k + 1):
         other, total = basis[e * n : (e + 1) * n], 0.0
         for i in range(n):
@@ -189,7 +190,8 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
             new[i] -= total * other[i]
     below = length_of(new)
     for i in range(n):
-        new[i] /= max(below, 1e-300)
+        new[i] /= max(below, 1e-300)  # 0: the solution lies in the vectors so far
+    # rotations of the columns before, then one that takes the number below the diagonal
     for e in range(k):
         upper, lower = column[e], column[e + 1]
         column[e] = cosine[e] * upper + sine[e] * lower
@@ -197,7 +199,7 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
     size = max(np.hypot(column[k], below), 1e-300)
     cosine[k], sine[k] = column[k] / size, below / size
     column[k] = size
-    right[k + 1] = -sine[k] * right[k]
+    right[k + 1] = -sine[k] * right[k]  # before right[k] changes
     right[k] = cosine[k] * right[k]
     return float(abs(right[k + 1]))
 
@@ -209,6 +211,7 @@ def combine(small: Array, used: int, most: int) -> None:
     for k in range(used - 1, -1, -1):
         total = right[k]
         for e in range(k + 1, used):
+            # columns one after the other
             total -= small[e * width + k] * right[e]
         right[k] = total / small[k * width + k]
 
@@ -226,7 +229,7 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
         for i in range(n):
             scaled[i] = inverse[i] * own[i]
         multiply(pools, scaled, new)
-        if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:
+        if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:  # ends for NaN, too
             return k + 1
     return VECTORS
 
