@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from ..assembly.supports import port_key
 from ..kernels.outputs import ENERGIES, N_SUMMARY, READ, WRITTEN
+from ..latin.assembly import Assembly
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.outcome import Array, PointFields
 from ..latin.probes import Probes
@@ -34,6 +35,16 @@ def _apart(values: Any) -> Any:
     each = np.arange(n_point)
     apart[:, each, each] = values
     return apart.reshape(n * n_point, *values.shape[1:])
+
+
+def _shear_rows(assembly: Assembly, i: int, n: int) -> sp.csr_array:
+    """Tangential resultant (3, n) of an interface on its first side from n signals, tractions first."""
+    geometry, channels = assembly.interfaces[i].geometry, assembly.layout.channels(i, 0)
+    rows = sp.lil_array((3, n))
+    for k in range(1, channels.shape[1]):  # channel 0 is the normal, which has no part in the shear
+        for axis in range(3):
+            rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
+    return sp.csr_array(rows)
 
 
 class SignalPlaces:
@@ -183,15 +194,6 @@ class Signals(SignalPlaces):
             row[unknowns] = 1.0
         return InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
 
-    def _shear_rows(self, i: int) -> sp.csr_array:
-        """Tangential resultant (3, n) of an interface on its first side."""
-        geometry, channels = self._assembly.interfaces[i].geometry, self._assembly.layout.channels(i, 0)
-        rows = sp.lil_array((3, self.n))
-        for k in range(1, channels.shape[1]):  # channel 0 is the normal, which has no part in the shear
-            for axis in range(3):
-                rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
-        return sp.csr_array(rows)
-
     def _point_fields(self, kept: sp.csr_array) -> dict[str, Any]:
         """Fields of the record of the run: what describes the points of the interfaces, one interface after the other:
         traction (n_point, 3), velocity (2, n_point, 3), where there is a gap that and contact state (n_point,)."""
@@ -329,7 +331,7 @@ class Signals(SignalPlaces):
             summary[i] = *named, number, points.start, points.stop
             areas, begun = unit.geometry.areas, first[number]
             share[begun + points.start : begun + points.stop] = areas / areas.sum()
-        shear = [sp.csr_array((0, self.n)), *(self._shear_rows(i) for i in range(len(summary)))]
+        shear = [sp.csr_array((0, self.n)), *(_shear_rows(assembly, i, self.n) for i in range(len(summary)))]
         return {
             "output": matrix,
             "n_output": len(places),

@@ -1,9 +1,9 @@
 """The estimated error against the true one, on scenes with closed solutions at several resolutions.
 
 Limits: the estimate is at least the true error in nine tenths of the (scene, resolution, quantity) cases; estimated
-over true error has a median of at most 2.5 and is at most 5 in three quarters of the cases. Errors below 0.1 % count as
-0.1 %. Of a raw peak the coverage alone counts. The safety factors are set by the random chains of ``strangers``; these
-scenes, at the resolutions SEEN and UNSEEN, check that they hold for others, smooth ones among them.
+over true error has a median of at most 2.5 and is at most 5 in three quarters of the cases. Errors below 0.1 % count
+as 0.1 %. Of a raw peak the coverage alone counts. The safety factors are set by the random chains of ``strangers``;
+these scenes, at the resolutions SEEN and UNSEEN, check that they hold for others, smooth ones among them.
 """
 
 from __future__ import annotations
