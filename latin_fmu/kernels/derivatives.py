@@ -106,10 +106,12 @@ def derive(pools: Any, which: int, rule: int, n: int, whole: int) -> int:
     at = len(moving) - room(pools)
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
     length = (whole + moving[run.progress + 8] - moving[run.progress + 7]) * run.dt
+    # a rate counts by what it adds over the step
     size = max(abs(value), abs(rate) * length, 1.0) / (length if which % 2 == 1 else 1.0)
     keep_rules(pools, at)
     for j in range(run.state_size):
         moving[at + BEFORE * run.state_size + j] = moving[j]
+    # a second time where the effect is small: the round-off of the variants is that of their whole fields
     for again in range(2):
         status = march_variants(pools, at, which, rule, n, whole, size)
         if status != 0:
@@ -128,6 +130,7 @@ def keep_rules(pools: Any, at: int) -> None:
     run = pools.run[0]
     kept = pools.moving[at + place_of_system(pools) - _RULES - _SCRATCH :]
     kept[0], kept[1], kept[2] = run.deepest, run.rest_traction, run.make_up
+    # a solve for another q would leave the variants not affine
     run.reuse = -1.0
     run.threads = 1
 
@@ -147,20 +150,24 @@ def march_variants(pools: Any, at: int, which: int, rule: int, n: int, whole: in
     """Make n time steps of the base and of both variants; 0, or a status of ``derive``."""
     run, moving, e = pools.run[0], pools.moving, which // 2
     n_state, count = run.state_size, run.n_input
+    # first, so that ``memory`` is that before the step
     for j in range(n_state):
         moving[j] = moving[at + BEFORE * n_state + j]
     memory = moving[run.inputs : run.inputs + N_MEMORY * count]
     kinds = pools.fixed_int[run.input_kind : run.input_kind + count]
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
+    # with no rate set that of the causal line
     slope = rate_over(given_of(pools), memory, kinds, e, moving[run.progress + 3], rule)
     status = 0
     for step in range(n):
         for variant in range(3):
+            # each goes on from its own state
             own = at + (BEFORE if step == 0 else variant) * n_state
             for j in range(n_state):
                 moving[j] = moving[own + j]
             change = 0.0 if variant == BASE else size if variant == MORE else -size
             moving[run.input_value + e] = value + (change if which % 2 == 0 else 0.0)
+            # the base follows the rule; variants have the rate that it gives, and the change, written out
             moving[run.input_rate + e] = slope + change if which % 2 == 1 and variant != BASE else rate
             set_rules(pools, at, variant)
             status = end_time_step(pools, at, variant, rule, step, whole)
@@ -207,6 +214,7 @@ def linearise(pools: Any, at: int, scratch: int) -> None:
             group.n_point * width,
             run.layer_rate if group.elastic == 1 else 1 / run.dt,
         )
+        # gaps that the law takes: the last row of ``opened``
         start = group.opened + 3 * wide
         for j in range(size):
             moving[at + j], moving[at + size + j] = moving[group.jump + j], moving[group.traction + j]
@@ -246,6 +254,7 @@ def apply_tangents(pools: Any, g: int, at: int) -> int:
             total = moving[at + size + p * h + a]
             for b in range(h):
                 change = moving[group.jump + p * h + b] - moving[at + p * h + b]
+                # one gap a point opens along N, component 0
                 if b < width:
                     j = p * width + b
                     change += moving[of_reach + wide + j] * (moving[group.reach + j] - moving[of_reach + j])
@@ -325,12 +334,15 @@ def solve_system(pools: Any, laws: int, at: int) -> bool:
             y = small[(most + 2) * width + k]
             for j in range(n):
                 trial[j] += y * basis[k * n + j]
+        # the basis has been summed: its place is free
         left = basis[:n]
         residual(pools, laws, trial, left)
+        # ends for NaN, too
         if not length_of(left) < size:
             break
         for j in range(n):
             q[j], rest[j] = trial[j], left[j]
+    # fields of the q that is kept: the last ones may be of a trial that was refused
     residual(pools, laws, q, rest)
     return bool(length_of(rest) <= _ENOUGH * length_of(q))
 
@@ -348,6 +360,7 @@ def directions(pools: Any, laws: int, q: Array, rest: Array, basis: Array, small
             new[j] = q[j] + size * own[j]
         residual(pools, laws, new, new)
         for j in range(n):
+            # -dr/dq along it: the solution for the residual is the change of q
             new[j] = (rest[j] - new[j]) / size
         if not orthogonalise(basis, small, n, k, most) > _PART * size:
             return k + 1
@@ -373,6 +386,7 @@ def keep_row(pools: Any, at: int, variant: int) -> None:
             for p in range(summary[BEGIN], summary[END]):
                 if moving[gaps + p] < moving[gaps + least]:
                     least = p
+            # an index among numbers
             moving[lowest + i] = least
         moving[row + summary[SMALLEST]] = moving[gaps + int(moving[lowest + i])]
 

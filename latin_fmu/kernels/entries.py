@@ -141,6 +141,7 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     if action == MARCH:
         return march_instants(pools, a, b)
     if action == ITERATE:
+        # ``begin`` in the count of the first instant, ``limit`` in the record: there are four arguments
         return iterate(pools, a, b, 0, pools.moving_int[run.iterations], c, d, run.limit)
     if action == CORRECT:
         return correct(pools, a, 0)

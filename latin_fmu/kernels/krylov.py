@@ -50,6 +50,7 @@ def admit(pools: Any, x: Array, out: Array) -> None:
             pools.fixed_int[row.live : row.live + n_live],
         )
         area = pools.fixed[row.area : row.area + row.n_channel]
+        # without inertia the factor has the dashpots k in it: D is a table there (``newton.make_admittances``)
         if row.swept == 1 and row.kind != STATIC:
             force, velocity = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
             gain = gain_of(row, run)
@@ -88,6 +89,7 @@ def widen(pools: Any) -> None:
         rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
         jump, traction = work[group.jump : group.jump + size], work[group.traction : group.traction + size]
         first, second = group.start, group.start + size
+        # s = W - z F of both sides with another z
         for j in range(size):
             a, b = first + j, second + j
             jump[j] += (wide[a] - z[a]) * f[a] - (wide[b] - z[b]) * f[b]
@@ -158,7 +160,7 @@ def invert_diagonal(pools: Any, out: Array) -> None:
             for a in range(group.n_component):
                 z = pools.fixed[group.z_sum + 2 * at + min(a, 1)]
                 total += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
-            out[i] = 1.0 / total if total > 0.0 else 1.0
+            out[i] = 1.0 / total if total > 0.0 else 1.0  # nothing at its own point: no scaling
 
 
 @kernel
@@ -178,6 +180,7 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
     width, new = most + 1, basis[(k + 1) * n : (k + 2) * n]
     cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
     column = small[k * width : (k + 1) * width]
+    # modified Gram-Schmidt
     for e in range(k + 1):
         other, total = basis[e * n : (e + 1) * n], 0.0
         for i in range(n):
@@ -187,7 +190,8 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
             new[i] -= total * other[i]
     below = length_of(new)
     for i in range(n):
-        new[i] /= max(below, 1e-300)
+        new[i] /= max(below, 1e-300)  # 0: the solution lies in the vectors so far
+    # rotations of the columns before, then one that takes the number below the diagonal
     for e in range(k):
         upper, lower = column[e], column[e + 1]
         column[e] = cosine[e] * upper + sine[e] * lower
@@ -195,7 +199,7 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
     size = max(np.hypot(column[k], below), 1e-300)
     cosine[k], sine[k] = column[k] / size, below / size
     column[k] = size
-    right[k + 1] = -sine[k] * right[k]
+    right[k + 1] = -sine[k] * right[k]  # before right[k] changes
     right[k] = cosine[k] * right[k]
     return float(abs(right[k + 1]))
 
@@ -207,6 +211,7 @@ def combine(small: Array, used: int, most: int) -> None:
     for k in range(used - 1, -1, -1):
         total = right[k]
         for e in range(k + 1, used):
+            # columns one after the other
             total -= small[e * width + k] * right[e]
         right[k] = total / small[k * width + k]
 
@@ -224,7 +229,7 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
         for i in range(n):
             scaled[i] = inverse[i] * own[i]
         multiply(pools, scaled, new)
-        if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:
+        if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:  # ends for NaN, too
             return k + 1
     return VECTORS
 
@@ -240,7 +245,7 @@ def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
     for k in range(used):
         own = work[run.basis + k * n : run.basis + (k + 1) * n]
         for i in range(n):
-            solution[i] += inverse[i] * right[k] * own[i]
+            solution[i] += inverse[i] * right[k] * own[i]  # preconditioned from the right: x = P y
     return float(left)
 
 
@@ -256,12 +261,13 @@ def solve_by_products(pools: Any, n: int) -> bool:
     for i in range(n):
         residual[i] = right[i]
     for _ in range(CYCLES):
-        if not rest > TOLERANCE * size:
+        if not rest > TOLERANCE * size:  # NaN: nothing to be gained
             break
         for i in range(n):
             residual[i] /= rest
         if add_combination(pools, n, expand(pools, n, rest, TOLERANCE * size), solution) <= TOLERANCE * size:
             break
+        # the true residual, as that of the recursion has lost its digits
         multiply(pools, solution, residual)
         for i in range(n):
             residual[i] = right[i] - residual[i]

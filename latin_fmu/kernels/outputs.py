@@ -46,6 +46,7 @@ def count_iterations(pools: Any, call: int) -> None:
     run, moving = pools.run[0], pools.moving
     used = pools.moving_int[run.iterations + call]
     moving[run.progress + 1] += used
+    # that of the last iteration
     reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
     moving[run.progress + 2] = max(moving[run.progress + 2], reached)
 
@@ -68,6 +69,7 @@ def gather(pools: Any, row: int) -> None:
     before."""
     run, moving = pools.run[0], pools.moving
     set_signals(pools, row)
+    # energies are signals where the scene asks for them
     if run.of_energy >= 0:
         set_energies(pools, row, moving[run.signal + run.of_energy : run.signal + run.n_signal])
     at = run.output + row * run.n_output
@@ -139,7 +141,7 @@ def set_energies(pools: Any, row: int, energies: Array) -> None:
             for j in range(of.m):
                 energies[term] += moving[at + j]
     if row == 0:
-        moving[progress + 4] = energies[KINETIC] + energies[ELASTIC]
+        moving[progress + 4] = energies[KINETIC] + energies[ELASTIC]  # the balance counts from t = 0
         moving[progress + 5] = 0.0
     else:
         moving[progress + 5] += run.dt * friction_power(pools, row)
@@ -159,6 +161,7 @@ def friction_power(pools: Any, row: int) -> float:
         for p in range(group.n_point):
             for k in range(1, h):
                 at = p * h + k
+                # of E' over E; traction on E along it dissipates
                 slip = moving[w + second + at] - moving[w + group.start + at]
                 power += moving[f + group.start + at] * slip * pools.fixed[run.area + group.start + at]
     return power
@@ -212,6 +215,7 @@ def follow_events(pools: Any, row: int, made: int) -> None:
     run, moving, dt = pools.run[0], pools.moving, pools.run[0].dt
     set_ratios(pools, row)
     new = run.output + row * run.n_output
+    # counts and instants go on from the row before
     move(pools, new - run.n_output + run.of_event, new + run.of_event, run.n_output - run.of_event)
     for i in range(run.n_interface):
         summary = summary_of(pools, i)
@@ -225,8 +229,10 @@ def follow_events(pools: Any, row: int, made: int) -> None:
         if closed and not was:
             count_event(pools, to, made, time_to_touch(pools, row, summary))
         elif was and not closed:
+            # the force falls to zero at its last rate
             count_event(pools, to + 2, made, time_of(moving[old + pressing], -moving[rates]))
         elif was and stuck and not sticks:
+            # the ratio reaches that of sliding, its new value, at its last rate
             count_event(pools, to + 4, made, time_of(rate * dt, moving[rates + 1]))
         moving[rates] = (moving[new + pressing] - moving[old + pressing]) / dt if closed else 0.0
         moving[rates + 1] = rate if closed else 0.0
@@ -256,6 +262,6 @@ def time_to_touch(pools: Any, row: int, summary: Any) -> float:
     second, least = first + group.n_point * group.n_component, np.inf
     for p in range(summary[BEGIN], summary[END]):
         if status_at(pools, row, summary[OF_GROUP], p) != 0:
-            at = p * group.n_component
+            at = p * group.n_component  # approach along N
             least = min(least, time_of(moving[gaps + p], moving[first + at] - moving[second + at]))
     return least
