@@ -6,12 +6,13 @@ import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Final, Protocol, cast
 
 import numpy as np
 
+from .assembly.bolts import Yielding
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines
 from .assembly.free_bodies import loss_of_equilibrium
@@ -189,9 +190,10 @@ def solve(
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
     # observers and given first guesses see all interfaces
-    leave_out = (observer, behaviours, fields, processes) == (None,) * 4
+    leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
+    kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     while True:
-        problem, prediction = _made(scene, behaviours, kept, stream is not None, processes, leave_out)
+        problem, prediction = _made(scene, behaviours, kept, stream is not None, processes, (leave_out, yielding))
         if stream is not None:
             check_folder(stream, least_output(prediction))
         timings.setup = clock.process_time() - start
@@ -206,12 +208,21 @@ def solve(
                 raise
             leave_out = False  # the checkpoint may be of a run with all bodies
             continue
-        if left_out is None or not touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
+        if left_out is not None and touched([outcome.interfaces[n] for n in left_out.sides], problem.assembly.dt):
+            leave_out = False
+        elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
         # its time counts as set-up: ``start`` stays
-        leave_out, timings = False, Timings()  # the run is void
+        timings = Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
+        if outcome.stream is not None:
+            outcome.stream.close()
+    outcome = replace(
+        outcome,
+        settings=outcome.settings | yielding.words(),
+        warnings=(*outcome.warnings, *remarks_of("accuracy", yielding.remarks())),
+    )
     if outcome.converged:
         timings.predicted = prediction.march
     return Solution(
@@ -231,13 +242,12 @@ def _made(
     kept: KeptOperators | None,
     stream: bool,
     processes: Processes | None,
-    leave_out: bool,
+    how: tuple[bool, Yielding],
 ) -> tuple[SolverReadyProblem, Prediction]:
-    """The problem of a scene, ready to run, and what it will take; parameters and errors as for ``solve``,
-    ``leave_out`` as for ``discretise``."""
-    # an error of one process is raised on all of them, before any waits for it in an exchange
+    """The problem of a scene, ready to run, and what it will take; parameters and errors as for ``solve``, ``how`` :
+    ``leave_out`` as for ``discretise``, and bolts that yield."""
     with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = discretise(scene, behaviours, kept, leave_out)
+        discretised = replace(discretise(scene, behaviours, kept, how[0]), elongation=how[1].elongation)
         prediction = Prediction(discretised)
         check_memory(prediction, stream)
         if processes is not None:

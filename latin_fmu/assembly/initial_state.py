@@ -214,18 +214,32 @@ class TightBolts:
         return {name: (delta, delta) for name, delta in kept.items()}
 
     def places(
-        self, cuts: Mapping[str, BoltCut], temperatures: Mapping[str, Mapping[str, float]]
+        self,
+        cuts: Mapping[str, BoltCut],
+        temperatures: Mapping[str, Mapping[str, float]],
+        elongation: Mapping[str, Array],
     ) -> dict[str, BoltPlace]:
-        """The bolts for the recorder; ``temperatures`` : changes, K, by bolt and load term."""
+        """The bolts for the recorder; ``temperatures`` : changes, K, by bolt and load term. ``elongation`` : plastic
+        (n_time,), m, by bolt."""
         places = {}
         for name, cut in cuts.items():
             table, delta = cut.table, self.shortening.get(name, 0.0)
             forces = self.forces.get(name, ())
             about = BoltHistory(
-                name, table.substructure, table.order, table.tension, cut.area, delta, np.zeros(0), self.orders, forces
+                name,
+                table.substructure,
+                table.order,
+                table.tension,
+                cut.area,
+                delta,
+                np.zeros(0),
+                self.orders,
+                forces,
+                elongation.get(name),
             )
-            heated = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
-            places[name] = BoltPlace(table.substructure, cut.pattern, cut.stiffness, about, heated)
+            terms = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
+            terms[cut.load] = cut.stiffness
+            places[name] = BoltPlace(table.substructure, cut.pattern, about, terms)
         return places
 
 

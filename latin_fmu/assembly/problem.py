@@ -46,6 +46,7 @@ REST = 1e-2
 ROUND_OFF = 1e-13
 """The same as a share of the characteristic traction, where rounding errors alone are to be ignored."""
 NO_BOLTS: Final[Mapping[str, BoltCut]] = MappingProxyType({})
+NO_ELONGATION: Final[Mapping[str, Array]] = MappingProxyType({})
 NO_RAMPS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
 
@@ -54,14 +55,20 @@ class Timeline:
 
     They are given by the name of a force (``Scene.force_laws``), ``boundary.NAME`` (``PrescribedMotion.velocity``), or
     ``ground.INTERFACE`` (amplitude of its velocity). ``bolts`` : first and last amplitude of the load term of each
-    bolt, linear in between over the interval of the scene.
+    bolt, linear in between over the interval of the scene. ``elongation`` : plastic (n_step + 1,) of bolts at the
+    instants of the scene, m, by which their shanks are shortened less.
     """
 
     def __init__(
-        self, scene: Scene, conditions: dict[str, Conditions], bolts: Mapping[str, tuple[float, float]] = NO_RAMPS
+        self,
+        scene: Scene,
+        conditions: dict[str, Conditions],
+        bolts: Mapping[str, tuple[float, float]] = NO_RAMPS,
+        elongation: Mapping[str, Array] = NO_ELONGATION,
     ) -> None:
         self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
         self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
+        self._elongation = {load_name(name): q for name, q in elongation.items()}
 
     def begin(
         self,
@@ -94,7 +101,11 @@ class Timeline:
             return np.ones(len(time))
         if name in self._bolts:
             first, last = self._bolts[name]
-            return first + (last - first) * time / self._scene.time.end  # over the interval
+            ramp: Array = first + (last - first) * time / self._scene.time.end
+            if name in self._elongation:
+                q = self._elongation[name]
+                ramp = ramp - np.interp(time, np.linspace(0.0, self._scene.time.end, len(q)), q)
+            return ramp
         return given[name] if name in given else sampled(self._laws[name], time)
 
     def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
@@ -173,6 +184,8 @@ class DiscretisedProblem:
     """Operators of a scene solved before, replaced by those of this one."""
     untouched: Untouched | None = None
     """Bodies of the scene that are left out of this problem, None where none are."""
+    elongation: Mapping[str, Array] = field(default_factory=dict)
+    """Plastic elongation (n_time,) of the bolts that may yield, m (``bolts.Yielding``)."""
 
     @staticmethod
     def of(
@@ -223,13 +236,22 @@ class DiscretisedProblem:
             recover = None if opened is None else OpenedStress(opened, b.shape.elasticity)
             plain = b.shape.stress if stress and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
-            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, self._thermal_stress(b))
+            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, self._unstrained(b, stress))
         return made
 
-    def _thermal_stress(self, body: Body) -> Callable[[Array], Array] | None:
-        """Part (n_time, 6) of the stress at instants (n_time,) that no strain makes, Pa; None without temperatures."""
-        acting = tuple(self.scene.temperatures_of(body.name).values())
-        return partial(_hindered, body.shape.elasticity.thermal_stress, acting) if acting else None
+    def _unstrained(self, body: Body, yielding: bool = False) -> Callable[[Array], Array] | None:
+        """Part (n_time, n_cell or 1, 6) of the stress at instants (n_time,) that the displacements do not make, Pa, by
+        temperatures and, where ``yielding``, in the elements, by plastic elongations of bolts; None without these."""
+        acting, elongated = tuple(self.scene.temperatures_of(body.name).values()), list[tuple[Array, Array]]()
+        for name, q in self.elongation.items() if yielding else ():
+            if self.cuts[name].table.substructure == body.name:
+                opened = self.opened(body.name, {name: 1.0})
+                assert opened is not None
+                one = OpenedStress(opened, body.shape.elasticity)(np.zeros((body.mesh.n_node, 3)))
+                elongated.append((q, one))
+        if not (acting or elongated):
+            return None
+        return partial(_unstrained, body.shape.elasticity.thermal_stress, acting, self.time, elongated)
 
     def recovered_of(self, shortening: Mapping[str, float]) -> dict[str, Recovered]:
         """Recovery of further fields of the elastic substructures, where the scene requests them; ``shortening`` of the
@@ -242,12 +264,13 @@ class DiscretisedProblem:
             if not b.rigid:
                 opened = self.opened(n, shortening)
                 recovery = b.shape.recovery if opened is None else opened.recovery(b.shape)
-                made[n] = Recovered(recovery, *fields, self._thermal_stress(b))
+                made[n] = Recovered(recovery, *fields, self._unstrained(b))
         return made
 
     def _timeline(self, bolts: TightBolts) -> Timeline:
         """Histories with the bolts as tightened, or while they are."""
-        return Timeline(self.scene, self.conditions, self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS))
+        ramps = self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS)
+        return Timeline(self.scene, self.conditions, ramps, self.elongation)
 
     def opened(self, name: str, shortening: Mapping[str, float]) -> OpenedMesh | None:
         """Mesh of a substructure with the cuts of its bolts open; None where it has none."""
@@ -345,14 +368,25 @@ class DiscretisedProblem:
             keys.peak_duration,
             keys.interfaces_every,
             supported,
-            bolts.places(self.cuts, changes) if self.cuts and not self.ramps else {},
+            bolts.places(self.cuts, changes, self.elongation) if self.cuts and not self.ramps else {},
             {} if self.untouched is None else self.untouched.faces,
         )
 
 
-def _hindered(per_kelvin: Array, acting: Sequence[Temperature], times: Array) -> Array:
-    """Stress (n_time, 6), Pa, of a body that cannot expand at all."""
-    return -np.outer(sum(t.change * t.law.sample(times) for t in acting), per_kelvin)
+def _unstrained(
+    per_kelvin: Array,
+    acting: Sequence[Temperature],
+    grid: Array,
+    elongations: Sequence[tuple[Array, Array]],
+    times: Array,
+) -> Array:
+    """Stress (n_time, n_cell or 1, 6), Pa, of hindered expansion and of shanks that are shortened less. elongations :
+    plastic (n_grid,), m, with the stress of the elements (n_cell, 6) under a shortening of 1."""
+    rise = sum((t.change * t.law.sample(times) for t in acting), np.zeros(len(times)))
+    stress = -rise[:, None, None] * per_kelvin
+    for q, one in elongations:
+        stress = stress - np.interp(times, grid, q)[:, None, None] * one
+    return np.asarray(stress)
 
 
 def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer] | None) -> list[ModelClass]:

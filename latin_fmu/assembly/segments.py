@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, SceneError
 from ..fem.mesh import Array
 from ..latin.assembly import Assembly, GroundState
 from ..latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory, SubstructureHistory, Timings
@@ -102,6 +102,13 @@ class SegmentState:
 
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
         self.scene = scene
+        if yields := [name for name, bolt in scene.bolt.items() if bolt.hardening is not None]:
+            raise SceneError.of(
+                "the scene cannot be run in steps",
+                f"bolt.{yields[0]}.hardening",
+                "the plastic elongation of a bolt is found by repeated runs",
+                remedy="leave hardening out: the bolt stays elastic",
+            )
         with one_thread():
             self._discretised = discretise(scene)
             self.problem = self._discretised.build()  # a static start waits for the loads

@@ -281,11 +281,10 @@ class Signals(SignalPlaces):
         rows = sp.lil_array((1, self.n))
         rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
         self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
-        rows[0, self._one] = float(bolt.force(np.zeros(())))
         forcing = self._assembly.propagators[place.number].forcing
         terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
         for load, amplitude in terms:
-            self._add_load(rows, 0, load.name, amplitude, bolt.heated.get(load.name, 0.0))
+            self._add_load(rows, 0, load.name, amplitude, bolt.terms.get(load.name, 0.0))
         return sp.csr_array(rows)
 
     def energies(self, parts: Sequence[str]) -> sp.csr_array:

@@ -238,6 +238,7 @@ class BoltHistory:
     name, substructure : as in the scene. order : when it was tightened. target : tension aimed at, N; None where the
         shortening is given. area : of the cut across the axis, m2. shortening : kept since it was tightened, m.
     force : (n_time,) tension, N. tightening : (n_order,) tension when the bolts of each of ``orders`` were tight, N.
+    plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
     """
 
     name: str
@@ -249,6 +250,7 @@ class BoltHistory:
     force: Array
     orders: tuple[int, ...]
     tightening: tuple[float, ...]
+    plastic_elongation: Array | None = None
 
 
 @dataclass(slots=True)

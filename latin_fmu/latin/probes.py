@@ -143,37 +143,32 @@ class Support:
 @dataclass(frozen=True)
 class BoltPlace:
     """A tightened bolt: its tension is F = stiffness * shortening - pattern . u, the resultant along the axis of the
-    internal forces on its cut; a change of temperature adds its own.
+    internal forces on its cut; a change of temperature adds its own, a plastic elongation shortens it less.
 
     Attributes
     ----------
-    substructure : its body. pattern : (n_full,) forces on the nodes per shortening, N m-1. stiffness : N m-1.
-    description : its history in the results, without instants. heated : tension where u = 0 by the load terms of
-        temperatures of amplitude 1, N.
+    substructure : its body. pattern : (n_full,) forces on the nodes per shortening, N m-1.
+    description : its history in the results, without instants. terms : tension where u = 0 by load terms of amplitude
+        1, N: of the bolt itself, stiffness times its shortening, and of temperatures.
     """
 
     substructure: str
     pattern: Array
-    stiffness: float
     description: BoltHistory
-    heated: Mapping[str, float] = field(default_factory=dict)
+    terms: Mapping[str, float] = field(default_factory=dict)
 
     def full_rows(self, _model: SubstructureModel, _explicit: bool, /) -> sp.csr_array | Array:
         """The pattern as one row."""
         return self.pattern[None]
 
-    def force(self, projection: Array) -> Array:
-        """Tension, N, where pattern . u is ``projection``, N."""
-        return np.asarray(self.stiffness * self.description.shortening - projection)
-
     def read(self, values: Array, of: Reading, /) -> Array:
         """Tension (n,), N."""
-        tension = self.force(values[:, 0, 0])
+        tension = -values[:, 0, 0]
         forcing = of.assembly.propagators[of.number].forcing
         for load, amplitude in zip(forcing.members[of.member].loads, forcing.amplitudes[of.member], strict=True):
-            if load.name in self.heated:
-                tension = tension + self.heated[load.name] * amplitude[of.instants]
-        return tension
+            if load.name in self.terms:
+                tension = tension + self.terms[load.name] * amplitude[of.instants]
+        return np.asarray(tension)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,8 @@ _SMALL: Final = 2000  # dofs of all nodes up to which the kernels keep the field
 @dataclass(frozen=True)
 class SubstructureInfo:
     """Mesh of a substructure for the results, its stress recovery (displacements (n_node, 3) -> (n_cell, 6), None where
-    no stress is requested), and the part of the stress that no strain makes (instants (n_time,) -> (n_time, 6))."""
+    no stress is requested), and the part of the stress that displacements do not make (instants (n_time,) -> (n_time,
+    n_cell or 1, 6))."""
 
     nodes: Array
     cells: np.ndarray
@@ -101,7 +102,7 @@ class StoredFields:
         fields, info = {key: np.stack(values) for key, values in self.fields[name].items()}, self._info[name]
         times, stress = np.array(self.times), fields.get("stress")
         if stress is not None and info.unstrained is not None:
-            stress = stress + info.unstrained(times)[:, None]
+            stress = stress + info.unstrained(times)
         motion = fields.get("displacement"), fields.get("velocity"), stress
         return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, times, *motion, energy)
 
@@ -271,7 +272,12 @@ class Recorder:
     def bolt_histories(self) -> dict[str, BoltHistory]:
         """Tensions of the bolts over the kept instants."""
         kept = self.series("tension")
-        return {name: replace(bolt.description, force=kept[name]) for name, bolt in self.request.bolts.items()}
+        made = {}
+        for name, bolt in self.request.bolts.items():
+            q = bolt.description.plastic_elongation
+            q = None if q is None else q[: self.n_kept]
+            made[name] = replace(bolt.description, force=kept[name], plastic_elongation=q)
+        return made
 
     def substructures(self) -> dict[str, SubstructureHistory]:
         """Histories of the substructures for which some output is requested."""

@@ -71,7 +71,7 @@ class Recovered:
 
     recovery : of the substructure. strain, nodal_stress, principal_stress : as in ``[output]``; principal values are
     those of the mean stress and of the nodal stress, as far as these are kept. unstrained : part of the stress that no
-    strain makes (instants (n_time,) -> (n_time, 6)), Pa.
+    strain makes (instants (n_time,) -> (n_time, 1, 6)), Pa.
     """
 
     recovery: Recovery
@@ -85,7 +85,7 @@ class Recovered:
         moved, stress = history.displacement, history.stress
         nodal = self.recovery.nodal_stress(moved) if self.nodal_stress and moved is not None else None
         if nodal is not None and self.unstrained is not None:
-            nodal = nodal + self.unstrained(history.time)[:, None]
+            nodal = nodal + self.unstrained(history.time)
         return {
             "strain": self.recovery.strain(moved) if self.strain and moved is not None else None,
             "principal_stress": principal(stress) if self.principal_stress and stress is not None else None,

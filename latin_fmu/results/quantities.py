@@ -237,6 +237,7 @@ BOLT: Final = rows(
     """
     force            | N  | time | tension of the shank | resultant along the axis of the stresses on a cut of the shank
     mean_stress      | Pa | time | tension of the shank over its section
+    plastic_elongation | m | time | plastic elongation of the shank since the bolts were tightened
     shortening       | m  |      | shortening of the shank, counted from before the bolts were tightened
     section_area     | m2 |      | section of the shank across its axis
     tightening_force | N  | order | tension when the bolts of each order were tight, before other loads

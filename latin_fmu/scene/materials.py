@@ -108,7 +108,8 @@ class MaterialTable(SceneTable):
     loss_factor: Annotated[Real | None, about("loss factor eta of the stiffness at `at_frequency`", "1", ge=0)] = None
     at_frequency: Annotated[Real | None, about("frequency at which the loss factor holds", "Hz", gt=0)] = None
     yield_stress: Annotated[
-        Real | None, about("largest mean stress of a bolt (force over section); nothing else depends on it", "Pa", gt=0)
+        Real | None,
+        about("largest mean stress of a bolt (force over section), at which one with `hardening` yields", "Pa", gt=0),
     ] = None
 
     @model_validator(mode="after")

@@ -313,6 +313,10 @@ class Bolt(SceneTable):
         Vector | None,
         about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
     ] = None
+    hardening: Annotated[
+        Real | None,
+        about("the shank yields: tension per plastic elongation beyond yield_stress times its section", "N m-1", ge=0),
+    ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
 
     @property
@@ -422,6 +426,23 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
             )
 
 
+def _hardening_problems(raw: Any, where: str, bolt: RawTable, body: RawTable) -> Iterator[Problem]:
+    """A bolt that yields needs the stress at which it does; fields that do not follow its plastic elongation."""
+    if not given(bolt, "hardening"):
+        return
+    material = body.get("material")
+    own = named_tables(raw, "material").get(material, {}) if isinstance(material, str) else {}
+    if own and not given(own, "yield_stress"):
+        what = "a shank that yields needs the yield stress of its material"
+        yield Problem(
+            f"material.{material}.yield_stress", what, None, "number, > 0 [Pa]", f"or leave out {where}.hardening"
+        )
+    for key in ("strain", "nodal_stress"):
+        if single_table(raw, "output").get(key) is True:
+            what = "strains and stresses at nodes do not follow the plastic elongation of a bolt"
+            yield Problem(f"output.{key}", what, None, "output.stress", f"leave it out, or {where}.hardening")
+
+
 def bolt_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
     substructures = named_tables(raw, "substructure")
@@ -435,6 +456,7 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
         yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
         if not isinstance(body, str) or body not in substructures:
             continue
+        yield from _hardening_problems(raw, where, table, substructures[body])
         if substructures[body].get("rigid") is True:
             yield Problem(
                 f"{where}.substructure",
