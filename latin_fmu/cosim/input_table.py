@@ -15,7 +15,7 @@ from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw, TimeLaw
 from ..scene.ports import COMPONENTS, Port
-from ..scene.schema import BODY_FORCE, GRAVITY, Scene
+from ..scene.schema import BODY_FORCE, GRAVITY, TEMPERATURE, Scene
 from .variable import AXES, Variable, input_variable
 
 Words = tuple[str, str, str]  # unit, unit of the rate, meaning
@@ -158,6 +158,8 @@ INPUTS: Final = (
     InputKind(
         GRAVITY, "gravity", "law", "the gravity of all bodies, its acceleration", acts=lambda g: any(g.acceleration)
     ),
+    # never set from outside, as stresses follow its law: for the law of the scene alone
+    InputKind(f"{TEMPERATURE}{{}}", "temperature", "law", "the temperature {}", acts=lambda t: t.change != 0.0),
     PortInputs(
         *("", "port", "laws", "", lambda _: MOTION),
         acts=_of("motion_in"),

@@ -16,6 +16,7 @@ import latin_fmu
 from latin_fmu.assembly.build import build, discretise
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.propagator.base import full_displacement
+from tests.alone import alone_of, started_alone
 from tests.verification.test_equivalence import bonded
 
 
@@ -190,11 +191,11 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
     built = build(ready.scene)
     body, where = bonded(built)
     nothing = np.zeros((0, 1))
-    body.start(nothing, None)
+    started_alone(body, nothing, None)
     scale = float(np.abs(there.printed.displacement).max())
     for displacement in there.printed.displacement:
-        body.alone.predict()
-        body.alone.commit(nothing)
+        alone_of(body).predict()
+        alone_of(body).commit(nothing)
         moved = full_displacement(body, 0)
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]
