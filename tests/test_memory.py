@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 
 from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
+from latin_fmu.assembly.build import discretise
 from latin_fmu.cli import main
+from latin_fmu.effects import cost
+from latin_fmu.effects.cost import Prediction, memory_need
 from latin_fmu.latin import interface_rows
 from latin_fmu.machine import group_limits, peak_memory
 from latin_fmu.results import dataset
@@ -172,6 +175,17 @@ print((peak_memory() - before) / need)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment(), check=True, capture_output=True, text=True)
     assert 0.5 < float(done.stdout) < 2.0
+
+
+def test_streamed_histories_are_foreseen_with_the_instants_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run of fewer instants than are kept in memory keeps all of them there."""
+    monkeypatch.setattr(cost, "STREAMED", 0.0)
+    blocks = column({"a": Box(STEEL), "b": Box(STEEL)}, {"meet": {}}, {"end": 1e-5, "instants": 100})
+    prediction = Prediction(discretise(scene_from_dict(blocks)))
+    assert memory_need(prediction, stream=True) == memory_need(prediction)
+    monkeypatch.setattr(cost, "IN_MEMORY", 50)
+    fewer = memory_need(prediction, stream=True).interfaces
+    assert fewer == pytest.approx(50 / 101 * memory_need(prediction).interfaces)
 
 
 def streamed(scene: Path, target: Path, *settings: str, **options: Any) -> Solution:

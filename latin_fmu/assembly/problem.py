@@ -575,11 +575,10 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         sizes += _body_tractions(scene, body, time)
         sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, body)]
     stiffest = max(impedances.values())
+    sizes += _preloads(scene, bodies)
     for interface in scene.interface.values():
-        substructure, face = split_face(interface.sides[0])
-        if substructure not in bodies:  # one that is left out, without preload
+        if split_face(interface.sides[0])[0] not in bodies:  # one that is left out
             continue
-        sizes.append(interface.initial_pressure(float(bodies[substructure].face(face).areas.sum())))
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
             speed = float(np.linalg.norm(ground.vector)) * _largest(ground.law, time)
@@ -604,6 +603,14 @@ def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> It
     for load in scene.loads.values():
         substructure, face = split_face(load.face)
         yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
+
+
+def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:
+    """Pressure of each interface at t = 0, Pa; without those of bodies that are left out, which have no preload."""
+    for interface in scene.interface.values():
+        substructure, face = split_face(interface.sides[0])
+        if substructure in bodies:
+            yield interface.initial_pressure(float(bodies[substructure].face(face).areas.sum()))
 
 
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
@@ -638,9 +645,9 @@ def _motions(scene: Scene, body: Body) -> Iterator[PrescribedMotion]:
 
 
 def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:
-    """Largest traction that loads and prescribed motions can bring, Pa: a motion counts as if it strained the softest
-    body along its whole length."""
-    sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, bodies, time)]
+    """Largest traction that preloads, loads and prescribed motions can bring, Pa: a motion counts as if it strained the
+    softest body along its whole length."""
+    sizes = [*_preloads(scene, bodies), *_load_tractions(scene, bodies, time)]
     softest = min(body.shape.elasticity.young_moduli[0] / body.mesh.size for body in bodies.values())
     travels = [0.0]
     for body in bodies.values():

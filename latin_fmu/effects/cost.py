@@ -496,7 +496,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     instants = ceil(n_time / output.interfaces_every)
     # a temporary file takes all instants, memory keeps some of them
     if stream and 8.0 * kept * instants > STREAMED:
-        instants = IN_MEMORY
+        instants = min(instants, IN_MEMORY)
     numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
     numbers += output.surfaces * (2 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)

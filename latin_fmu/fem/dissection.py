@@ -103,7 +103,6 @@ def _middle(x: Array, graph: tuple[Index, Index]) -> Index:
 
 def _better(x: Array, graph: tuple[Index, Index], side: Index) -> Index | None:
     """A clearly better cut than ``side``; None where there is none."""
-    n = len(x)
     now = _score(*(int(np.count_nonzero(side == value)) for value in (1, 0, 2)))
     best, lower = min((_best_cut(graph, values) for values in _candidates(x)), key=lambda found: found[0])
     if best > now:
@@ -112,7 +111,7 @@ def _better(x: Array, graph: tuple[Index, Index], side: Index) -> Index | None:
     # at most as many nodes as counted in ``_best_cut``: the score is taken anew
     side[_cover(graph, lower)] = 1
     low, between, high = np.bincount(side, minlength=3)[:3].tolist()
-    return side if low and high and n > low and _score(between, low, high) < _BETTER * now else None
+    return side if low and high and _score(between, low, high) < _BETTER * now else None
 
 
 def _score(between: float, low: float, high: float) -> float:

@@ -69,8 +69,8 @@ def with_work(sentence: str, work: float, put_in: float, allowed: float, toleran
     The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
     the next, to make that error up takes as many times the work.
     """
-    # NaN is left to the windows, which have failed then
-    if not work > allowed * put_in:
+    # NaN has not converged
+    if work <= allowed * put_in:
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (

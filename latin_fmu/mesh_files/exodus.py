@@ -131,8 +131,9 @@ def _facets(
         local, side = elements[inside] - first, sides[inside]
         # counts through blocks that are left out, too: the numbers of the file include them
         first += len(cells)
-        if kind in FLAT and len(local):
-            facets.append(cells[local][:, : FLAT[kind]])
+        # sides 1 and 2 of a shell are its faces, the others its edges (Exodus II manual, same table)
+        if kind in FLAT and (side < 2).any():
+            facets.append(cells[local[side < 2]][:, : FLAT[kind]])
         faces = _SIDES.get(CORNERS.get(kind, 0), ())
         for number, face in enumerate(faces):
             if (side == number).any():

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from .content import SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
+from .content import NO_ROWS, SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
 
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPYRAM": (5,), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
@@ -119,7 +119,8 @@ class _BulkData:
         self.nodes: dict[int, tuple[float, float, float]] = {}
         # (number of nodes, solid) -> property and nodes of each element
         self.elements: dict[tuple[int, bool], list[tuple[int, list[int]]]] = {}
-        self.held: dict[int, list[int]] = {}
+        # nodes of each set of constraints, each range of them by its ends
+        self.held: dict[int, list[tuple[int, int]]] = {}
         self.skipped: dict[str, int] = {}
 
     def take(self, line: int, fields: list[str]) -> None:
@@ -170,14 +171,16 @@ class _BulkData:
     def _constraint(self, name: str, fields: list[str]) -> None:
         held = self.held.setdefault(int(fields[1]), [])
         if name == "SPC":
-            held += [int(f) for f in fields[2::3] if f][:2]  # G1 C1 D1 G2 C2 D2
+            nodes = [int(f) for f in fields[2::3] if f][:2]  # G1 C1 D1 G2 C2 D2
+            ranges = [(n, n) for n in nodes]
         elif len(fields) > 4 and fields[4].upper() == "THRU":  # G1 THRU G2
-            first, last = int(fields[3]), int(fields[5])
-            held += [n for n in self.nodes if first <= n <= last]
+            ranges = [(int(fields[3]), int(fields[5]))]
         else:
-            held += [int(f) for f in fields[3:] if f]
-        if any(not 0 < n < 2**62 for n in held):
+            ranges = [(int(f), int(f)) for f in fields[3:] if f]
+        if any(not 0 < n < 2**62 for ends in ranges for n in ends):
             raise ValueError("not a label")
+        # nodes are looked up at the end of the file: entries of bulk data may have any order
+        held += ranges
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""
@@ -197,9 +200,13 @@ class _BulkData:
                     content.add_volume(name, SOLIDS[count], rows)
                 else:
                     content.add_facets(name, SHELLS[count], cells[rows])
-        for number, nodes in self.held.items():
-            rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
-            content.add_nodes(f"SPC_{number}", rows[there])
+        order = np.argsort(labels)
+        for number, ranges in self.held.items():
+            first, last = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
+            starts = np.searchsorted(labels, first, sorter=order)
+            stops = np.searchsorted(labels, last, side="right", sorter=order)
+            held = [order[a:b] for a, b in zip(starts, stops, strict=True)]
+            content.add_nodes(f"SPC_{number}", np.concatenate([NO_ROWS, *held]))
         self.problems.stop()
         return content
 

@@ -7,7 +7,7 @@ evaluated strictly after its first knot and not beyond its last, so that the rig
 Contact of a patch (P pressure, g gap, s sliding velocity of E' over E; k, d, v_r the regularisation):
 
     elastic part   p = preload - k g           while closed, 0 while open
-    pressure       P = p (1 - d g')            d > 0 takes out what the missing modes would carry away
+    pressure       P = p max(0, 1 - d g')      d > 0 takes out what the missing modes would carry away
     friction       tau = mu P s / v_r          while sticking: creep at less than v_r instead of no motion
                    tau = mu P s / |s|          while slipping
 
@@ -331,8 +331,9 @@ class Equations:
         damped = np.zeros(n) if s.damping is None else s.damping @ v
         acceleration = (load + interface - damped - s.stiffness * x) / s.inertia
         force = self.forces(x, v, acceleration, amplitudes, pushed, rubbed)
-        # P g' = p g' - d p g'^2: the last term is what the damping of the contact takes
-        lost = self.law.damping * np.sum(area * traction.elastic * motion.rate**2)
+        # P g' = p g' - p g' min(d g', 1): the last term is what the damping of the contact takes
+        share = np.minimum(self.law.damping * motion.rate, 1.0)
+        lost = np.sum(area * traction.elastic * motion.rate * share)
         works = [v @ load, v @ interface, np.sum(rubbed * motion.sliding), lost, v @ damped]
         derivative = np.concatenate([v, acceleration, force.ravel(), works[: N_WORK * self.energy]])
         return Evaluation(derivative, motion, traction, ground)

@@ -169,9 +169,9 @@ def _interface(tree: xr.DataTree, name: str | None) -> str | None:
 
 
 def _busiest(tree: xr.DataTree, interface: str | None) -> float:
-    """Instant of the largest force on an interface; the last one where there is none."""
+    """Instant of the largest force on an interface, s; the last one stored where there is no interface."""
     if interface is None:
-        return np.inf
+        return float(stored_instants(tree)[-1])
     force = tree[f"interfaces/{interface}"].to_dataset()["force"]
     return float(force["time"].values[np.linalg.norm(force.values, axis=1).argmax()])
 

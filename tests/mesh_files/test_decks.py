@@ -196,6 +196,18 @@ def test_nastran_properties_are_parts_and_faces(tmp_path: Path) -> None:
         assert_same_face_normal(mesh, "SPC_3", [0, 0, -1])  # nodes 1 to 9 are the lowest layer
 
 
+def test_nastran_constraints_before_their_nodes(tmp_path: Path) -> None:
+    """Entries of bulk data may have any order."""
+    deck = nastran_deck()
+    grids, rest = deck[: deck.index("CHEXA")], deck[deck.index("CHEXA") :]
+    after, before = (read_content(written(tmp_path, text, "a.bdf")) for text in (deck, rest + grids))
+    np.testing.assert_array_equal(before.node_sets["SPC_3"], np.arange(9))
+    np.testing.assert_array_equal(after.node_sets["SPC_3"], np.arange(9))
+    mixed = "SPC1,4,3,27,5\nSPC1,4,3,99\nSPC1,4,3,20,THRU,22\nSPC,4,2,3,0.,30,3,0.\n" + deck
+    content = read_content(written(tmp_path, mixed, "a.bdf"))
+    np.testing.assert_array_equal(content.node_sets["SPC_4"], [1, 4, 19, 20, 21, 26])
+
+
 def test_names_of_properties_in_comments(tmp_path: Path) -> None:
     text = '$HMNAME PROP                   7"bracket" 4\n$ANSA_NAME_COMMENT;8;PSHELL;top;;\n' + nastran_deck()
     content = read_content(written(tmp_path, text, "a.bdf"))
