@@ -132,9 +132,9 @@ def libraries(portable: bool = False) -> dict[str, bytes]:
     fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
     if not fit:
         targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
+        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith("-portable") == portable)
         remedy = (
-            f"in a source tree run: python -m latin_fmu.aot {targets} (of {', '.join(linking.TARGETS)} those on which "
-            "it is to run)"
+            f"in a source tree run: python -m latin_fmu.aot {targets} (of {known_targets} those on which it is to run)"
         )
         if not portable:
             remedy = f"install a wheel, or, {remedy}"

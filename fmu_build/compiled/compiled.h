@@ -141,7 +141,7 @@ int has_arrays(const Instance *);
 int64_t size_of_fields(const Instance *);
 int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_fields);
 int solve_histories(Instance *);
-enum { NO_MEMORY = INT32_MIN };
+enum { NO_MEMORY = INT32_MIN, BEYOND_LAWS = -1 };
 int64_t act(struct Object *, int action, int64_t n, int64_t rule, int64_t made, int64_t whole); /* result of the kernels */
 int64_t relaxed(struct Object *, int64_t rule, int64_t made, int64_t whole); /* one time step, after a stall */
 int64_t placed(Instance *, double t, double h);

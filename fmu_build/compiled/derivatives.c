@@ -90,6 +90,9 @@ static const double *column_of(Instance *c, int64_t which)
         msg(c, ERROR, "there is no derivative here: the iteration of the last step needed a fall-back");
     else if (status == SINGULAR)
         msg(c, ERROR, "there is no derivative here: the interfaces about the present solution have no unique solution");
+    else if (status < BEYOND_LAWS && status != NO_MEMORY) /* numbers below -1 name an input, by whose start value the state at t = 0 is known */
+        msg(c, ERROR, "there is no derivative here: the state at t = 0 is known for the start value of %s alone: make a second "
+            "step", input_name(c, -2 - status, IN_VALUE));
     else
         refused_by_kernels(c, status, o->made.t, ERROR);
     return NULL;

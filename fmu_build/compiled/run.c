@@ -6,9 +6,13 @@
 int latin_fmu_fits(void);
 int32_t kernels_entries_call_0(const int64_t *slots, void *result);
 
+#if defined(LATIN_FMU_WIDE)
+static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+#else
+static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+#endif
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
-enum { BEYOND_LAWS = -1 };
 
 int msg(const Instance *c, int status, const char *format, ...)
 {
@@ -68,8 +72,7 @@ static int filled(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
     if (!latin_fmu_fits())
-        return msg(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run one that was made "
-                   "with --portable, or with --python"), 0;
+        return msg(c, ERROR, "this FMU needs a processor with %s", NEEDED), 0;
     c->fmu = calloc(1, sizeof *c->fmu);
     if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
     struct Object *o = c->fmu;

@@ -23,9 +23,10 @@ are the first ``n_state`` words of the moving block.
 ``COMMUNICATE`` (a time steps to make, at most ``most_steps``; b rule of interpolation; c time steps of the
 communication step made before; d time steps of the whole one) reads value and rate of the inputs, which stay the same
 during a communication step, and returns the time steps that converged, or a negative status
-(``kernels.communication``). A time step that stalls may be made by a copy of the record of the run without differences,
-with a relaxation of 1/2. ``PLACE`` before it returns d for a communication step of any length, which may be 0: the
-step of none has to be made, too. After fewer than a, or a negative status, the caller restores the state. ``PRESENT``
+(``kernels.communication``). After fewer than a the state is that after those which converged: the caller goes on from
+it with the next time step, by a copy of the record of the run without differences and with a relaxation of 1/2, or
+restores the state before. After a negative status, or where that time step stalls too, it restores it. ``PLACE`` before
+it returns d for a communication step of any length, which may be 0: the step of none has to be made, too. ``PRESENT``
 puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
 are.
 ``DERIVE`` (a 2 e for the value, 2 e + 1 for the rate of the input e; b rule; c time steps that the communication step

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError, Problem, SolverError
 from ..kernels import entries
 from ..kernels.communication import BEYOND_LAWS
-from ..kernels.derivatives import SINGULAR, UNSOLVED
+from ..kernels.derivatives import OWN_LAW, SINGULAR, UNSOLVED
 from ..latin.outcome import Array
 from ..latin.run_image import RELAXATION
 from ..machine import one_thread
@@ -27,11 +27,17 @@ _INSTANTS = tuple(row.name for row in EVENTS.rows if row.unit)
 _WHY_NOT: Final = {
     UNSOLVED: "the iteration of the last step needed a fall-back",
     SINGULAR: "the interfaces about the present solution have no unique solution",
+    OWN_LAW: "a law of an interface is written in Python, and only laws of the package have their tangents in kernels",
     BEYOND_LAWS: "the step is longer than the time laws of the scene are known",
 }
 _RELAXED: Final = {"depth": 0, "relaxation": RELAXATION}
 _FROM_START: Final = "the state at t = 0 is known for the start value of this input alone: make a second step"
+_MEAN: Final = "is a mean over two time steps in an explicit march, which the step made anew does not give"
 _LINE_RATE = "a wave whose rate is 0 is the straight line to its value, which has no derivative by the rate"
+
+
+def _refusal(status: int) -> SolverError:
+    return SolverError(f"there is no derivative here: {_WHY_NOT.get(status, _FROM_START)}")
 
 
 class Derivatives:
@@ -77,6 +83,11 @@ class Derivatives:
             for name in unknowns
             if name.rpartition(".")[2] in _INSTANTS
         ]
+        problems += [
+            Problem(name, _MEAN, remedy='leave it out, or use propagator "direct"')
+            for name in unknowns
+            if name in self._mode.incomplete
+        ]
         problems += [Problem(name, "is not an input of this model") for name in knowns if not self._is_input(name)]
         problems += [Problem(name, _LINE_RATE) for name in knowns if self._is_line(*input_of(name))]
         if problems:
@@ -108,21 +119,25 @@ class Derivatives:
         if made:
             kernels.tabulate(made, step.n)
         else:  # the state at t = 0 follows from the inputs, too
+            if any(row["law"] < 0 for row in image.groups):
+                raise _refusal(OWN_LAW)
             image = self._mode.at_start()
         image.set({"first_row": 0})
         which = 2 * kernels.sources.inputs.index(name) + int(what == "rate")
         kept = {name: image.run_fields[name] for name in _RELAXED}
         for rules in (kept, _RELAXED):  # after a stall
             with one_thread(), aside(image, image.call(entries.DERIVE, -1)), np.errstate(all="ignore"):
-                image.set(rules)
-                if made:
-                    image.state[:] = step.state["state"]
-                kernels.give(image, step.loads, step.part, made)
-                status = image.call(entries.DERIVE, which, self._mode.rule, step.n, step.part.n)
-                column: Array = image.field("output", n_output).copy()
-                image.set(kept)
+                try:
+                    image.set(rules)
+                    if made:
+                        image.state[:] = step.state["state"]
+                    kernels.give(image, step.loads, step.part, made)
+                    status = image.call(entries.DERIVE, which, self._mode.rule, step.n, step.part.n)
+                    column: Array = image.field("output", n_output).copy()
+                finally:
+                    image.set(kept)
             if status != UNSOLVED:
                 break
         if status != 0:
-            raise SolverError(f"there is no derivative here: {_WHY_NOT.get(status, _FROM_START)}")
+            raise _refusal(status)
         return column

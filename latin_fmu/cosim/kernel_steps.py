@@ -96,7 +96,7 @@ class KernelSteps:
         march.image.set({"first_row": 0, "by_caller": int(self._by_caller)})
         accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
         self._followed = accounted and self._follows_energy
-        self.must_record = (accounted and not self._followed) or self._outputs.incomplete
+        self.must_record = (accounted and not self._followed) or bool(self._outputs.incomplete)
         return march
 
     def _open(self, loads: Loads, part: GridPart) -> None:

@@ -1,8 +1,8 @@
 """Rows of outputs over segments that Python marches: the kernels follow them from instant to instant.
 
 What a row follows from (tractions, velocities, gaps, sensors, energies) is in the output of the image after each
-march; the drives of its instants are written beside it (``Drives.rows``). ``kernels.communication.follow`` then makes
-the row from these and from the row before.
+march; the drives of its instants are written beside it (``Drives.rows``). ``kernels.communication.conclude`` then makes
+the row from these and from the row before, and ``present`` the one before the first.
 """
 
 from __future__ import annotations
@@ -95,9 +95,10 @@ class OutputRows:
         return present.copy()
 
     @property
-    def incomplete(self) -> bool:
-        """Whether there are outputs that no instant gives alone."""
-        return bool(self._moved)
+    def incomplete(self) -> frozenset[str]:
+        """Names of the outputs that no instant gives alone."""
+        names = list(self.places)
+        return frozenset(names[i] for i in self._moved)
 
     @property
     def present(self) -> Array:

@@ -170,7 +170,7 @@ class Session:
         ``knowns`` (``load.NAME.value``, ``load.NAME.rate``, ...) of d unknown / d known times ``seed``.
 
         Exact, for the solution at hand, while a small change of the inputs changes the contact state of no point; it
-        makes the step anew, three or six times for each input. Windowed mode.
+        makes the step anew, three or six times for each input, up to twelve after a stall. Windowed mode.
 
         Raises
         ------

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
-from ..errors import SolverError
+from ..errors import InputError, NeedsPythonError, SolverError
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..machine import one_thread
@@ -158,8 +158,18 @@ class Windowed:
         """The image of a run at t = 0 as a compiled FMU has it, whose state follows from the inputs. Raises InputError
         for a scene that the kernels do not hold."""
         if self._at_start is None:
-            self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance).image
+            try:
+                self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance).image
+            except NeedsPythonError as error:
+                what, remedy = "makes derivatives in the first step unavailable", "take them from the second step on"
+                problems = [replace(p, what=f"{p.what}, which {what}", remedy=remedy) for p in error.problems]
+                raise InputError(problems, "there is no derivative in the first step of this scene") from error
         return self._at_start
+
+    @property
+    def incomplete(self) -> frozenset[str]:
+        """Names of the outputs that the kernels do not make (``OutputRows.incomplete``)."""
+        return self._outputs.incomplete
 
     @property
     def last_step(self) -> LastStep | None:

@@ -37,10 +37,11 @@ with an amplitude of input i for which the initial state of the image does not h
 @kernel
 def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
-    negative status. Row i of the outputs is that after i time steps; row 0, that before the first. None: the
-    communication step ends after those made, at its own end before the next instant where ``whole`` is 0. Where fewer
-    converged than n, and always where the caller solves the windows (``by_caller``), the histories of the others are
-    there: the caller solves the next ones, and has each end (``conclude``)."""
+    negative status, after which the caller restores the state. Row i of the outputs is that after i time steps; row 0,
+    that before the first. None: the communication step ends after those made, at its own end before the next instant
+    where ``whole`` is 0. Where fewer converged than n, and always where the caller solves the windows (``by_caller``),
+    the state is that after those which did, and the histories of the others are there: the caller solves the next ones,
+    and has each end (``conclude``), or calls again for the rest with another record of the run."""
     run = pools.run[0]
     if n == 0:
         keep_inputs(pools, before, whole, rule)

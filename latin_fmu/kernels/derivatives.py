@@ -44,8 +44,9 @@ Array = NDArray[np.float64]
 
 BASE, MORE, LESS, BEFORE = 0, 1, 2, 3
 """States in the room."""
-UNSOLVED, SINGULAR = 1, 2
-"""Results of ``derive``: an instant needs a fall-back; the linear system has no unique solution."""
+UNSOLVED, SINGULAR, OWN_LAW = 1, 2, 3
+"""Results of ``derive``: an instant needs a fall-back; the linear system has no unique solution; a law is written in
+Python, whose tangents are not here."""
 _EFFECT, _LARGEST = 1e-2, 1e8
 """Relative change of tractions and velocities below which the difference is enlarged, as far as it exceeds round-off;
 factor at most."""
@@ -98,22 +99,33 @@ def room(pools: Any) -> int:
 def derive(pools: Any, which: int, rule: int, n: int, whole: int) -> int:
     """Write the derivatives of the outputs into their row 0: by the value (``which`` = 2 e) or the rate (2 e + 1) of
     the input e, over a step of ``whole`` time steps that has ended after n. Its inputs, place and the state before it
-    are in the moving block. 0, UNSOLVED, SINGULAR, or a negative status (``communication``); with ``which`` below 0
-    the ``room``."""
+    are in the moving block. 0, UNSOLVED, SINGULAR, OWN_LAW, or a negative status (``communication``); with ``which``
+    below 0 the ``room``."""
     if which < 0:
         return room(pools)
+    for g in range(len(pools.groups)):
+        if pools.groups[g].law < 0:
+            return OWN_LAW
     run, moving, e = pools.run[0], pools.moving, which // 2
     at = len(moving) - room(pools)
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
     length = (whole + moving[run.progress + 8] - moving[run.progress + 7]) * run.dt
     # a rate counts by what it adds over the step
-    size = max(abs(value), abs(rate) * length, 1.0) / (length if which % 2 == 1 else 1.0)
+    size = max(abs(value), abs(rate) * length, 1.0)
+    # with no rate set that of the causal line
+    count = run.n_input
+    memory = moving[run.inputs : run.inputs + N_MEMORY * count]
+    kinds = pools.fixed_int[run.input_kind : run.input_kind + count]
+    slope = rate_over(given_of(pools), memory, kinds, e, moving[run.progress + 3], rule)
+    if which % 2 == 1:
+        # slope - size must not be 0: the rules of interpolation take a rate of 0 for none
+        size = max(size / length, 2.0 * abs(slope))
     keep_rules(pools, at)
     for j in range(run.state_size):
         moving[at + BEFORE * run.state_size + j] = moving[j]
     # a second time where the effect is small: the round-off of the variants is that of their whole fields
     for again in range(2):
-        status = march_variants(pools, at, which, rule, n, whole, size)
+        status = march_variants(pools, at, which, rule, n, whole, slope, size)
         if status != 0:
             return status
         effect = effect_of(pools, at)
@@ -146,19 +158,12 @@ def set_rules(pools: Any, at: int, variant: int) -> None:
 
 
 @kernel
-def march_variants(pools: Any, at: int, which: int, rule: int, n: int, whole: int, size: float) -> int:
-    """Make n time steps of the base and of both variants; 0, or a status of ``derive``."""
+def march_variants(pools: Any, at: int, which: int, rule: int, n: int, whole: int, slope: float, size: float) -> int:
+    """Make n time steps of the base and of both variants; 0, or a status of ``derive``. ``slope`` : rate of the input
+    over the step, ``size`` : change of value or rate."""
     run, moving, e = pools.run[0], pools.moving, which // 2
-    n_state, count = run.state_size, run.n_input
-    # first, so that ``memory`` is that before the step
-    for j in range(n_state):
-        moving[j] = moving[at + BEFORE * n_state + j]
-    memory = moving[run.inputs : run.inputs + N_MEMORY * count]
-    kinds = pools.fixed_int[run.input_kind : run.input_kind + count]
+    n_state, status = run.state_size, 0
     value, rate = moving[run.input_value + e], moving[run.input_rate + e]
-    # with no rate set that of the causal line
-    slope = rate_over(given_of(pools), memory, kinds, e, moving[run.progress + 3], rule)
-    status = 0
     for step in range(n):
         for variant in range(3):
             # each goes on from its own state

@@ -147,6 +147,11 @@ def test_a_library_without_these_functions_is_not_used(monkeypatch):
     monkeypatch.setattr(linking, "functions_digest", lambda: "of other C files")
     with pytest.raises(InputError, match="the library of compiled kernels is missing here; install a wheel"):
         libraries()
+    for portable in (False, True):
+        with pytest.raises(InputError) as caught:
+            libraries(portable)
+        named = str(caught.value).partition("(of ")[2].partition(" those")[0].split(", ")
+        assert {name.endswith("-portable") for name in named} == {portable}
 
 
 @pytest.mark.parametrize(

@@ -135,6 +135,23 @@ def test_after_a_step_inside_a_time_step_nothing_depends_on_the_inputs(host):
     assert not derivative(host, UNKNOWNS, KNOWNS[:1], [1.0]).any()
 
 
+@pytest.mark.parametrize("python", [True, pytest.param(False, marks=COMPILED)], ids=["python", "compiled"])
+def test_there_is_none_in_the_first_step_of_a_static_start(fmi, python, tmp_path):
+    """What a step asks of the inputs there, and the other kind of FMU, are no remedy."""
+    time = {"end": 15e-6, "step": 0.2e-6, "start": "static"}
+    fmu = build_fmu(blocks(time=time), tmp_path / "static.fmu", fmi, {}, python=python)
+    host = Host(fmu, tmp_path / "instance")
+    host.start()
+    assert host.step(0.0, H)
+    with pytest.raises(FMICallException):
+        derivative(host, UNKNOWNS, KNOWNS[:1], [1.0])
+    assert "the state at t = 0 is known for the start value of" in host.messages[-1][2]
+    assert "make a second step" in host.messages[-1][2]
+    assert host.step(H, H)
+    assert derivative(host, UNKNOWNS, KNOWNS[:1], [1.0]).any()
+    host.close()
+
+
 def test_the_description_says_so(host):
     plural = "s" if host.three else ""
     assert f'providesDirectionalDerivative{plural}="true"' in (host.folder / "modelDescription.xml").read_text()
