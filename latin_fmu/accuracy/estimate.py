@@ -204,8 +204,10 @@ def element_transit(scene: Scene, interface: str, spacing: float) -> float:
         if body.box is not None:
             edges = np.divide(body.box.size, body.box.elements)
             size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
-        speed = elasticity_of(material).wave_speeds[0]
-        longest = max(longest, size / speed)
+        # of a box along the normal of the face, else the slowest along an axis
+        speeds = elasticity_of(material).pressure_speed(np.eye(3))
+        speed = speeds[AXES.index(side[0])] if body.box is not None and side[0] in AXES else speeds.min()
+        longest = max(longest, size / float(speed))
     return longest
 
 

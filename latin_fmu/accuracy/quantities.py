@@ -280,18 +280,18 @@ def _until(time: Array, values: Array, end: float) -> Force:
 def resolved_frequency(scene: Scene) -> float:
     """Highest frequency of motions that a scene resolves, Hz.
 
-    c / (8 h), the smallest of its elastic boxes, with c the speed of pressure waves and h the largest edge of the
-    elements that a direction has several of, and at least ten time steps per period. A body whose mesh is from a file
-    sets no limit.
+    c / (8 h), the smallest of its elastic boxes and of the axes along which they have several elements of edge h, with
+    c the speed of pressure waves along that axis, and at least ten time steps per period. A body whose mesh is from a
+    file sets no limit.
     """
     limits = [1.0 / (STEPS_PER_WAVE * scene.time.time_step)]
     for body in scene.substructure.values():
         if body.box is None or body.rigid:
             continue
-        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
-        pairs = list(zip(body.box.size, body.box.elements, strict=True))
-        edges = [size / n for size, n in pairs if n > 1] or [max(size for size, _ in pairs)]
-        limits.append(speed / (ELEMENTS_PER_WAVE * max(edges)))
+        speeds = elasticity_of(scene.material[body.material]).pressure_speed(np.eye(3))
+        transits = np.divide(body.box.size, body.box.elements) / speeds  # along each axis
+        several = np.array(body.box.elements) > 1
+        limits.append(float(1.0 / (ELEMENTS_PER_WAVE * (transits[several] if several.any() else transits).max())))
     return min(limits)
 
 

@@ -13,14 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..assembly.body import elasticity_of
 from ..assembly.build import discretise
 from ..assembly.propagator_choice import factor_bytes
 from ..errors import LatinError
 from ..latin.outcome import Array, SensorHistory, Timings
 from ..results.solution import Solution
-from ..scene.boundaries import AXES
-from ..scene.fields import split_face
 from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw, sampled_impulse_error
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AutomaticScheme, GeneralizedAlphaTable, HHTTable
@@ -107,26 +104,6 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     if resolution.tolerance is not None:
         changes["solver"] = with_tolerance(scene, resolution.tolerance)
     return scene.model_copy(update=changes)
-
-
-def element_transit(scene: Scene, interface: str, spacing: float) -> float:
-    """Longest time a pressure wave needs to cross an element beside an interface, s.
-
-    spacing : size of an element whose mesh is from a file, m.
-    """
-    longest = 0.0
-    for face in scene.interface[interface].sides:
-        name, side = split_face(face)
-        body = scene.substructure.get(name)
-        if body is None or body.rigid:
-            continue
-        size = spacing
-        if body.box is not None:
-            edges = np.divide(body.box.size, body.box.elements)
-            size = float(edges[AXES.index(side[0])] if side[0] in AXES else edges.max())
-        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
-        longest = max(longest, size / speed)
-    return longest
 
 
 def with_tolerance(scene: Scene, tolerance: float) -> object:

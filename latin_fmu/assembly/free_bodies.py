@@ -45,7 +45,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
-from ..scene.schema import Scene
+from ..scene.schema import TEMPERATURE, Scene
 from .body import Body, body_sides, consecutive
 from .conditions import Conditions, RigidConditions
 from .models import load_terms
@@ -118,6 +118,8 @@ class LimitLoad:
             own = np.eye(held.expansion.shape[0])[:, : held.expansion.shape[1]]
         histories = self._problem.timeline.histories(member, self._problem.time)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True):
+            if load.name.startswith(TEMPERATURE):  # it moves no rigid body, but for round-off
+                continue
             self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ own)
             # loads that start from zero can be named as shares of their amplitudes
             self.raised &= amplitude[0] == 0.0 or not np.any(load.pattern @ own)

@@ -77,9 +77,20 @@ def start_problems(
             "every substructure has an initial velocity: nothing is at rest",
             "static",
             "given",
-            "leave time.start out",
+            'set time.start = "given"',
         )
         return
+    for name, temperature in scene.temperature.items():
+        heated = [n for n in bodies if n not in still and temperature.heats(n)]
+        if heated and _at_start(name, temperature.law, {}) != 0.0:
+            yield Problem(
+                f"temperature.{name}",
+                "heats a substructure that has an initial velocity from the start on: the static start leaves it "
+                "out, so that it would begin without its expansion, and ring",
+                heated[0],
+                "substructures at rest, or a law that begins with 0",
+                "name the others in substructures",
+            )
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
         # pushed or held by a body that is not in equilibrium itself
@@ -91,7 +102,7 @@ def start_problems(
                 "not in equilibrium at the start",
                 moving[0],
                 None,
-                f"remove the velocity of {moving[0]}, or leave time.start out",
+                f'remove the velocity of {moving[0]}, or set time.start = "given"',
             )
     forces = acting(scene, {n: bodies[n] for n in still}, np.zeros(1))
     yield from unheld(start_groups(scene, bodies, conditions, units), forces, conditions, "time.start")

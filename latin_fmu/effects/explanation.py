@@ -337,7 +337,7 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
     static = p.run.static or p.run.increments > 0
     for name, body in p.discretised.bodies.items() if not static else ():
-        if body.rigid:
+        if body.rigid or p.discretised.scene.temperatures_of(name):  # a rigid body does not expand
             continue
         transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]  # c = Z / rho
         pairs = [[split_face(side)[0] for side in u.sides if side != GROUND] for u in p.discretised.units]

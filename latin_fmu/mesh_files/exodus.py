@@ -34,6 +34,7 @@ _FLAT: Final = {
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
+    5: ((0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 3), (0, 3, 2, 1)),
     6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
     8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
@@ -114,8 +115,9 @@ def _add_block(content: MeshContent, problems: FileProblems, name: str, element:
     if kind := _FLAT.get(key):
         content.add_facets(name, kind, cells)
         return kind
-    if key[0] in ("HEX", "TET", "WED"):
-        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
+    if key[0] in ("HEX", "TET", "WED", "PYR"):
+        known = "HEX8, HEX20, TET4, TET10, WEDGE6, WEDGE15, PYRAMID5"
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", known)
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return ""
 

@@ -430,7 +430,18 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         yield Problem(f"bolt.{name}", "a reduced model has no bolts", None, None, remedy)
     # a bolt is refused above: its static start is not named as well
     if scene.time.start.type == "static" and not scene.bolt:
-        yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
+        yield Problem(
+            "time.start", "a reduced model starts from the values given", "static", "given", 'set time.start = "given"'
+        )
+    for name, temperature in scene.temperature.items():
+        if temperature.change and temperature.law.sample(np.zeros(1))[0] != 0.0:
+            yield Problem(
+                f"temperature.{name}.law",
+                "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",
+                None,
+                "laws that begin with 0",
+                "let it rise, or make an FMU for co-simulation (without --model-exchange)",
+            )
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(

@@ -393,7 +393,7 @@ def load_problems(raw: Any) -> Iterator[Problem]:
 def temperature_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the changes of temperature of a scene as written: names, laws, materials without an expansion."""
     bodies, materials = named_tables(raw, "substructure"), named_tables(raw, "material")
-    unknown = dict[Any, tuple[str, str]]()
+    unknown = dict[str, tuple[str, str]]()
     for name, table in named_tables(raw, "temperature").items():
         listed = text_list(table.get("substructures"))
         for i, body in enumerate(listed):
@@ -410,10 +410,11 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
                 "give its course as a table",
             )
         for body, own in bodies.items():
-            if (not listed or ALL in listed or body in listed) and own.get("rigid") is not True:
-                unknown.setdefault(own.get("material"), (name, body))
+            material, heated = own.get("material"), not listed or ALL in listed or body in listed
+            if heated and own.get("rigid") is not True and isinstance(material, str):
+                unknown.setdefault(material, (name, body))
     for material, (name, body) in unknown.items():
-        own = materials.get(material, {}) if isinstance(material, str) else {}
+        own = materials.get(material, {})
         turned = given(own, "orthotropic")
         key = "orthotropic.thermal_expansions" if turned else "thermal_expansion"
         if own and not given(single_table(own, "orthotropic") if turned else own, key.rpartition(".")[2]):

@@ -50,14 +50,16 @@ def test_surfaces_of_element_faces(tmp_path: Path) -> None:
     ("kind", "nodes"),
     [
         ("C3D4", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("C3D5", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]),
         ("C3D6", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
     ],
 )
-def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[list[float]]) -> None:
+def test_labels_of_tetrahedra_pyramids_and_wedges(tmp_path: Path, kind: str, nodes: list[list[float]]) -> None:
     """Where the faces lie, by hand: Abaqus Analysis User's Guide, solid elements."""
     planes = {
-        "C3D4": [("z", 0), ("y", 0), ("sum", 1), ("x", 0)],
-        "C3D6": [("z", 0), ("z", 1), ("y", 0), ("sum", 1), ("x", 0)],
+        "C3D4": [("z", 0), ("y", 0), ("xyz", 1), ("x", 0)],
+        "C3D5": [("z", 0), ("y", 0), ("xz", 1), ("yz", 1), ("x", 0)],
+        "C3D6": [("z", 0), ("z", 1), ("y", 0), ("xy", 1), ("x", 0)],
     }[kind]
     points = np.array(nodes, dtype=float)
     text = "*NODE\n" + node_rows(points) + f"*ELEMENT, TYPE={kind}\n" + element_rows(np.arange(len(points))[None])
@@ -66,10 +68,7 @@ def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[
     content = read_content(written(tmp_path, text))
     for i, (axis, value) in enumerate(planes):
         corners = content.points[content.facets[f"f{i + 1}"][0][0]]
-        along = corners[:, :2].sum(axis=1) if axis == "sum" else corners[:, "xyz".index(axis)]
-        if kind == "C3D4" and axis == "sum":
-            along = corners.sum(axis=1)
-        np.testing.assert_allclose(along, value)
+        np.testing.assert_allclose(corners[:, ["xyz".index(a) for a in axis]].sum(axis=1), value)
     assert len(SOLID_FACES[len(points)]) == len(planes)
 
 

@@ -84,6 +84,17 @@ def test_exodus_without_names(tmp_path: Path) -> None:
     assert list(content.node_sets) == ["nodeset_10"]
 
 
+def test_sides_of_pyramids_in_exodus() -> None:
+    """Every side of a pyramid behind a hexahedron: three triangles, two more, and the base (Exodus II manual)."""
+    cells = [("hexahedron", np.arange(8)[None]), ("pyramid", np.array([[4, 5, 6, 7, 8]]))]
+    problems = FileProblems("file")
+    facets = _facets(cells, np.array([0, 1, 1, 1, 1, 1]), np.array([4, 0, 1, 2, 3, 4]), problems, "set")
+    assert [sorted(facet[0].tolist()) for facet in facets] == [
+        *([0, 1, 2, 3], [4, 5, 8], [5, 6, 8], [6, 7, 8], [4, 7, 8], [4, 5, 6, 7])
+    ]
+    problems.stop()
+
+
 def test_edges_of_shells_in_exodus_are_no_facets() -> None:
     """Sides 1 and 2 of a shell are its faces, 3 to 6 its edges."""
     shells = cube().faces["zmax"].blocks[0].facets

@@ -101,6 +101,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         ["did you mean 'left'"],
     ),
     ("temperature.day", {"change": 5.0, "law": "input"}, "temperature.day.law", ["not set from outside", "table"]),
+    ("temperature.day", {"change": 5.0, "substructures": ["left", 3]}, "temperature.day.substructures[1]", ["text"]),
     ("temperature.day", {"change": math.nan}, "temperature.day.change", ["finite"]),
     ("gravity.acceleration", [0.0, -9.81], "gravity.acceleration", ["too few", "3 numbers", "[m s-2]"]),
     ("gravity", {"accelaration": [0.0, 0.0, -9.81]}, "gravity.accelaration", ["did you mean 'acceleration'"]),
