@@ -419,6 +419,19 @@ def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
     )
 
 
+def _hot_at_start(scene: Scene) -> Iterator[Problem]:
+    """Temperatures that strain a body at t = 0, where a reduced model has no stress."""
+    for name, temperature in scene.temperature.items():
+        if temperature.change and temperature.law.sample(np.zeros(1))[0] != 0.0:
+            yield Problem(
+                f"temperature.{name}.law",
+                "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",
+                None,
+                "laws that begin with 0",
+                "let it rise, or make an FMU for co-simulation (without --model-exchange)",
+            )
+
+
 def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     for what, value, least, most in (("modes", n_mode, 0, MAX_STATES // 2), ("patches", n_patch, 1, MAX_PATCHES)):
         if not least <= value <= most:
@@ -433,15 +446,7 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
         yield Problem(
             "time.start", "a reduced model starts from the values given", "static", "given", 'set time.start = "given"'
         )
-    for name, temperature in scene.temperature.items():
-        if temperature.change and temperature.law.sample(np.zeros(1))[0] != 0.0:
-            yield Problem(
-                f"temperature.{name}.law",
-                "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",
-                None,
-                "laws that begin with 0",
-                "let it rise, or make an FMU for co-simulation (without --model-exchange)",
-            )
+    yield from _hot_at_start(scene)
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(
