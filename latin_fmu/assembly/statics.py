@@ -81,7 +81,7 @@ def start_problems(
         )
         return
     for name, temperature in scene.temperature.items():
-        heated = [n for n in bodies if n not in still and temperature.heats(n)]
+        heated = [n for n, body in bodies.items() if n not in still and not body.rigid and temperature.heats(n)]
         if heated and _at_start(name, temperature.law, {}) != 0.0:
             yield Problem(
                 f"temperature.{name}",
