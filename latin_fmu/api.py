@@ -218,10 +218,12 @@ def solve(
             checkpoint.remove()
         if outcome.stream is not None:
             outcome.stream.close()
+    faults = yielding.faults()
     outcome = replace(
         outcome,
         settings=outcome.settings | yielding.words(),
-        warnings=(*outcome.warnings, *remarks_of("accuracy", yielding.remarks())),
+        faults=(*outcome.faults, *faults),
+        status=with_faults(outcome.status, faults),
     )
     if outcome.converged:
         timings.predicted = prediction.march

@@ -21,10 +21,11 @@ within F_y of H q,
 
     |F - H q| <= F_y,    dq/dt (F - H q) = F_y |dq/dt|
 
-q is a history of the whole run, found by repeated runs (``Yielding``). The joint answers q at the instant i by a loss
-of tension kappa_i q_i + sum_(j < i) h_(i-j) q_j; the tension of a run and its loss give the tension without q, and the
-law gives the next q. In statics h = 0, and kappa is the tension over the shortening of the tightening, then the slope
-between two runs at every instant. In motion both are differences of the answer to a step, for which one run is made.
+q is a history of the whole run, found by repeated runs (``Yielding``). The joint loses at the instant i the tension
+kappa_i q_i + sum_(j < i) h_(i-j) q_j; the tension of a run and its loss give the tension without q, and the law gives
+the next q. In statics h = 0, and kappa is the tension over the shortening of the tightening, then the slope between two
+runs at every instant. In motion both are differences of the response to a step, for which one run is made. A run after
+which the elongations would still change is not trustworthy.
 Runs that do not yield are not repeated.
 
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
@@ -593,15 +594,15 @@ def _width(places: Array, axis: Array) -> float:
 
 
 # -- shanks that yield ------------------------------------------------------------------------------------------------
-_TOLD: Final = 1e-3  # of the largest change of an elongation: smaller ones tell no slope
-_BOUNDS: Final = 1e-4, 1e2  # of kappa over that of the tightening: an open joint answers with next to nothing
+_LEAST: Final = 1e-3  # of the largest change of an elongation: smaller ones give no slope
+_BOUNDS: Final = 1e-4, 1e2  # of kappa over that of the tightening: an open joint loses next to nothing
 _RUNS: Final = 20  # most runs until the plastic elongations stay
 _STAYS: Final = 1e-8  # of the yield force: change of a tension by that of the elongation between two runs
 _OF_TOLERANCE: Final = 0.1  # the same as a share of the tolerance of the runs
 
 
 @dataclass
-class Answer:
+class TensionLoss:
     """What the tension of a bolt loses by its plastic elongation (module docstring).
 
     Attributes
@@ -649,7 +650,7 @@ class Yielding:
         self._units, self._still = scene.unit_system, scene.time.quasi_static
         self.elongation: dict[str, Array] = {}
         self._before: dict[str, tuple[Array, Array]] = {}  # elongation and tension of the run before
-        self._answers: dict[str, Answer] = {}
+        self._losses: dict[str, TensionLoss] = {}
         self._runs, self._change = 0, 0.0
 
     def goes_on(self, bolts: Mapping[str, BoltHistory]) -> bool:
@@ -666,32 +667,34 @@ class Yielding:
             q, hardening = self.elongation.get(name, np.zeros(len(force))), table.hardening or 0.0
             if not self._still and force[0] > limit:
                 raise self._yields_at_once(name, float(force[0]), limit)
-            answer = self._answer(bolts[name], q)
-            new[name] = answer.elongation(force + answer.of(q), limit, hardening)
-            self._change = max(self._change, float((answer.kappa * np.abs(new[name] - q)).max() / limit))
+            lost = self._loss_of(bolts[name], q)
+            new[name] = lost.elongation(force + lost.of(q), limit, hardening)
+            self._change = max(self._change, float((lost.kappa * np.abs(new[name] - q)).max() / limit))
             if not self._still and name not in self._before and (yields := np.flatnonzero(new[name])).size:
-                new[name] = np.where(np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max())  # to be answered
+                new[name] = np.where(
+                    np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max()
+                )  # a step, for its loss
             self._before[name] = q, force
         if self._change <= self._stays or self._runs == _RUNS:
             return False
         self.elongation = new
         return True
 
-    def _answer(self, bolt: BoltHistory, q: Array) -> Answer:
-        """What is known of the answer after a run with q."""
+    def _loss_of(self, bolt: BoltHistory, q: Array) -> TensionLoss:
+        """The loss by q as far as the runs so far give it."""
         first = bolt.tightening[bolt.orders.index(bolt.order)] / bolt.shortening
         if bolt.name not in self._before:
-            return self._answers.setdefault(bolt.name, Answer(np.full(len(q), first), np.zeros(0)))
+            return self._losses.setdefault(bolt.name, TensionLoss(np.full(len(q), first), np.zeros(0)))
         step, loss = q - self._before[bolt.name][0], self._before[bolt.name][1] - bolt.force
-        answer, low, high = self._answers[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
+        lost, low, high = self._losses[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
         if self._still:
-            told = np.abs(step) > _TOLD * np.abs(step).max()
-            answer.kappa[told] = np.clip(loss[told] / step[told], low, high)
-        elif not len(answer.memory) and step.any():
+            changed = np.abs(step) > _LEAST * np.abs(step).max()
+            lost.kappa[changed] = np.clip(loss[changed] / step[changed], low, high)
+        elif not len(lost.memory) and step.any():
             begin = int(np.flatnonzero(step)[0])
             to_step = loss[begin:] / step[begin]
-            answer.kappa[:], answer.memory = max(to_step[0], low), np.diff(to_step)
-        return answer
+            lost.kappa[:], lost.memory = max(to_step[0], low), np.diff(to_step)
+        return lost
 
     def _yields_at_once(self, name: str, force: float, limit: float) -> SceneError:
         n = self._units["N"]
@@ -711,11 +714,11 @@ class Yielding:
         ]
         return {"bolts that yield": f"{', '.join(parts)}; {self._runs} runs"} if parts else {}
 
-    def remarks(self) -> list[str]:
-        """A sentence where the elongations still changed in the last run."""
+    def faults(self) -> tuple[str, ...]:
+        """Why the end of the last run is not trustworthy: the elongations still changed in it."""
         if self._change <= self._stays:
-            return []
-        return [
+            return ()
+        return (
             f"plastic elongations of bolts change their tension by {self._change:.2g} of the yield force in the last "
-            f"of {self._runs} runs"
-        ]
+            f"of {self._runs} runs (allowed: {self._stays:.2g})",
+        )

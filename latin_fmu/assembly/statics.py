@@ -181,7 +181,7 @@ def _no_start(why: str) -> SceneError:
         f"no static equilibrium under the loads of t = 0 was found: {why}",
         "static",
         "given",
-        "hold what slides or topples, or leave time.start out",
+        'hold what slides or topples, or set time.start = "given"',
     )
 
 

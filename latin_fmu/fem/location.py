@@ -159,6 +159,11 @@ def _reference(arms: Array, cell_type: str) -> Array:
             at -= np.clip(step, -1.0, 1.0)  # whole steps run away where a cell is strongly curved
             if np.nanmax(np.abs(step), initial=0.0) < _SMALL:
                 break
+    # the Jacobian is singular at the apex of a pyramid, where a node is
+    distance = np.linalg.norm(arms, axis=2)
+    nearest = distance.argmin(axis=1)
+    at_node = np.isnan(at).any(axis=1) & (distance.min(axis=1) <= INSIDE * distance.max(axis=1))
+    at[at_node] = functions.nodes[nearest[at_node]]
     return at
 
 

@@ -38,7 +38,7 @@ from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
-from ..scene.schema import Scene
+from ..scene.schema import TEMPERATURE, Scene
 from ..scene.settings import HHTTable
 from .equations import (
     DAMPING,
@@ -422,7 +422,8 @@ def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
 def _hot_at_start(scene: Scene) -> Iterator[Problem]:
     """Temperatures that strain a body at t = 0, where a reduced model has no stress."""
     for name, temperature in scene.temperature.items():
-        if temperature.change and temperature.law.sample(np.zeros(1))[0] != 0.0:
+        heated = any(scene.temperatures_of(body).get(f"{TEMPERATURE}{name}") for body in scene.substructure)
+        if heated and temperature.law.sample(np.zeros(1))[0] != 0.0:
             yield Problem(
                 f"temperature.{name}.law",
                 "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",

@@ -186,6 +186,8 @@ ALL = "*"
 def _all_or_listed(value: object) -> object:
     if isinstance(value, str) and value != ALL:
         raise refusal("must be a list of names, or all of them", value=value, allowed='"*", or e.g. ["bolt", "nut"]')
+    if isinstance(value, list | tuple) and ALL in value and len(value) > 1:
+        raise refusal('"*" stands alone', value=list(value), allowed='"*", or e.g. ["bolt", "nut"]')
     return (ALL,) if value == ALL else _as_list(value)
 
 

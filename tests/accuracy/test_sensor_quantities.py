@@ -7,10 +7,11 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import choose
-from latin_fmu.accuracy.estimate import estimate_error
+from latin_fmu.accuracy.estimate import element_transit, estimate_error
 from latin_fmu.accuracy.quantities import Band, Quantities, Signal, add_sensor, measure_solution, resolved_frequency
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.latin.outcome import SensorHistory
+from latin_fmu.scene.materials import MaterialTable
 from latin_fmu.scene.sensors import LowPass, Sensor, Spectrum
 
 from ..verification.strangers import chain
@@ -84,6 +85,20 @@ def test_resolved_frequency_of_a_bar() -> None:
     assert resolved_frequency(scene) == pytest.approx(min(lowest, 0.1 / scene.time.time_step))
     coarse = at_resolution(scene, Resolution(0.5, 1.0))
     assert resolved_frequency(coarse) < resolved_frequency(scene)
+
+
+def test_waves_along_each_axis_of_an_orthotropic_bar() -> None:
+    """The band, and the time that a wave needs to cross an element, are by the modulus along that axis."""
+    rod = {"young_moduli": [16e9, 1e9, 4e9], "poisson_ratios": [0.0] * 3, "shear_moduli": [1e9] * 3}
+    scene, own = chain(2).scene, MaterialTable.model_validate({"density": 1000.0, "orthotropic": rod})
+    scene = scene.model_copy(update={"material": dict.fromkeys(scene.material, own)})
+    boxes = [b.box for b in scene.substructure.values() if b.box is not None]
+    long = max(box.size[2] / box.elements[2] for box in boxes)
+    assert resolved_frequency(scene) == pytest.approx(min(2000.0 / (8 * long), 0.1 / scene.time.time_step))
+    (name, meet), *_ = scene.interface.items()
+    beside = [scene.substructure[side.partition(".")[0]].box for side in meet.sides if side != "ground"]
+    longest = max(box.size[2] / box.elements[2] for box in beside if box is not None)
+    assert element_transit(scene, name, 0.0) == pytest.approx(longest / 2000.0)
 
 
 def test_a_filter_of_the_sensor_is_the_band() -> None:

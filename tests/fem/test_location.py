@@ -7,9 +7,9 @@ import pytest
 
 from latin_fmu.fem.faces import Surface
 from latin_fmu.fem.location import locate, nearest_surface_point
-from latin_fmu.fem.mesh import Mesh, boundary
+from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 
-from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, typed_box
+from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, cut, typed_box
 
 INNER = ORIGIN + SIZE * np.random.default_rng(3).uniform(0.02, 0.98, (6, 3))
 
@@ -40,6 +40,14 @@ def test_a_point_at_a_node_has_that_node_alone(cell_type: str) -> None:
         assert place is not None
         assert place.nodes.tolist() == [node]
         assert place.weights.tolist() == [1.0]
+
+
+def test_the_apex_of_pyramids() -> None:
+    """In the middle of a cube, where the Jacobian of all six is singular."""
+    mesh = cut(box_mesh(np.zeros(3), np.ones(3), (1, 1, 1)), "pyramid")
+    place = locate(mesh, mesh.nodes[-1])
+    assert place is not None
+    assert place.nodes.tolist() == [mesh.n_node - 1]
 
 
 def test_a_point_in_a_curved_cell() -> None:

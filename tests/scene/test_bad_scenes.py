@@ -100,6 +100,12 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         "temperature.day.substructures[0]",
         ["did you mean 'left'"],
     ),
+    (
+        "temperature.day",
+        {"change": 5.0, "substructures": ["*", "left"]},
+        "temperature.day.substructures",
+        ['"*" stands alone'],
+    ),
     ("temperature.day", {"change": 5.0, "law": "input"}, "temperature.day.law", ["not set from outside", "table"]),
     ("temperature.day", {"change": 5.0, "substructures": ["left", 3]}, "temperature.day.substructures[1]", ["text"]),
     ("temperature.day", {"change": math.nan}, "temperature.day.change", ["finite"]),
