@@ -380,7 +380,7 @@ int get_texts(Instance *c, const uint32_t *references, size_t n, const char **va
         Object *bytes = PyList_GetItem(texts, (ptrdiff_t)i);
         values[i] = bytes ? PyBytes_AsString(bytes) : "";
     }
-    PyErr_Clear();  /* a string less than asked for */
+    PyErr_Clear();  /* a string less than requested */
     Py_DecRef(c->texts);
     c->texts = texts;
     unlock(state);

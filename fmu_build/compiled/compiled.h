@@ -86,7 +86,7 @@ typedef struct {
 } Records;
 
 /* The last step, for derivatives: state before it, value and rate of the inputs in it; its time, size, time steps, and those
-   after which it ended. columns: derivatives of the outputs by value and rate of each input, NULL before they are asked for.
+   after which it ended. columns: derivatives of the outputs by value and rate of each input, NULL before the first request.
    known: whether there is such a step. */
 typedef struct {
     double *state, *given, **columns;

@@ -75,7 +75,7 @@ static int64_t derived(const Instance *c, int64_t which, const char *record, dou
     return status;
 }
 
-/* The column of an input, which is computed when it is first asked for; NULL after a message. */
+/* The column of an input, which is computed when it is first requested; NULL after a message. */
 static const double *column_of(Instance *c, int64_t which)
 {
     struct Object *o = c->fmu;

@@ -388,7 +388,7 @@ class _Search:
             changed = relative(quantity, fine, fine, coarse)
             if not changed <= max(told.error, FLOOR):
                 within, by = percent(told.error), percent(changed)
-                self.log(f"         not confirmed: {quantity} was told within {within} and has changed by {by}")
+                self.log(f"         not confirmed: {quantity} was estimated within {within} and has changed by {by}")
                 return False
         return True
 

@@ -94,8 +94,8 @@ def expected_order(definition: QuantityOfInterest, changes: Changes) -> float:
     """Order of convergence that an estimate counts on: that with fronts; without, the observed one, up to twice as
     much.
 
-    With fronts the observed order is no better guide: bounded by 2/3 and 1, or by 2/3 and 2, it makes the estimates of
-    random chains wider at the same share of cases in which they hold (peak force 1.2 and 1.6 times in the median).
+    With fronts the observed order is no better guide: bounded by 2/3 and 1, or by 2/3 and 2, it made the estimates of
+    random chains wider at the same share of cases in which they hold.
     """
     if changes.front or math.isnan(changes.order):
         return definition.order

@@ -326,8 +326,8 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
     """Add what a sensor gives on [0, end]: peaks and histories of its motion, in the band those of velocity (peak) and
     acceleration; the spectrum of the acceleration.
 
-    The band ends half a period of its cut-off before the end, where the filter knows what follows. Motions that the
-    steps of a run are too long for are left out, as is what does not move.
+    The band ends half a period of its cut-off before the end: the filter needs what follows an instant. Motions that
+    the steps of a run are too long for are left out, as is what does not move.
     """
     name, moved = history.name, _until_vectors(time, history.displacement, end)
     largest, last = moved.peak(), moved.values[-1]

@@ -117,7 +117,7 @@ def with_tolerance(scene: Scene, tolerance: float) -> object:
 
 def in_short_windows(scene: Scene, scheme: str | None = None) -> Scene:
     """The scene with windows of one instant in the place of one whole window: same solution, far fewer sweeps. Its time
-    scheme is the one chosen for this mesh, on coarser and finer ones too; ``scheme``: its name where a run has told."""
+    scheme is the one chosen for this mesh, on coarser and finer ones too; ``scheme``: its name where a run was made."""
     if isinstance(scene.time.scheme, AutomaticScheme) and not scene.time.quasi_static:
         name = discretise(scene).scheme.name if scheme is None else scheme
         chosen = GeneralizedAlphaTable() if name.startswith("generalized_alpha") else HHTTable()

@@ -144,7 +144,7 @@ def _nodal_conditions(
             _drive(body, name, boundary, nodes, dofs, problems)
     for name, port in ports.items():
         if port.causality == "wave":
-            # one matrix for both: explicit schemes have asked for a diagonal one
+            # one matrix for both: that of explicit schemes is diagonal
             dashpots.append((port_dashpots(body, name, port, explicit, problems),) * 2)
         elif port.causality == "motion_in":
             _move(body, name, port, dofs, problems)

@@ -1,7 +1,7 @@
 """Directional derivatives of the outputs at the end of a communication step by the inputs over that step.
 
 The kernels make the step anew from the state before it (``kernels.derivatives``), once for each input of which a
-derivative is asked for; what they find is kept until the next step. Counters and instants of events count as constant.
+derivative is requested; the result is kept until the next step. Counters and instants of events count as constant.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ class Drives:
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
-        # forgets the histories of the segment before
+        # without the histories of the segment before
         assembly, dt, ground = self.assembly, self._dt, self._start
         for propagator in assembly.propagators:
             propagator.restart()

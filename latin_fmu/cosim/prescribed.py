@@ -58,7 +58,7 @@ class Prescribed:
         key = hashlib.sha256(encode({"value": loads.initial_values(), "history": histories}, "histories")).hexdigest()
         if key == self._solved_for:
             return
-        # a solution that fails is none, even if the loads are asked for again
+        # a solution that fails is none, even if the loads are requested again
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)

@@ -74,7 +74,7 @@ class Windowed:
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the instants of the last step."""
         known = self._histories()
-        # asked for again they are not read again
+        # requested again they are not read again
         self._histories = lambda: known
         return known
 

@@ -443,7 +443,7 @@ def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies that waves reach late or not at all."""
     scene, discretised = p.scene, p.discretised
     if scene.solver.skip_at_rest == "tolerance" or p.run.static or not discretised.units:
-        # asked for already, or nothing that could be at rest
+        # requested already, or nothing that could be at rest
         return
     arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
     share = float(np.mean([marched_share(t, discretised.time) for t in arrival.values()]))

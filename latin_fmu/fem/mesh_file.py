@@ -196,7 +196,7 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
         piece = slice(first, first + size)
         with np.errstate(all="ignore"):  # cells of absurd size have no ratio, which is as bad as a small one
             jacobian = jacobians(nodes, CellBlock(block.cell_type, block.cells[piece]), rule)
-            # lengths of the columns d x / d xi_j: the ratio to their product knows no size, and is 1 at right angles
+            # lengths of the columns d x / d xi_j: the ratio to their product has no unit, and is 1 at right angles
             lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
             ratio = np.linalg.det(jacobian) / np.where(lengths > 0, lengths, 1.0)
         low[piece], high[piece] = ratio.min(axis=1), ratio.max(axis=1)

@@ -69,7 +69,7 @@ def gather(pools: Any, row: int) -> None:
     before."""
     run, moving = pools.run[0], pools.moving
     set_signals(pools, row)
-    # energies are signals where the scene asks for them
+    # energies are signals where the scene has output.energy
     if run.of_energy >= 0:
         set_energies(pools, row, moving[run.signal + run.of_energy : run.signal + run.n_signal])
     at = run.output + row * run.n_output

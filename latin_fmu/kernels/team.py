@@ -145,7 +145,7 @@ def open_region(pools: Any, n: int, action: int, c: int, a: int, b: int, d: int,
     numbers[at + 4], numbers[at + 5] = b, d
     pools.moving[at + 6] = factor
     numbers[team + OPENED] += n
-    # last: whoever sees the ticket sees the arguments
+    # last: a thread that reads the ticket reads these arguments
     write_shared(numbers, team + TICKET, ticket)
     return int(ticket)
 

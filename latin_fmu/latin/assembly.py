@@ -141,7 +141,7 @@ def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: 
     for i, unit in enumerate(interfaces):
         for side in (0, 1):
             own = row[layout.channels(i, side)]
-            # a side belongs to one substructure: its first channel tells
+            # a side belongs to one substructure: its first channel is enough
             if own[0, 0] >= 0:
                 positions.append(unit.geometry.points)
                 # of a frictionless interface N alone

@@ -398,7 +398,7 @@ class _PlacedDeck:
         members = frame.scope.sets.get((kind, key))
         if members is None:
             return None
-        # asked before the set is known: a set of sets that leads back to itself would not end
+        # checked before the set is read: a set of sets that leads back to itself would not end
         if key in path:
             self.problems.add("a set contains itself", self.deck.spelled.get(key, key))
             return NO_ROWS

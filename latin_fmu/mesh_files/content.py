@@ -309,7 +309,7 @@ class FileProblems:
         place = self.where if line is None else f"{self.where}, line {line}"
         text = None if value is None else str(value)[:80]
         problem = Problem(place, what, text, allowed, remedy)
-        # the same problem of many lines is told once
+        # the same problem of many lines is reported once
         if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
             self.problems.append(problem)
 

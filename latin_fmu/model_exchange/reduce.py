@@ -94,7 +94,7 @@ def bonded_bodies(discretised: DiscretisedProblem) -> list[BondedBody]:
     for number in dict.fromkeys(label):  # in the order of the scene
         members = [models[n] for n, i in zip(names, label, strict=True) if i == number]
         held = {m.name for m in members}
-        # bonds with the ground are refused before: side E tells the body
+        # bonds with the ground are refused before: side E is of the body
         joined = [u for u in bonds if split_face(u.sides[0])[0] in held]
         bodies.append(_body(members, joined, discretised))
     return bodies
@@ -292,7 +292,7 @@ class ReducedBody:
     def of(cls, body: BondedBody, cuts: Sequence[Cut], n_mode: int) -> ReducedBody:
         """Reduce a body to its Ritz coordinates."""
         trace, area = body_trace(body, cuts)
-        # a body sees only rows it has part in: others are no channels of it
+        # rows in which a body has no part are no channels of it
         needed = np.flatnonzero(_transmits(cuts) & (np.diff(trace.indptr) > 0))
         here = replace(body.model, trace=sp.csr_array(trace[needed]), channel_area=area[needed])
         reduced = reduce_model(here, n_mode, exciting=_uniform(cuts)[needed])

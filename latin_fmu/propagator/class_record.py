@@ -151,7 +151,7 @@ def put_terms(block: BlockLayout, sums: Sum) -> Row:
 
 def is_diagonal(matrix: Array) -> bool:
     """Whether a square matrix has nothing beside its diagonal."""
-    # the first row alone tells most full matrices
+    # the first row is enough for most full matrices
     if np.count_nonzero(matrix[:1, 1:]):
         return False
     return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())

@@ -239,7 +239,7 @@ def spectrum_error(fine: ShockSpectrum, coarse: ShockSpectrum, ratio: float) -> 
 
     0.85 times the difference of both over ratio - 1 (the extrapolation of errors of first order), the largest within
     half an octave, so that curves that cross by chance do not look exact; NaN beyond the frequencies of the coarser
-    spectrum. The factor is such that 80 % of the frequencies of random chains of bars are covered.
+    spectrum. The factor was set on random chains of bars.
     """
     n = len(coarse.frequency)
     scale = np.maximum(fine.acceleration[:, :n], np.finfo(float).tiny)

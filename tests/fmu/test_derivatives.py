@@ -137,7 +137,7 @@ def test_after_a_step_inside_a_time_step_nothing_depends_on_the_inputs(host):
 
 @pytest.mark.parametrize("python", [True, pytest.param(False, marks=COMPILED)], ids=["python", "compiled"])
 def test_there_is_none_in_the_first_step_of_a_static_start(fmi, python, tmp_path):
-    """What a step asks of the inputs there, and the other kind of FMU, are no remedy."""
+    """What a step requires of the inputs there, and the other kind of FMU, are no remedy."""
     time = {"end": 15e-6, "step": 0.2e-6, "start": "static"}
     fmu = build_fmu(blocks(time=time), tmp_path / "static.fmu", fmi, {}, python=python)
     host = Host(fmu, tmp_path / "instance")

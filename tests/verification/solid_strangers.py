@@ -27,7 +27,7 @@ from latin_fmu.accuracy.runs import Resolution, aligned, in_short_windows, mesh_
 from latin_fmu.errors import LatinError
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.results.quantities_of_interest import FLOOR, definition_of
-from latin_fmu.stability.scenes import Box, Description, Material, column, half_sine, placed, rubbing
+from latin_fmu.stability.scenes import Box, Description, Material, bolted_stack, column, half_sine, placed, rubbing
 from latin_fmu.stability.surfaces import write_mesh
 from tests.fem.meshes import cut
 from tests.scenes import ramp
@@ -110,44 +110,13 @@ def soft_layer(rng: Random, folder: Path) -> Description:
 
 
 def shaken_lap(rng: Random, folder: Path) -> Description:
-    """Two plates between two yokes that two bolts beside them pull together, sheared by a shock until they slip."""
+    """A bolted stack sheared by a shock until its plates slip."""
     del folder
     steel, force = metal(rng, "steel"), rng.uniform(2e3, 5e3)
-    places = {
-        "base": ((0, 0, 0), (60, 20, 8), (12, 4, 2)),
-        "lower": ((20, 0, 8), (20, 20, 6), (4, 4, 2)),
-        "upper": ((20, 0, 14), (20, 20, 6), (4, 4, 2)),
-        "cover": ((0, 0, 20), (60, 20, 8), (12, 4, 2)),
-        "left": ((5, 5, 8), (5, 10, 12), (2, 4, 4)),
-        "right": ((50, 5, 8), (5, 10, 12), (2, 4, 4)),
-    }
-    bodies = {
-        name: (Box(steel, [1e-3 * s for s in size], counts, keys={"bending_modes": True}), [1e-3 * x for x in at])
-        for name, (at, size, counts) in places.items()
-    }
-    ends = (("base.zmax", "{}.zmin"), ("{}.zmax", "cover.zmin"))
-    bonds = {
-        f"{bolt}_{i}": {"sides": [side.format(bolt) for side in sides], "behaviour": "perfect"}
-        for bolt in ("left", "right")
-        for i, sides in enumerate(ends)
-    }
-    contacts = {
-        "bottom": rubbing("base.zmax", "lower.zmin", 0.5),
-        "joint": rubbing("lower.zmax", "upper.zmin", rng.uniform(0.1, 0.3)),
-        "top": rubbing("upper.zmax", "cover.zmin", 0.5),
-    }
+    friction = rng.uniform(0.1, 0.3)
     push = {"face": "upper.ymin", "force": [0.0, force * rng.uniform(1.0, 2.0), 0.0], "law": half_sine(40e-6)}
-    axis = [0.0, 0.0, 1.0]
-    return placed(
-        bodies,
-        {"end": 60e-6, "instants": 60},
-        name="lap",
-        interface=bonds | contacts,
-        boundary={"held": {"type": "fixed", "face": "base.zmin"}},
-        bolt={name: {"substructure": name, "axis": axis, "force": force} for name in ("left", "right")},
-        load={"shear": push},
-        sensor={"cover": {"face": "cover.zmax", "spectrum": {}}},
-    )
+    time, sensor = {"end": 60e-6, "instants": 60}, {"cover": {"face": "cover.zmax", "spectrum": {}}}
+    return bolted_stack(steel, force, friction, time, load={"shear": push}, sensor=sensor)
 
 
 def bending_impact(rng: Random, folder: Path) -> Description:

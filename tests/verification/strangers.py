@@ -137,7 +137,7 @@ def _exact(waves: Waves, contacts: list[bool], gaps: list[float], end: float) ->
 # -- the estimate against the truth -------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Case:
-    """A quantity of a scene: true and estimated relative error, whether the estimate is told to be a bound only, and
+    """A quantity of a scene: true and estimated relative error, whether the estimate is a bound only, and
     what the estimate of all quantities costs over the run (CPU time)."""
 
     scene: str
@@ -168,8 +168,8 @@ def judged(seeds: Iterable[int]) -> Iterator[Case]:
 
 
 def table(cases: list[Case], worst: int = 0) -> str:
-    """Coverage by quantity, told over true, the worst true over told, how often only a bound is told, and how often the
-    error is told to be unknown (left out of the other columns); the cost of the estimates; the worst cases."""
+    """Coverage by quantity, told over true, the worst true over told, how often it is only a bound, and how often the
+    error is unknown (left out of the other columns); the cost of the estimates; the worst cases."""
     lines = [
         "quantity                 n   told >= true   told/true 50 %, 90 %   worst true/told   only a bound   unknown"
     ]
