@@ -68,6 +68,8 @@ def register(add: AddParser) -> None:
     add_strict(parser)
     switch(parser, "--json", "print a JSON report, and nothing else, on stdout")
     switch(parser, "--quiet", "no progress and no summary")
+    text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
+    switch(parser, "--details", text)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
     text = (
         "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
@@ -350,7 +352,7 @@ def _show(
     if arguments.json:
         print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
     elif not arguments.quiet:
-        print("\n".join([solution.summary(), "", *written]))
+        print("\n".join([solution.summary(arguments.details), "", *written]))
     if not arguments.quiet and arguments.json:
         say("\n".join([solution.status, *written]))
     elif arguments.quiet and not solution.trustworthy:

@@ -198,7 +198,7 @@ def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.Capt
     assert float(group["relative_error"].sel(quantity="meet.impulse")) == impulse["relative_error"]
     assert str(group["quantity_unit"].sel(quantity="meet.impulse").values) == "N s"
     tree.close()
-    assert main(["run", scene, "-o", "a.nc"]) == 0
+    assert main(["run", scene, "-o", "a.nc", "--details"]) == 0
     assert "estimated error" in capsys.readouterr().out
 
 
