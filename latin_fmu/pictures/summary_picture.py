@@ -63,6 +63,7 @@ def history_panel(
     for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
     axis.set(title=title, ylabel=f"{what} ({label})")
+    axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)  # a unit without a prefix has large numbers
     scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
         axis.legend(fontsize="small")
@@ -171,6 +172,8 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
 
     nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
     groups = {name: node.to_dataset() for name, node in nodes.items()}
+    # bonded faces carry what their bodies carry: they are drawn where nothing may open
+    groups = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
     end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
     scale = TimeAxis(*prefix_for(end, "s", figure=True))
     forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
