@@ -39,16 +39,14 @@ STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
 
 def history_panel(
     axis: Axes,
-    title: str,
     time: Array,
     curves: dict[str, Array],
     scale: TimeAxis,
     reference: float = 0.0,
     unit: str = "N",
     what: str = "force",
-    zero: bool = True,
 ) -> None:
-    """One curve over time each; ``time`` (n_time,) in s, ``curves`` (n_time,) in ``unit``; ``zero``: with a line at 0.
+    """One curve over time each; ``time`` (n_time,) in s, ``curves`` (n_time,) in ``unit``.
 
     Curves below 1e-9 of ``reference`` are round-off and are not enlarged to the height of the panel.
     """
@@ -58,15 +56,23 @@ def history_panel(
         peak = reference
         axis.set_ylim(-1.0, 1.0)
     size, label = prefix_for(peak, unit, figure=True)
-    if zero:
-        axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
+    axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
-    axis.set(title=title, ylabel=f"{what} ({label})")
+    axis.set(ylabel=f"{what} ({label})")
     axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)  # a unit without a prefix has large numbers
     scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
         axis.legend(fontsize="small")
+
+
+def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
+    """Tension of bolts over time, without the line of 0: what they lose is a small part of it."""
+    history_panel(axis, time, curves, scale, unit=unit)
+    low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
+    size = prefix_for(max(abs(low), abs(high)), unit)[0]
+    margin = 0.05 * (high - low) or 0.05 * abs(high) or size
+    axis.set_ylim((low - margin) / size, (high + margin) / size)
 
 
 def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: TimeAxis, first: bool, last: bool) -> None:
@@ -154,10 +160,11 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
 
 @dataclass(frozen=True)
 class _Panel:
-    """One row of a column: its height in inches and the function that draws it."""
+    """One row of a column: its height in inches, the function that draws it, and a title where that gives none."""
 
     height: float
     draw: Callable[[Axes], None]
+    title: str | None = None
 
 
 @styled
@@ -205,6 +212,8 @@ def _draw_column(part: SubFigure, column: list[_Panel]) -> None:
     stack = part.subplots(len(column), 1, height_ratios=heights, squeeze=False)
     for axis, panel in zip(stack.flat, column, strict=True):
         panel.draw(axis)
+        if panel.title is not None:
+            axis.set_title(panel.title)
 
 
 _Place = Literal["outside upper center", "outside lower center"]
@@ -227,13 +236,12 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis, errors: Mappin
     }
     # one scale for both panels
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
-    draw = partial(history_panel, title="Normal resultant (compression > 0)", reference=reference, unit=unit)
-    panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
+    draw = partial(history_panel, time=time, scale=scale, reference=reference, unit=unit)
+    panels = [_Panel(2.4, partial(draw, curves=normal), "Normal resultant (compression > 0)")]
     if any(map(has_friction, groups.values())):
         friction = {name: friction_resultant(item) for name, item in fields.items()}
         title = "Friction force (magnitude of the tangential resultant)"
-        draw = partial(history_panel, title=title, reference=reference, unit=unit)
-        panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
+        panels.append(_Panel(2.4, partial(draw, curves=friction), title))
     return panels
 
 
@@ -270,9 +278,8 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
             axis = int(np.abs(values).max(axis=0).argmax())
             curves[f"{name}, along {'xyz'[axis]}"] = values[:, axis]
         if curves:
-            title = f"{motion.capitalize()} of the sensors"
-            draw = partial(history_panel, title=title, unit=unit, what=motion)
-            panels.append(_Panel(2.4, partial(draw, time=time, curves=curves, scale=scale)))
+            draw = partial(history_panel, time=time, curves=curves, scale=scale, unit=unit, what=motion)
+            panels.append(_Panel(2.4, draw, f"{motion.capitalize()} of the sensors"))
     return panels
 
 
@@ -287,8 +294,8 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
         lost = 1.0 - tension[-1] / tension[0] if tension[0] else 0.0
         curves[f"{name}: {100 * abs(lost):.2g} % {'lost' if lost >= 0.0 else 'gained'} at the end"] = tension
-    draw = partial(history_panel, title="Tension of the bolts", unit=unit, zero=False)
-    return [_Panel(2.4, partial(draw, time=time, curves=curves, scale=scale))]
+    draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
+    return [_Panel(2.4, draw, "Tension of the bolts")]
 
 
 def _strips(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:
