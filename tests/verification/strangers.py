@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -230,19 +230,27 @@ def promised(seeds: Iterable[int], limit: float) -> Iterator[Promise]:
     """The searches for ``TARGETS`` on the chains of seeds, with at most ``limit`` CPU seconds each."""
     for seed in seeds:
         problem = chain(seed)
-        for key, target in TARGETS.items():
-            if not problem.exact.values:
-                continue
-            accuracy = problem.scene.accuracy.model_copy(update={"quantity": key})
-            choice = choose(problem.scene.model_copy(update={"accuracy": accuracy}), target, limit, lambda _: None)
-            if choice.solution is None:
-                yield Promise(problem.name, key, False, np.inf, np.nan, np.nan)
-                continue
-            measured = measure_solution(problem.scene, choice.solution)
-            names = [q for q in reached_by_waves(problem.exact) if q.endswith(f".{key}") and q in measured.values]
-            true = max((measured.error(q, problem.exact) for q in names), default=0.0)
-            cost = choice.seconds / choice.cpu
-            yield Promise(problem.name, key, choice.reached, choice.error, true, cost)
+        if problem.exact.values:
+            yield from searched(problem.scene, problem.exact, reached_by_waves(problem.exact), TARGETS, limit)
+
+
+def searched(
+    scene: latin_fmu.Scene, exact: Quantities, judged: Iterable[str], targets: Mapping[str, float], limit: float
+) -> Iterator[Promise]:
+    """A search for each of the targets; ``judged`` : quantities whose true errors are known from ``exact``."""
+    known = list(judged)
+    for key, target in targets.items():
+        names = [q for q in known if q.endswith(f".{key}")]
+        if not names:
+            continue
+        accuracy = scene.accuracy.model_copy(update={"quantity": key})
+        choice = choose(scene.model_copy(update={"accuracy": accuracy}), target, limit, lambda _: None)
+        if choice.solution is None:
+            yield Promise(scene.name, key, False, np.inf, np.nan, np.nan)
+            continue
+        measured = measure_solution(scene, choice.solution)
+        true = max((measured.error(q, exact) for q in names if q in measured.values), default=0.0)
+        yield Promise(scene.name, key, choice.reached, choice.error, true, choice.seconds / choice.cpu)
 
 
 def reached_by_waves(exact: Quantities) -> list[str]:
@@ -254,10 +262,10 @@ def reached_by_waves(exact: Quantities) -> list[str]:
     return [q for q, scale in exact.scales.items() if scale > 1e-6 * largest[q.rpartition(".")[2]]]
 
 
-def promises_table(promises: list[Promise]) -> str:
+def promises_table(promises: list[Promise], targets: Mapping[str, float]) -> str:
     """Promises made, false ones and the worst of them, cost of the search over the run it ends with, by quantity."""
     lines = ["quantity             target   searches   promised   false   worst true/target   cost 50 %, 90 %"]
-    for key, target in TARGETS.items():
+    for key, target in targets.items():
         some = [p for p in promises if p.key == key]
         made = [p for p in some if p.made]
         if not made:
@@ -269,11 +277,11 @@ def promises_table(promises: list[Promise]) -> str:
             f"{median:9.1f} {most:6.1f}"
         )
     made = [p for p in promises if p.made]
-    lines.append(f"{len(made)} of {len(promises)} promised, {sum(p.true > TARGETS[p.key] for p in made)} false")
+    lines.append(f"{len(made)} of {len(promises)} promised, {sum(p.true > targets[p.key] for p in made)} false")
     lines += [
-        f"{p.scene} {p.key}: promised {100 * TARGETS[p.key]:g} %, true {100 * p.true:.2f} %, told {100 * p.told:.2f} %"
+        f"{p.scene} {p.key}: promised {100 * targets[p.key]:g} %, true {100 * p.true:.2f} %, told {100 * p.told:.2f} %"
         for p in made
-        if p.true > TARGETS[p.key]
+        if p.true > targets[p.key]
     ]
     return "\n".join(lines)
 
@@ -282,6 +290,8 @@ def chosen_seeds(parser: argparse.ArgumentParser, usual: str) -> tuple[argparse.
     """The options of the command line, and the seeds that they choose."""
     parser.add_argument("--seeds", default=usual, help="FIRST:END")
     parser.add_argument("--half", choices=("even", "odd", "all"), default="all", help="even: may set constants")
+    parser.add_argument("--promises", action="store_true", help="searches for an accuracy in the place of estimates")
+    parser.add_argument("--limit", type=float, default=20.0, help="CPU seconds of one search")
     parser.add_argument("--worst", type=int, default=0, help="how many of the worst cases are listed")
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
@@ -292,11 +302,9 @@ def chosen_seeds(parser: argparse.ArgumentParser, usual: str) -> tuple[argparse.
 def main() -> None:
     """Print the table of a range of seeds."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--promises", action="store_true", help="searches for an accuracy in the place of estimates")
-    parser.add_argument("--limit", type=float, default=20.0, help="CPU seconds of one search")
     given, seeds = chosen_seeds(parser, "0:40")
     if given.promises:
-        print(promises_table(list(promised(seeds, given.limit))))  # noqa: T201
+        print(promises_table(list(promised(seeds, given.limit)), TARGETS))  # noqa: T201
     else:
         print(table(list(judged(seeds)), given.worst))  # noqa: T201
 
