@@ -28,8 +28,7 @@ from ..results.solution import Solution
 from ..results.summary import aligned
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
-from ..scene.overrides import apply_overrides
-from ..scene.schema import Scene
+from ..scene.schema import Scene, with_settings
 from .quantities import Signal, measure_solution
 from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_factor, message_of
 
@@ -377,7 +376,7 @@ def _few(made: Sequence[Switch]) -> tuple[list[Switch], list[str]]:
 # -- edits of tables --------------------------------------------------------------------------------------------------
 def _set(effect: str, *settings: str) -> Switch:
     """A switch by settings."""
-    return Switch(effect, " ".join(f"--set {s}" for s in settings), lambda tables: apply_overrides(tables, settings))
+    return Switch(effect, " ".join(f"--set {s}" for s in settings), lambda tables: with_settings(tables, settings))
 
 
 def _followed(settings: tuple[str, ...]) -> Switch:
