@@ -20,6 +20,7 @@ class Problem:
     value : the offending value as text, or None where there is none to show.
     allowed : what would have been accepted, or None.
     remedy : what to do, e.g. "did you mean 'young_modulus'?", or None.
+    line : of the file of the scene, where it is known.
     """
 
     where: str
@@ -27,6 +28,7 @@ class Problem:
     value: str | None = None
     allowed: str | None = None
     remedy: str | None = None
+    line: int | None = None
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}"
@@ -36,7 +38,7 @@ class Problem:
             text += f"; allowed: {self.allowed}"
         if self.remedy is not None:
             text += f"; {self.remedy}"
-        return text
+        return text if self.line is None else f"{text} (line {self.line})"
 
 
 class Problems(list[Problem]):

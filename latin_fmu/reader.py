@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +43,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     >>> scene.name, scene.time.instants
     ('impact_bar', 800)
     """
-    return scene_from_dict(read_tables(path, overrides), Path(path).parent)
+    file = Path(path)
+    tables = read_tables(file, overrides)
+    try:
+        return scene_from_dict(tables, file.parent)
+    except SceneError as error:
+        raise SceneError(_with_lines(error.problems, _text(file), overrides), error.heading) from None
 
 
 def read_tables(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -72,6 +78,32 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
         return Scene.model_validate(data, context=context)
     except RecursionError:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
+
+
+_HEADER = re.compile(r"\s*\[([\w.\s-]+)\]\s*(?:#.*)?$")
+_ASSIGNED = re.compile(r"\s*([\w-]+(?:\s*\.\s*[\w-]+)*)\s*=")
+
+
+def _with_lines(problems: Sequence[Problem], text: str, overrides: Sequence[str]) -> list[Problem]:
+    """Problems with the line of the file that the key, or else the table around it, is on; none where a setting on top
+    of the file gives the key."""
+    lines: dict[str, int] = {}
+    table = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := _HEADER.match(line):
+            table = "".join(header[1].split())
+            lines.setdefault(table, number)
+        elif key := _ASSIGNED.match(line):
+            lines.setdefault(f"{table}.{''.join(key[1].split())}".lstrip("."), number)
+    given = [setting.partition("=")[0].strip() for setting in overrides]
+    placed = []
+    for problem in problems:
+        parts = re.split(r"[.\[]", problem.where)
+        around = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+        known = not any(path in around or path.startswith(f"{around[0]}.") for path in given)
+        found = next((lines[path] for path in around if path in lines), None) if known else None
+        placed.append(replace(problem, line=found))
+    return placed
 
 
 def _deeper_than(most: int, data: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -163,6 +164,10 @@ class Solution:
             lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
             lines += [] if self.estimate is None else ["", *self.estimate.lines(self.units)]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The summary, for notebooks."""
+        return f"<pre>{html.escape(self.summary())}</pre>"
 
     def _cost(self) -> list[str]:
         """CPU time and memory of the run and of its estimate, with what that does not cover."""

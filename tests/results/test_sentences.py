@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import replace
 
 import numpy as np
@@ -120,3 +121,4 @@ def test_details_are_on_request(crushing: Solution) -> None:
     for text in (crushing.summary(), crushing.summary(details=True)):
         assert crushing.status in text
         assert "impulse 0.2 % too small" in text
+    assert crushing._repr_html_() == f"<pre>{html.escape(crushing.summary())}</pre>"

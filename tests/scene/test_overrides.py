@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -142,3 +143,19 @@ def test_every_table_is_offered_in_python() -> None:
     offered = {getattr(tables, name) for name in tables.__all__}
     made = {t for t in below(SceneTable) if t.__module__.startswith("latin_fmu.scene") and t.__name__[0] != "_"}
     assert made - {SceneTable, Scene} == offered
+
+
+def test_problems_of_a_file_have_its_lines(tmp_path: Path) -> None:
+    """The line of the key, or of the table around a key that is missing; none of a key given on top of the file."""
+    text = (MODELS / "impact_bar" / "scene.toml").read_text()
+    lines = text.splitlines()
+    density = next(i for i, line in enumerate(lines, 1) if line.startswith("density"))
+    time = lines.index("[time]") + 1
+    (tmp_path / "a.toml").write_text(text.replace(lines[density - 1], "density = -1.0").replace("\nend =", "\nent ="))
+    with pytest.raises(SceneError) as caught:
+        load_scene(tmp_path / "a.toml", ["solver.tolerance=-1.0"])
+    found = {problem.where.partition(".")[2].rpartition(".")[2]: problem.line for problem in caught.value.problems}
+    assert found["density"] == density
+    assert found["end"] == time
+    assert found["tolerance"] is None
+    assert f"(line {density})" in str(caught.value)
