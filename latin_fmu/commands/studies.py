@@ -85,7 +85,7 @@ def _register_cost(add: AddParser) -> None:
     option(parser, "--budget", "SECONDS", text, float)
     switch(parser, "--quick", "a small budget")
     switch(parser, "--json", "print JSON (a list), and nothing else, on stdout")
-    switch(parser, "--quiet", "no progress")
+    switch(parser, "-q --quiet", "no progress")
 
 
 def _register_stress(add: AddParser) -> None:
@@ -112,7 +112,7 @@ def _register_sweep(add: AddParser) -> None:
     add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
     switch(parser, "--histories", "keep the forces of the interfaces over time")
     switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
-    switch(parser, "--quiet", "no progress")
+    switch(parser, "-q --quiet", "no progress")
 
 
 def _cost(arguments: argparse.Namespace) -> int:
