@@ -196,12 +196,11 @@ def _searches(axes: Axes, study: Study, quantity: str) -> None:
     if found and is_target(study.scene, quantity):
         places = [s.cpu for s, _ in found], [100 * max(e, 1e-5) for _, e in found]
         axes.plot(*places, linestyle="none", marker="*", markersize=11, color=BAD, label="searches", zorder=5)
-        labels: dict[tuple[float, float], list[str]] = {}
-        for search, error in found:  # searches that end with the same run stand side by side: one label
-            labels.setdefault((search.resolution.mesh, error), []).append(f"{100 * (search.target or 0.0):g}")
-        for (mesh, error), targets in labels.items():
-            last = max(s.cpu for s, e in found if (s.resolution.mesh, e) == (mesh, error))
-            place, text = (last, 100 * max(error, 1e-5)), f"{', '.join(targets)} %"
+        for mesh in {s.resolution.mesh for s, _ in found}:  # searches that end on one mesh stand side by side
+            same = [(s, e) for s, e in found if s.resolution.mesh == mesh]
+            targets = [f"{100 * (s.target or 0.0):g}" for s, _ in same]
+            place = max(s.cpu for s, _ in same), 100 * max(same[-1][1], 1e-5)
+            text = f"{', '.join(targets)} %"
             axes.annotate(text, place, (-2, -12), fontsize=6, color=BAD, textcoords="offset points")
 
 
