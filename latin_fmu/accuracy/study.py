@@ -13,23 +13,26 @@ import math
 import tempfile
 import time as clock
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from ..api import solve
 from ..errors import LatinError, Problem, SceneError
 from ..reader import scene_from_dict
 from ..results.estimates import ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import FLOOR, Force
+from ..results.solution import Solution
 from ..results.summary import aligned as columns
 from ..results.summary import percent
 from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
-from .estimate import coarser_runs_of, observed_order, relative, same_way
-from .quantities import Quantities, of_force
+from .adaptive_resolution import choose, is_target
+from .estimate import coarser_runs_of, estimate_error, observed_order, relative, same_way
+from .quantities import Quantities, measure_solution, of_force
 from .runs import (
     Log,
     MeasuredRun,
@@ -325,6 +328,34 @@ TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4)
 TIGHT = 1e-6
 
 
+@dataclass(frozen=True)
+class Searched:
+    """A search for an accuracy, or the run as written with its estimate.
+
+    Attributes
+    ----------
+    target : relative error of the target quantity; None of the run as written. reached : whether it was promised.
+    cpu : of the search, or of the run and its estimate, s. resolution, quantities : of the run that it ends with.
+    told : estimated errors of that by quantity.
+    """
+
+    target: float | None
+    reached: bool
+    cpu: float
+    resolution: Resolution
+    quantities: Quantities
+    told: dict[str, float]
+
+    @classmethod
+    def of(
+        cls, target: float | None, reached: bool, cpu: float, at: Resolution, scene: Scene, solution: Solution
+    ) -> Searched:
+        """From the solution that it ends with, and its estimate."""
+        told = () if solution.estimate is None else solution.estimate.quantities
+        errors = {own.quantity: own.error for own in told}
+        return cls(target, reached, cpu, at, measure_solution(scene, solution), errors)
+
+
 @dataclass
 class Study:
     """Result of a study.
@@ -333,7 +364,7 @@ class Study:
     ----------
     scene : as given. main : name of the variant with the scene's own scheme and propagator. reference : of the errors.
     rows : every run, failed ones included. windows : (length, direction) -> (mean iterations, passes).
-    seconds : CPU seconds in all.
+    seconds : CPU seconds in all. searches : the run as written with its estimate, and searches for ``SEARCHED``.
     """
 
     scene: Scene
@@ -342,6 +373,7 @@ class Study:
     rows: list[Row] = field(default_factory=list)
     windows: dict[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
     seconds: float = 0.0
+    searches: list[Searched] = field(default_factory=list)
 
     def of(self, series: str, variant: str | None = None) -> list[Row]:
         """Rows of a series without failure, in order of cost; of the main variant where none is named."""
@@ -352,12 +384,14 @@ class Study:
     def error(self, row: Row, quantity: str) -> float:
         """Relative error of a quantity of a row against the reference; NaN where unknown, where the run has not
         converged, or where the reference is a run hardly finer."""
-        if not row.run.converged or quantity not in row.run.quantities.values:
-            return math.nan
+        return self.error_of(row.run.quantities, row.resolution, quantity) if row.run.converged else math.nan
+
+    def error_of(self, quantities: Quantities, at: Resolution, quantity: str) -> float:
+        """The same of the quantities of a run at a resolution."""
         finest = self.reference.resolution
-        if finest is not None and min(row.resolution.mesh / finest.mesh, row.resolution.time / finest.time) > 0.75:
-            return math.nan
-        return row.run.quantities.error(quantity, self.reference.quantities)
+        finer = finest is None or min(at.mesh / finest.mesh, at.time / finest.time) <= 0.75
+        known = quantity in quantities.values and quantity in self.reference.quantities.scales
+        return quantities.error(quantity, self.reference.quantities) if finer and known else math.nan
 
     @property
     def quantities(self) -> list[str]:
@@ -397,8 +431,28 @@ def study(scene: Scene, budget: float, log: Log) -> Study:
         made.run(REDUCTION, whole, _at(scene, 1.0))
     _refine_others(scene, made, factors)
     _vary_windows(scene, made, result)
-    result.rows, result.seconds = made.rows, made.spent
+    result.searches = _searched(scene, budget, log)
+    result.rows, result.seconds = made.rows, made.spent + sum(search.cpu for search in result.searches)
     return result
+
+
+def _searched(scene: Scene, budget: float, log: Log) -> list[Searched]:
+    """The run as written with its estimate, and searches for ever smaller errors of the target quantity, until one is
+    refused; each may take a tenth of the budget."""
+    made = []
+    with contextlib.suppress(LatinError):
+        start = clock.process_time()
+        solution = solve(scene)
+        solution = replace(solution, estimate=estimate_error(scene, solution))
+        if solution.converged:
+            cpu = clock.process_time() - start
+            made.append(Searched.of(None, True, cpu, Resolution(), scene, solution))
+        for target in SEARCHED:
+            choice = choose(scene, target, 0.1 * budget, log)
+            if choice.solution is None or not choice.reached:
+                break
+            made.append(Searched.of(target, True, choice.seconds, choice.resolution, scene, choice.solution))
+    return made
 
 
 def _factors(scene: Scene, wanted: tuple[float, ...]) -> list[float]:
@@ -607,6 +661,8 @@ def useful_tolerances(study: Study, quantity: str) -> dict[float, float]:
     return useful
 
 
+SEARCHED = (0.1, 0.05, 0.02, 0.01)
+"""Target accuracies that are searched for."""
 TARGETS = (0.05, 0.01, 0.002)
 """Target accuracies listed in the cost table."""
 
@@ -630,9 +686,23 @@ def as_text(study: Study) -> str:
     lines += ["", "sources of error at the resolution of the scene, and observed orders:", *columns(split)]
     lines += ["", "tolerance on sqrt(eta) below which the iteration error is negligible, by mesh:"]
     lines += columns(_useful(study))
+    lines += ["", "the run as written with its estimate, and searches for an accuracy:", *columns(_searches(study))]
     failed = failures(study)
     lines += ["", f"{len(failed)} run(s) failed or were refused" + (":" if failed else "")]
     return "\n".join([*lines, *(f"  {text}" for text in failed)])
+
+
+def _searches(study: Study) -> list[tuple[str, ...]]:
+    """One row a search: target, CPU time, told and true error of the target quantity, the largest of its owners."""
+    key = study.scene.accuracy.quantity
+    rows: list[tuple[str, ...]] = [("target", "CPU s", "mesh", f"told, {key}", "true")]
+    for search in study.searches:
+        names = [q for q in search.told if is_target(study.scene, q)]
+        told = max((search.told[q] for q in names), default=math.nan)
+        true = max((study.error_of(search.quantities, search.resolution, q) for q in names), default=math.nan)
+        target = "as written" if search.target is None else percent(search.target)
+        rows.append((target, f"{search.cpu:.2g}", f"x {search.resolution.mesh:.2g}", percent(told), percent(true)))
+    return rows
 
 
 def as_markdown(study: Study, picture: str) -> str:
@@ -642,45 +712,6 @@ def as_markdown(study: Study, picture: str) -> str:
     table = ["| " + " | ".join(runs) + " |", "|" + "---|" * len(runs)]
     table += ["| " + " | ".join(_cells(study, row)) + " |" for row in study.rows]
     return "\n".join([*head, "```", as_text(study), "```", "", "## Every run", "", *table]) + "\n"
-
-
-def as_data(study: Study) -> dict[str, Any]:
-    """Plain data for strict JSON."""
-    own = study.reference.own_error
-    return {
-        "scene": study.scene.name,
-        "cpu_seconds": study.seconds,
-        "reference": {
-            "exact": study.reference.exact,
-            "source": study.reference.text,
-            "values": {q: _plain(v) for q, v in study.reference.quantities.values.items()},
-            "error_estimate": None if own is None else own.report(),
-        },
-        "runs": [
-            {
-                "series": row.series,
-                "scheme": row.variant,
-                "mesh": row.resolution.mesh,
-                "steps": row.resolution.time,
-                "tolerance": _plain(row.tolerance),
-                "cpu_seconds": _plain(row.run.cpu),
-                "iterations": _plain(row.run.iterations[0]),
-                "failure": row.failure or None,
-                "errors": {q: _plain(study.error(row, q)) for q in study.quantities},
-            }
-            for row in study.rows
-        ],
-        "sources": {q: {k: _plain(v) for k, v in vars(sources(study, q)).items()} for q in study.quantities},
-        "prices": {q: [_price_data(study, q, t) for t in TARGETS] for q in study.quantities},
-        "useful_tolerances": {
-            q: [{"mesh": m, "tolerance": _plain(t)} for m, t in useful_tolerances(study, q).items()]
-            for q in study.quantities
-        },
-        "windows": [
-            {"window": length, "search_direction": direction, "iterations": iterations, "passes": passes}
-            for (length, direction), (iterations, passes) in study.windows.items()
-        ],
-    }
 
 
 def _useful(study: Study) -> list[tuple[str, ...]]:
@@ -712,15 +743,6 @@ def _price(row: Row | None) -> str:
     return f"{row.run.cpu:.2g} ({row.variant}, x {mesh:.2g}, steps x {steps:.2g})"
 
 
-def _price_data(study: Study, quantity: str, target: float) -> dict[str, Any]:
-    row = cheapest(study, quantity, target)
-    if row is None:
-        return {"target": target, "reached": False}
-    setting = {"scheme": row.variant, "mesh": row.resolution.mesh, "steps": row.resolution.time}
-    cost = {"target": target, "reached": True, "cpu_seconds": row.run.cpu}
-    return {**cost, **setting, "error": _plain(study.error(row, quantity))}
-
-
 def _source(s: ErrorSources) -> tuple[str, ...]:
     shares = (percent(e) for e in (s.total, s.space, s.time, s.iteration, s.reduction))
     orders = ("-" if math.isnan(p) else f"{p:.1f}" for p in (s.order_together, s.order_space, s.order_time))
@@ -732,7 +754,3 @@ def _cells(study: Study, row: Row) -> list[str]:
     at = row.resolution
     errors = ["failed" if row.failure else percent(study.error(row, q)) for q in study.quantities]
     return [row.series, row.variant, f"{at.mesh:.3g}", f"{at.time:.3g}", f"{row.tolerance:g}", *cost, *errors]
-
-
-def _plain(value: Any) -> Any:
-    return value if not isinstance(value, float) or math.isfinite(value) else None

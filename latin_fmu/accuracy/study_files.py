@@ -1,9 +1,10 @@
-"""Files of a study: xarray dataset (one entry a run, derived tables beside it) and figures."""
+"""Files of a study: xarray dataset (one entry a run, derived tables beside it), plain data for JSON, and figures."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,8 @@ from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
 from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
-from .study import TIGHT, TOGETHER, TOLERANCE, Study, sources, useful_tolerances
+from .adaptive_resolution import is_target
+from .study import TARGETS, TIGHT, TOGETHER, TOLERANCE, Study, cheapest, sources, useful_tolerances
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -152,7 +154,9 @@ def quantities_shown(study: Study) -> list[str]:
 
 
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
-    """Error against CPU seconds, log-log, one curve per scheme or propagator."""
+    """Error against CPU seconds, log-log, one curve per scheme or propagator, that of the scene thick; stars: searches
+    for an accuracy of this quantity, at their whole cost; a line from the run as written to its told error, as long as
+    the estimate costs."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
@@ -160,7 +164,9 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
         rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
         cost = [r.run.cpu for r in rows]
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
-        axes.plot(cost, 100 * errors, label=name, **look)
+        width = 2.4 if name == study.main else 0.8
+        axes.plot(cost, 100 * errors, label=name, linewidth=width, markersize=3.0 + width, **look)
+    _searches(axes, study, quantity)
     own = study.reference.own_error
     if own is not None and quantity in study.reference.quantities.values:
         axes.axhspan(0, 100 * own[quantity].error, color="0.92", zorder=0, label="error of the reference")
@@ -175,6 +181,27 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
     axes.legend(fontsize=6)
+
+
+def _searches(axes: Axes, study: Study, quantity: str) -> None:
+    """Stars and the line of ``work_precision``."""
+    errors = [study.error_of(s.quantities, s.resolution, quantity) for s in study.searches]
+    for search in study.searches:
+        if search.target is None and quantity in search.told and np.isfinite(search.told[quantity]):
+            plain = [r.run.cpu for r in study.of(TOGETHER) if r.factor == 1.0]
+            told = 100 * max(search.told[quantity], FLOOR)
+            if plain:
+                axes.plot([plain[0], search.cpu], [told, told], color="0.25", marker="|", label="estimate: told error")
+    found = [(s, e) for s, e in zip(study.searches, errors, strict=True) if s.target is not None and np.isfinite(e)]
+    if found and is_target(study.scene, quantity):
+        places = [s.cpu for s, _ in found], [100 * max(e, 1e-5) for _, e in found]
+        axes.plot(*places, linestyle="none", marker="*", markersize=11, color=BAD, label="searches", zorder=5)
+        for mesh in {s.resolution.mesh for s, _ in found}:  # searches that end on one mesh stand side by side
+            same = [(s, e) for s, e in found if s.resolution.mesh == mesh]
+            targets = [f"{100 * (s.target or 0.0):g}" for s, _ in same]
+            place = max(s.cpu for s, _ in same), 100 * max(same[-1][1], 1e-5)
+            text = f"{', '.join(targets)} %"
+            axes.annotate(text, place, (-2, -12), fontsize=6, color=BAD, textcoords="offset points")
 
 
 def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:
@@ -277,3 +304,68 @@ def _one_legend(figure: Figure) -> None:
         if (legend := axes.get_legend()) is not None:
             legend.remove()
     figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=len(entries), fontsize=8)
+
+
+def as_data(study: Study) -> dict[str, Any]:
+    """Plain data for strict JSON."""
+    own = study.reference.own_error
+    return {
+        "scene": study.scene.name,
+        "cpu_seconds": study.seconds,
+        "reference": {
+            "exact": study.reference.exact,
+            "source": study.reference.text,
+            "values": {q: _plain(v) for q, v in study.reference.quantities.values.items()},
+            "error_estimate": None if own is None else own.report(),
+        },
+        "runs": [
+            {
+                "series": row.series,
+                "scheme": row.variant,
+                "mesh": row.resolution.mesh,
+                "steps": row.resolution.time,
+                "tolerance": _plain(row.tolerance),
+                "cpu_seconds": _plain(row.run.cpu),
+                "iterations": _plain(row.run.iterations[0]),
+                "failure": row.failure or None,
+                "errors": {q: _plain(study.error(row, q)) for q in study.quantities},
+            }
+            for row in study.rows
+        ],
+        "sources": {q: {k: _plain(v) for k, v in vars(sources(study, q)).items()} for q in study.quantities},
+        "prices": {q: [_price_data(study, q, t) for t in TARGETS] for q in study.quantities},
+        "useful_tolerances": {
+            q: [{"mesh": m, "tolerance": _plain(t)} for m, t in useful_tolerances(study, q).items()]
+            for q in study.quantities
+        },
+        "searches": [
+            {
+                "target": search.target,
+                "cpu_seconds": search.cpu,
+                "mesh": search.resolution.mesh,
+                "steps": search.resolution.time,
+                "told": {q: _plain(error) for q, error in search.told.items()},
+                "errors": {
+                    q: _plain(study.error_of(search.quantities, search.resolution, q)) for q in study.quantities
+                },
+            }
+            for search in study.searches
+        ],
+        "windows": [
+            {"window": length, "search_direction": direction, "iterations": iterations, "passes": passes}
+            for (length, direction), (iterations, passes) in study.windows.items()
+        ],
+    }
+
+
+def _price_data(study: Study, quantity: str, target: float) -> dict[str, Any]:
+    row = cheapest(study, quantity, target)
+    if row is None:
+        return {"target": target, "reached": False}
+    setting = {"scheme": row.variant, "mesh": row.resolution.mesh, "steps": row.resolution.time}
+    cost = {"target": target, "reached": True, "cpu_seconds": row.run.cpu}
+    return {**cost, **setting, "error": _plain(study.error(row, quantity))}
+
+
+def _plain(value: Any) -> Any:
+    return value if not isinstance(value, float) or math.isfinite(value) else None

@@ -116,7 +116,8 @@ def _register_sweep(add: AddParser) -> None:
 
 
 def _cost(arguments: argparse.Namespace) -> int:
-    from ..accuracy.study import as_data, as_text, study
+    from ..accuracy.study import as_text, study
+    from ..accuracy.study_files import as_data
     from ..reader import load_scene
 
     scenes = [load_scene(path, arguments.overrides) for path in arguments.scenes]  # all before the long part

@@ -157,7 +157,7 @@ def stability_figure(rows: Sequence[CaseResult]) -> Figure:
 
 def _margins(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
     # infinite margins end at the edge of the figure
-    values = np.clip([row.margin for row in rows], _SMALLEST, 1e3)
+    values = np.clip([row.margin for row in rows], _SMALLEST, 10.0)
     passed = np.array([row.passed for row in rows], dtype=bool)
     axes.scatter(values[passed], place[passed], color=_GOOD, s=8, zorder=3)
     axes.scatter(values[~passed], place[~passed], color=BAD, marker="X", s=30, zorder=3)

@@ -168,8 +168,8 @@ def _patch(cell: str, aspect: float, flat: float, bench: Bench) -> list[Measure]
     # traction on E along its outward normal
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)[-1] / 1e-3
     return [
-        Measure("pressure at a point off by", float(np.abs(pressure - 1.0).max()), 2.7e-9),
-        Measure("resultant off by", abs(float(history.normal_resultant()[-1]) / 1e-3 - 1.0), 1.6e-9),
+        Measure("pressure at a point off by", float(np.abs(pressure - 1.0).max()), 1.4e-8),
+        Measure("resultant off by", abs(float(history.normal_resultant()[-1]) / 1e-3 - 1.0), 4e-9),
     ]
 
 
@@ -195,8 +195,8 @@ def _edge(cell: str, bench: Bench) -> list[Measure]:
         solution = bench.converged(scene)
     force = solution.interfaces["meet"].force()[-1]
     total = 1e-3 * 1.5**2
-    measures = [Measure("resultant off by", abs(float(np.abs(force[2])) / total - 1.0), 1.6e-9)]
-    measures.append(Measure("resultant along the face", float(np.abs(force[:2]).max()) / total, 1.6e-10))
+    measures = [Measure("resultant off by", abs(float(np.abs(force[2])) / total - 1.0), 4e-9)]
+    measures.append(Measure("resultant along the face", float(np.abs(force[:2]).max()) / total, 6e-10))
     return [*measures, *contact_laws(solution)]
 
 
