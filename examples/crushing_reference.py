@@ -22,7 +22,7 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, options, save, table, tid
 from matplotlib.figure import Figure
 
 import latin_fmu
-from latin_fmu.accuracy.runs import Quantities, measure_solution
+from latin_fmu.accuracy.quantities import Quantities, measure_solution
 from latin_fmu.accuracy.study import FILE, physics_of
 from latin_fmu.results.quantities_of_interest import Force
 

@@ -1,6 +1,6 @@
 """CPU time of a run, the error it estimates and its true error: a landing, a slip and a bolted stack.
 
-Three scenes on meshes and steps from coarse to fine. Each run estimates its error from three coarser runs, as every
+Three scenes on meshes and steps from coarse to fine. Each run estimates its error from two coarser runs, as every
 ``latin-fmu run`` does; the true error is that against the closed solution, of the bolted stack against a run half as
 coarse again as the finest.
 
@@ -17,16 +17,17 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from example_tools import COLOURS, MODELS, options, save, tidy
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 import latin_fmu
-from latin_fmu.accuracy.runs import Quantities, Resolution, aligned, at_resolution, measure_solution, run_at
+from latin_fmu.accuracy.quantities import Quantities, measure_solution
+from latin_fmu.accuracy.runs import Resolution, aligned, at_resolution, run_at
 from latin_fmu.accuracy.study import declared
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import STEEL, Description, bolted_stack, half_sine
 
 QUANTITIES = {
     "landing": ("wall.impulse",),
@@ -79,48 +80,11 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def bolted() -> dict[str, Any]:
+def bolted() -> Description:
     """Two plates 20 x 20 x 6 mm between two yokes, which two bolts of 4 kN beside the plates pull together."""
-    places = {  # origin, size in mm, elements
-        "base": ((0, 0, 0), (60, 20, 8), (12, 4, 2)),
-        "lower": ((20, 0, 8), (20, 20, 6), (4, 4, 2)),
-        "upper": ((20, 0, 14), (20, 20, 6), (4, 4, 2)),
-        "cover": ((0, 0, 20), (60, 20, 8), (12, 4, 2)),
-        "left": ((5, 5, 8), (5, 10, 12), (2, 4, 4)),
-        "right": ((50, 5, 8), (5, 10, 12), (2, 4, 4)),
-    }
-    bodies = {
-        name: {
-            "material": "steel",
-            "box": {"origin": [1e-3 * x for x in at], "size": [1e-3 * x for x in size], "elements": list(counts)},
-            "bending_modes": True,
-        }
-        for name, (at, size, counts) in places.items()
-    }
-    bonds = {
-        f"{bolt}_{yoke}": {"sides": sides, "behaviour": "perfect"}
-        for bolt in ("left", "right")
-        for yoke, sides in (("base", ["base.zmax", f"{bolt}.zmin"]), ("cover", [f"{bolt}.zmax", "cover.zmin"]))
-    }
-    contacts = {
-        "bottom": {"sides": ["base.zmax", "lower.zmin"], "friction_coefficient": 0.5},
-        "joint": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2},
-        "top": {"sides": ["upper.zmax", "cover.zmin"], "friction_coefficient": 0.5},
-    }
-    axis = [0.0, 0.0, 1.0]
-    return {
-        "name": "bolted_stack",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": bodies,
-        "interface": bonds | contacts,
-        "boundary": {"held": {"type": "fixed", "face": "base.zmin"}},
-        "bolt": {name: {"substructure": name, "axis": axis, "force": 4e3} for name in ("left", "right")},
-        "load": {
-            "shear": {"face": "upper.ymin", "force": [0.0, 6e3, 0.0], "law": {"type": "half_sine", "duration": 60e-6}}
-        },
-        "time": {"end": 120e-6, "instants": 120},
-        "accuracy": {"estimate": False},
-    }
+    shear = {"face": "upper.ymin", "force": [0.0, 6e3, 0.0], "law": half_sine(60e-6)}
+    time = {"end": 120e-6, "instants": 120}
+    return bolted_stack(STEEL, 4e3, 0.2, time, load={"shear": shear}, accuracy={"estimate": False})
 
 
 def reference(scene: Scene, mesh: float) -> Quantities:

@@ -71,7 +71,6 @@ DRAWINGS = {
     "convergence_friction": _script("convergence_friction.py"),
     "static_friction": _script("static_friction.py"),
     "joint_damping": _script("joint_damping.py", "assembly"),
-    "piston": _script("fmu_piston.py", "cosim"),
     "stop": _script("fmu_stop.py", "cosim"),
     "port_signs": Drawing("python examples/port_signs.py -o .", ()),
     "estimated_error": _script("estimated_error.py", "accuracy"),

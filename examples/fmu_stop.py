@@ -217,11 +217,11 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
         script = Path(folder) / "lever_of_another_tool.py"
         script.write_text(LEVER)
         lever = Path(FmuBuilder.build_FMU(script, dest=Path(folder) / "Lever.fmu"))
-        held = build_fmu(scene(port={"tip": tip}), Path(folder) / "force.fmu", extra={}, compiled=True)
-        whole = build_fmu(scene(port={"tip": waves}), Path(folder) / "whole.fmu", extra={}, compiled=True)
+        held = build_fmu(scene(port={"tip": tip}), Path(folder) / "force.fmu", extra={})
+        whole = build_fmu(scene(port={"tip": waves}), Path(folder) / "whole.fmu", extra={})
         for parts in (1, 5):
             shorter = scene(SPEED * parts * STEP, port={"tip": waves})
-            joined = build_fmu(shorter, Path(folder) / f"waves{parts}.fmu", extra={}, compiled=True)
+            joined = build_fmu(shorter, Path(folder) / f"waves{parts}.fmu", extra={})
             given = parts, round(END / STEP / parts)
             drawn["waves", parts] = by_waves(lever, joined, *given)
             drawn["waves, strip not taken off", parts] = by_waves(lever, whole, *given)

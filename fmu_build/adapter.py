@@ -92,6 +92,7 @@ class KeptStates(Messages):
 
     def _keep(self, saved: Any, handle: memoryview) -> None:
         place = self._array(handle, "i8")
+        # a handle that another instance has given is not overwritten
         number = int(place[0]) if int(place[0]) in self._own_states else next(self.handles)
         self.states[number] = saved
         self._own_states.add(number)
@@ -203,6 +204,7 @@ class Adapter(KeptStates):
         reads one number per variable because it has no arrays."""
         numbers = self._array(references, "u4")
         read = self.fmi_instance.get(numbers)
+        # one number each where there are arrays among them
         if values.nbytes == 8 * len(numbers) < 8 * len(read):
             read = [self.fmi_instance.get([number])[0] for number in numbers]
         if 8 * len(read) != values.nbytes:
@@ -249,6 +251,7 @@ class CoSimulationAdapter(Adapter):
         scene = os.path.join(self.folder, "scene", "scene.toml")
         reader = f"{self.package}.latin_fmu.reader"  # by name: the function below holds no adapter
         instance = self._module("cosim.fmi_instance")
+        # states that leave the process are tied to the scene, and not to the program
         digests = {path: digest for path, digest in json.loads(self._content(DIGESTS)).items() if "scene/" in path}
         digest = hashlib.sha256(repr(digests).encode()).hexdigest()
         return instance.FmiInstance(
@@ -297,7 +300,7 @@ class CoSimulationAdapter(Adapter):
 
     def set_texts(self, references: memoryview, texts: list[bytes]) -> int:
         """Set string variables by value reference."""
-        given = [text.decode(errors="surrogateescape") for text in texts]
+        given = [text.decode(errors="surrogateescape") for text in texts]  # any bytes are a file name on some systems
         self.fmi_instance.set_texts(self._array(references, "u4").tolist(), given)
         return self._status()
 

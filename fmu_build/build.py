@@ -20,7 +20,7 @@ from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
 from latin_fmu.cosim.variable import Variable, table_text
 from latin_fmu.cosim.variables import table_of
-from latin_fmu.errors import InputError, Problem
+from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.mesh_files.reading import included_files
 from latin_fmu.model_exchange.equations import Equations
@@ -88,7 +88,7 @@ def package_files() -> Files:
         inside = path.relative_to(solver)
         if inside.parts[0] not in _LEFT_OUT:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
-    files |= {f"latin_fmu/{path.name}": path.read_bytes() for path in library.shipped()}
+    files |= {f"latin_fmu/{p.name}": p.read_bytes() for p in library.shipped() if not p.stem.endswith("-portable")}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
     return files | {f"fmu_build/{name}": (here / name).read_bytes() for name in _ADAPTERS}
@@ -141,7 +141,7 @@ def content_hash(*groups: Mapping[str, bytes]) -> str:
     """Digest of names and contents."""
     digest = hashlib.sha256()
     for files in groups:
-        for name in sorted(files):
+        for name in sorted(files):  # without it names and contents could be exchanged at their border
             digest.update(f"{name}\0{len(files[name])}\0".encode())
             digest.update(files[name])
     return digest.hexdigest()
@@ -192,24 +192,24 @@ STEPS = 200  # suggested output intervals of a reduced model
 
 
 def build_fmu(
-    scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None, compiled: bool = False, note: str = ""
+    scene: Scene, target: str | Path, fmi: Fmi = "2", extra: Files | None = None, python: bool = False
 ) -> Path:
     """Write the FMU of a scene for co-simulation.
 
     Parameters
     ----------
     scene : loads with the law ``input`` become inputs. target : file to write. fmi : "2" (2.0) or "3" (3.0).
-    extra : more files, by path inside the archive; by default those of ``reference_of``. compiled : an FMU that needs
-        no Python. note : for the documentation of a compiled FMU, HTML.
+    extra : more files, by path inside the archive; by default those of ``reference_of``. python : an FMU that solves
+        the scene by a Python of its host; by default it needs none.
 
     Raises
     ------
-    InputError : the scene cannot be built, gives too many variables, or cannot be compiled. ModuleNotFoundError : the
-        library of the FMU is missing, and a compiler too.
+    InputError : the scene cannot be built, or gives too many variables; NeedsPythonError : it cannot be compiled.
+    ModuleNotFoundError : the library of an FMU with Python is missing, and a compiler too.
     ResultsError : the file cannot be written.
     """
-    files = compiled_files(scene, fmi, note) if compiled else fmu_files(scene, fmi)
-    more = reference_of(scene, compiled=compiled).files if extra is None else extra
+    files = fmu_files(scene, fmi) if python else compiled_files(scene, fmi)
+    more = reference_of(scene, compiled=not python).files if extra is None else extra
     return write_archive(target, {**files, **more})
 
 
@@ -277,13 +277,19 @@ def _description(facts: Facts, fmi: Fmi) -> bytes:
     return xml_bytes((fmi2_description if fmi == "2" else fmi3_description)(facts))
 
 
-def compiled_files(scene: Scene, fmi: Fmi, note: str = "") -> Files:
-    """Every file of the compiled FMU for co-simulation, by path inside the archive; ``note`` for its documentation."""
-    known = {name: code for name, code in libraries().items() if fmi in bridge.PLATFORMS[name]}
+def compiled_files(scene: Scene, fmi: Fmi, note: str = "", portable: bool = False) -> Files:
+    """Every file of the compiled FMU for co-simulation, by path inside the archive; ``note`` for its documentation.
+    portable : without AVX2.
+
+    Raises
+    ------
+    NeedsPythonError : the scene cannot be compiled, or not here; InputError : it cannot be built.
+    """
+    known = {name: code for name, code in libraries(portable).items() if fmi in bridge.PLATFORMS[name]}
     if not known:
         remedy = "use FMI 3, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64"
-        problem = Problem("--fmi", "has no platform for the libraries that are here", fmi, None, remedy)
-        raise InputError([problem], "the FMU cannot be compiled")
+        problem = Problem("FMI", "has no platform for the libraries that are here", fmi, None, remedy)
+        raise NeedsPythonError([problem], "the FMU cannot be compiled")
     scene = completed(scene)
     run = compiled_run(scene, fmi)
     _check_size(run.table, fmi)

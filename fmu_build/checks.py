@@ -19,8 +19,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from latin_fmu import api
-from latin_fmu.accuracy.runs import Quantities, measure_solution
-from latin_fmu.cosim.variables import inputs_of, with_laws
+from latin_fmu.accuracy.quantities import Quantities, measure_solution
+from latin_fmu.cosim.input_table import inputs_of, with_laws
 from latin_fmu.errors import InputError, Problem, SolverError
 from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
@@ -57,7 +57,7 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
     laws.update(inputs_of(scene))
     loads = dict(scene.load)
     for name in wanted:
-        start = float(laws[name].sample(np.zeros(1))[0])
+        start = float(laws[name].sample(np.zeros(1))[0])  # at t = 0
         loads[name] = loads[name].model_copy(update={"law": InputLaw(start_value=start)})
     return Inputs(scene.model_copy(update={"load": loads}), laws)
 
@@ -146,7 +146,7 @@ def compiled_size(scene: Scene) -> int:
     InputError : the scene cannot be compiled, or the library is missing. SceneError : it cannot be built.
     """
     with tempfile.TemporaryDirectory() as folder:
-        return build_fmu(scene, Path(folder) / "size.fmu", extra={}, compiled=True).stat().st_size
+        return build_fmu(scene, Path(folder) / "size.fmu", extra={}).stat().st_size
 
 
 def _quantities(inputs: Inputs) -> Quantities:

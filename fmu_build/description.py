@@ -167,7 +167,7 @@ def fmi2_description(facts: Facts) -> Element:
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true" if facts.time_step is None else "false",
+        "providesDirectionalDerivative": "true",
     }
     root = _root(facts, "2.0", "CoSimulation", abilities)
     variables = SubElement(root, "ModelVariables")
@@ -193,7 +193,7 @@ def fmi3_description(facts: Facts) -> Element:
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
         "canHandleVariableCommunicationStepSize": "true",
-        "providesDirectionalDerivatives": "true" if facts.time_step is None else "false",
+        "providesDirectionalDerivatives": "true",
     }
     if facts.time_step is not None:
         abilities["fixedInternalStepSize"] = repr(facts.time_step)
@@ -401,6 +401,8 @@ simulation is not reported as terminated, a message gives the reason, the state 
 if the step had been made, the next step is an <b>error</b>; if it ends the simulation, so is the termination.</li>
 <li>A failure during initialization (a parameter out of range, no convergence in prescribed mode) is an error of the
 function that ends the initialization.</li>
+<li><b>Directional derivatives</b> are those of outputs at the end of the last step by value and rate of inputs over it,
+for the contact states that it has; those of shares, counters and the course of the solver are 0.</li>
 <li>Saved states carry a digest of the FMU and a checksum. A state that is damaged, of another FMU, or was freed is an
 error; the instance goes on from where it was.</li>
 <li>Instances of one process share the factors; each has a state of its own. Instances may run in threads of their
@@ -409,11 +411,11 @@ own.</li>
 </ul>
 <h2>What it cannot do</h2>
 <ul>
-<li>Error estimates and directional derivatives: use the
-FMU made without <code>--compiled</code>, or the program itself.</li>
-<li>A time step at which neither the iteration nor Newton's method ends: it is discarded. The program that made the FMU
-has fall-backs for it.</li>
-<li>Run on a processor without AVX2 and FMA: instantiation fails with a message.</li>
+<li>Error estimates: use an FMU made with <code>--python</code>, or the program itself.</li>
+<li>A time step at which neither the iteration nor Newton's method ends, nor a new iteration with relaxation 1/2: it is
+discarded. The program that made the FMU has further fall-backs for it.</li>
+<li>Run on an x86-64 processor without AVX2 and FMA, unless it was made with <code>--portable</code>: instantiation
+fails with a message.</li>
 </ul>
 <p>Run on Linux, x86-64. The library for Windows (x86-64) is compiled and linked from the same source.</p>
 """

@@ -49,6 +49,7 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
     names = [member.filename for member in members]
     if "modelDescription.xml" not in names:
         return "not a valid FMU: it has no modelDescription.xml"
+    # the last one would be unpacked over the first
     if len(set(names)) < len(names):
         return "not a valid FMU: several members have the same name"
     for name in names:
@@ -66,6 +67,7 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
     if sum(sizes.values()) > _MOST_BYTES or sizes["modelDescription.xml"] > _MOST_XML:
         return f"not a valid FMU: unpacked it has {sum(sizes.values())} bytes"
     for member in members:
+        # small members may be packed to any share
         if member.file_size > max(_SMALL, _MOST_TIMES * member.compress_size):
             packed = f"{member.file_size} bytes from {member.compress_size}"
             return f"not a valid FMU: the member {member.filename[:80]!r} would unpack to {packed}"
@@ -146,6 +148,7 @@ class Drive:
         return fmu
 
     def _keep_message(self, text: bytes | str) -> None:
+        # FMI 2: its texts are formats of printf
         self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
 
     def set(self, name: str, value: Any) -> None:
@@ -183,6 +186,7 @@ class Drive:
             source, what = input_of(name)
             rate = input_variable(source, "rate")
             if what == "value" and rate in self._by_name and rate not in self._inputs:
+                # over the whole step: rows of the table within it are passed over
                 self.set(rate, (self._at(column, t + h) - value) / h)
 
     def _at(self, column: Sequence[float], t: float) -> float:
@@ -222,11 +226,12 @@ class Drive:
             self.complaint = self._message or str(error)
             return
         yield [0.0, *self.read(self.outputs)]
+        # at least one step; its size is adapted so that the last one ends at ``stop``
         n = max(1, round(stop / step))
         for i in range(n):
             if over():
                 break
-            t, end = stop * i / n, stop * (i + 1) / n
+            t, end = stop * i / n, stop * (i + 1) / n  # no sum of steps: no round-off adds up
             self._give(t, end - t)
             if not self.advance(t, end - t):
                 return

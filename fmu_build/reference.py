@@ -18,10 +18,10 @@ import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.compiled import library
+from latin_fmu.cosim.input_table import inputs_of
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
 from latin_fmu.cosim.variable import input_variable
-from latin_fmu.cosim.variables import inputs_of
 from latin_fmu.effects.cost import Prediction
 from latin_fmu.latin.settings import accuracy_of
 from latin_fmu.scene.laws import InputLaw, TableLaw, TimeLaw
@@ -110,6 +110,7 @@ def reference_of(
 
 def _within(cost: Prediction, n: int) -> int:
     """Steps of n that stay within ``LONGEST``, one at least."""
+    # the march goes on for what the set-up leaves of the time
     return min(n, max(1, int(n * (LONGEST - cost.operators) / cost.march)))
 
 
@@ -118,6 +119,7 @@ def _history(name: str, law: InputLaw, laws: Mapping[str, TimeLaw], end: float) 
     if not isinstance(given, InputLaw):
         return given
     start = law.start_value
+    # names of loads alone have no dot
     return TableLaw(times=(0.0, end), values=(start, start if "." in name else 1.0))
 
 
@@ -125,10 +127,12 @@ def _solved(scene: Scene, laws: Mapping[str, TimeLaw], times: Sequence[float]) -
     session = Session(scene, Settings(keep=False))
     names = [name for name in session.outputs if not name.startswith(_ROUND_OFF)]
     values = {name: law.sample(np.array(times)) for name, law in laws.items()}
+    # no step follows the last point
     rates = {name: np.append(np.diff(column) / np.diff(times), 0.0) for name, column in values.items()}
     rows: list[list[float]] = []
     complaint = ""
     for i, t in enumerate(times):
+        # the step that ends here starts with value and rate of the point before
         for name in laws:
             session.set_load(name, float(values[name][max(i - 1, 0)]), float(rates[name][max(i - 1, 0)]))
         if i == 0:

@@ -67,6 +67,7 @@ def write_ssp(
         element = SubElement(elements, "ssd:Component", {**about, "implementation": "CoSimulation"})
         connectors = SubElement(element, "ssd:Connectors")
         for variable in _connected(component, connections):
+            # a connector has the causality of its variable
             kind = {"name": variable, "kind": model.variables[variable].get("causality", "local")}
             SubElement(SubElement(connectors, "ssd:Connector", kind), *model.type_of(variable, "ssc", used))
         if values := (parameters or {}).get(component):
@@ -113,6 +114,7 @@ class _Component:
 
     def kind_of(self, variable: str) -> str:
         """Type of a variable in SSP 1.0: Real, Integer or String."""
+        # in FMI 2 the type is an element within the variable, in FMI 3 the variable itself
         element = self.variables[variable]
         kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
         return "Integer" if kind in _INTEGERS else "String" if kind == "String" else "Real"
@@ -187,6 +189,7 @@ def _check(
             if component in models and variable in models[component].variables:
                 kind = models[component].kind_of(variable)
                 fits = {"Real": (float, int), "Integer": (int,), "String": (str,)}[kind]
+                # a bool is an int of Python
                 if not isinstance(value, fits) or isinstance(value, bool):
                     problems.append(Problem(f"{component}.{variable}", "is of another kind", repr(value), kind))
     if problems:

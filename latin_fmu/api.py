@@ -88,6 +88,7 @@ class Iteration:
             raise KeyError(f"no substructure {name!r}; there are {', '.join(where)}")
         propagator, member = where[name]
         fields: list[Array] = []
+        # of all instants of the window: the march of the iterate is made once more
         self._event.trial(lambda _: fields.append(full_displacement(propagator, member)))
         return np.stack(fields)
 
@@ -211,15 +212,18 @@ def solve(
             leave_out = False
         elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
+        # its time counts as set-up: ``start`` stays
         timings = Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
         if outcome.stream is not None:
             outcome.stream.close()
+    faults = yielding.faults()
     outcome = replace(
         outcome,
         settings=outcome.settings | yielding.words(),
-        warnings=(*outcome.warnings, *remarks_of("accuracy", yielding.remarks())),
+        faults=(*outcome.faults, *faults),
+        status=with_faults(outcome.status, faults),
     )
     if outcome.converged:
         timings.predicted = prediction.march
@@ -298,6 +302,7 @@ def run(
     assembly = problem.assembly
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
+    # of the substructures of this process, where there are several
     recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
 
     def observe(event: IterationEvent) -> None:
@@ -346,6 +351,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         converged=converged,
         status=with_faults(sentence + (balance_words(balance) if converged else ""), faults),
         faults=tuple(faults),
+        # marches, and solves on the interfaces, over substructures and instants
         passes=(march.marched + march.condensed) / (n_body * assembly.n_instant),
         marched=march.marched / (n_body * assembly.n_instant),
         energy=energy,
@@ -385,6 +391,7 @@ def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assemb
         return Recorder(assembly, request, problem.info, every)
     check_folder(stream, size)
     file = cast(BinaryIO, tempfile.TemporaryFile(dir=stream, prefix=".latin-fmu-"))  # noqa: SIM115, closed by the caller
+    # at most IN_MEMORY rows, at instants that the recorder keeps
     return Recorder(assembly, request, problem.info, every, file, every * -(-rows // IN_MEMORY))
 
 

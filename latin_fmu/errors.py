@@ -85,6 +85,10 @@ class SceneError(InputError):
     """The scene cannot be solved as written."""
 
 
+class NeedsPythonError(InputError):
+    """An FMU that needs no Python cannot be made, of this scene or with what is installed."""
+
+
 class MeshError(InputError):
     """A mesh file cannot be read or used."""
 

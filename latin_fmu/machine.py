@@ -40,7 +40,7 @@ def _peak_by_getrusage() -> int:
     except ImportError:
         return 0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
+    return peak if sys.platform == "darwin" else 1024 * peak  # bytes there, else kilobytes
 
 
 def _own_peak(otherwise: int) -> int:
@@ -104,16 +104,17 @@ def group_limits(
     with suppress(OSError):
         for line in groups.read_text(encoding="utf-8").splitlines():
             number, controllers, path = line.split(":", 2)
-            first = number == "0" and not controllers
+            first = number == "0" and not controllers  # version 2
             if not first and "memory" not in controllers.split(","):
                 continue
             folder, name = (root, "memory.max") if first else (root / "memory", "memory.limit_in_bytes")
             own = folder / path.strip("/")
+            # the least of the groups above holds, too
             for place in (own, *own.parents):
                 if place.is_relative_to(folder):
                     with suppress(OSError, ValueError):  # "max" is no number
                         limits.append((int((place / name).read_text(encoding="ascii")), "control group"))
-    return [(limit, text) for limit, text in limits if limit < 1 << 60]
+    return [(limit, text) for limit, text in limits if limit < 1 << 60]  # version 1 writes a very large number for none
 
 
 def one_thread() -> AbstractContextManager[object]:

@@ -123,6 +123,7 @@ class OperatorStore:
                 # copy on write: compiled functions take arrays that may be written to, the file stays
                 mode: Literal["c"] | None = "c" if name in mapped else None
                 array = np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False)
+                # numbers of no dimension, and none at all, have no bytes to be viewed
                 if zlib.crc32(np.atleast_1d(array).data.cast("B") if array.size else b"") != checksum:
                     raise ValueError(name)
                 arrays[name] = array
@@ -140,10 +141,12 @@ class OperatorStore:
         try:
             listed = {}
             for name, array in made.items():
+                # ascontiguousarray makes a single number an array of one
                 whole = np.ascontiguousarray(array).reshape(array.shape)
                 np.save(beside / f"{name}.npy", whole, allow_pickle=False)
                 listed[name] = zlib.crc32(np.atleast_1d(whole).data.cast("B") if whole.size else b"")
             (beside / _LIST).write_text(json.dumps(listed), encoding="utf-8")
+            # fails where another process has put it there: that entry stays
             beside.rename(place)
             self.written += 1
         except OSError:
@@ -196,6 +199,7 @@ def _code() -> str:
     """Digest of the source of everything that computes entries, and of what it runs on."""
     rooms = ("cholesky", "compiled", "kernels", "propagator")
     sources = sorted(path for room in rooms for path in (PACKAGE / room).rglob("*.py"))
+    # numba takes sums in another order than the library, Python in a third one
     switches = [os.environ.get(f"LATIN_FMU_{name}", "1") for name in ("COMPILE", "LIBRARY")]
     on = f"{platform.machine()} {sys.platform} {switches}"
     return digest_of(PACKAGE, sources, on)
@@ -213,6 +217,7 @@ def _digest(given: Iterable[Any]) -> str:
             arrays = ()
             digest.update(f"|{type(part).__name__} {part!r}".encode())
         for array in arrays:
+            # the same bytes of another shape are another array
             digest.update(f"|{array.dtype} {array.shape}".encode())
             digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()

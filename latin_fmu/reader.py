@@ -65,6 +65,7 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
 
 def _deeper_than(most: int, data: Any) -> bool:
     """Whether tables and lists are nested over more levels; deep nesting ends in the interpreter's own messages."""
+    # by identity: an object that holds itself would be counted for ever
     level = {id(data): data}
     for _ in range(most):
         inner = (v for item in level.values() for v in (item.values() if isinstance(item, Mapping) else item))
@@ -117,7 +118,7 @@ def _text(file: Path) -> str:
             raise _unreadable(file, "this is a device, pipe or socket", "name a scene file")
         if file.stat().st_size > MAX_SCENE_BYTES:
             raise _unreadable(file, f"larger than {MAX_SCENE_BYTES} bytes", "put long tables into CSV files")
-        return file.read_text(encoding="utf-8-sig")
+        return file.read_text(encoding="utf-8-sig")  # with or without a mark of the byte order
     except (FileNotFoundError, NotADirectoryError):
         raise _unreadable(file, "no such file") from None
     except UnicodeDecodeError as error:
@@ -164,6 +165,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
                 continue
             owner[part] = name
             parts[part] = _substructure(part, group, table, own.get(part), problems)
+    # an unreadable table is reported with its fields
     if problems or len(tables) < len(raw["mesh"]):
         return raw, problems
     rest = {name: table for name, table in own.items() if name not in parts}
@@ -376,7 +378,7 @@ def _at_instant(
     """Both fields of one body at the instant; None, with a problem, where the file does not have them."""
     times = np.asarray(stored["time"][:], dtype=float)
     i = int(np.argmin(np.abs(times - table.time)))
-    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)  # mean distance of stored instants
     if abs(times[i] - table.time) > _INSTANT * step:
         near = ", ".join(f"{t:.9g}" for t in times[max(i - 1, 0) : i + 2])
         what = f"the fields of {name} are not stored at this instant"
@@ -387,6 +389,7 @@ def _at_instant(
     points = np.stack([np.asarray(stored[f"node_{axis}"][:], dtype=float) for axis in "xyz"], axis=1)
     made: dict[str, Any] = {}
     for kind in ("displacement", "velocity"):
+        # values that were left out in the file
         values: Any = np.ma.filled(np.ma.asarray(stored[kind][i], dtype=float), np.nan)
         if not np.isfinite(values).all():
             what = f"the {kind} of {name} holds values that are not finite numbers at this instant"

@@ -97,7 +97,7 @@ def body_ends(problem: SolverReadyProblem) -> dict[str, BodyEnd]:
         for j, name in enumerate(propagator.names):
             u = full_displacement(propagator, j)
             if not np.isfinite(u).all():
-                ends[name] = BodyEnd(u, np.full(3, np.inf))
+                ends[name] = BodyEnd(u, np.full(3, np.inf))  # a fault by ``_turned``
             else:
                 ends[name] = BodyEnd(u, _spin(problem.info[name].nodes, u) if u.any() else np.zeros(3))
     return ends
@@ -144,12 +144,13 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd) -> float:
     if not end.u.any() or not np.isfinite(end.spin).all():
         return 0.0
     u = end.u - _cross(end.spin, info.nodes - info.nodes.mean(axis=0))
+    # cells of fewer nodes lack some of the edges, mixed cells are padded with -1
     cells = np.asarray(info.cells)
     a, b = (cells[:, [edge[i] for edge in _EDGES if edge[1] < cells.shape[1]]].ravel() for i in (0, 1))
     a, b = a[b >= 0], b[b >= 0]
     edge, change = info.nodes[b] - info.nodes[a], u[b] - u[a]
     length = np.einsum("ei,ei->e", edge, edge)
-    return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))
+    return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))  # (u . e) / e^2
 
 
 def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
@@ -185,12 +186,13 @@ def _edge(history: InterfaceHistory) -> float:
     if len(history.points) < 2:
         return float(np.sqrt(history.areas.sum()))
     distances = np.asarray(spatial.KDTree(history.points).query(history.points, k=2)[0])
-    return float(np.median(distances[:, 1]))
+    return float(np.median(distances[:, 1]))  # the nearest one is the point itself
 
 
 def _spin(nodes: Array, u: Array) -> Array:
     """Rotation vector (3,) of the linear motion closest to displacements (n, 3): J w = sum x x u."""
     centred, moved = nodes - nodes.mean(axis=0), u - u.mean(axis=0)
+    # of points of equal mass; singular for points on a line, hence least squares
     inertia = (centred**2).sum() * np.eye(3) - centred.T @ centred
     spin: Array = np.linalg.lstsq(inertia, _cross(centred, moved).sum(axis=0), rcond=1e-12)[0]
     return spin
@@ -223,6 +225,7 @@ def drift_remarks(assembly: Assembly, histories: Mapping[str, InterfaceHistory],
         frames = unit.geometry.frames[:, : unit.behaviour.n_component]
         jump = np.einsum("pc,pjc->pj", np.diff(histories[unit.name].velocity[0], axis=0)[0], frames)
         drift = u[second] - u[first]
+        # the trapezoid rule takes half a step of the jump at t = 0
         apart, rest = (_longest(d[:, : jump.shape[1]]) for d in (drift, drift - 0.5 * assembly.dt * jump))
         share = f"{apart:.3g} {units['m']}, {100 * apart / moved:.2g} % of the largest displacement of the interfaces"
         if min(apart, rest) > _DRIFT * moved:
@@ -273,8 +276,9 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
                 if assembly.instant > 0:  # they come with the first increment
                     loads += amplitude[assembly.instant] * load.pattern
             faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
+            # K u - f - faces: what the supports have to give
             rest = member.stiffness @ full_displacement(propagator, j).ravel() - loads - faces
-            free = np.diff(member.expansion.indptr) > 0
+            free = np.diff(member.expansion.indptr) > 0  # rows of held dofs are empty
             tension = tensions.get(member.name, 0.0)
             reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
             wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
@@ -343,9 +347,10 @@ def _sunk(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory]
         approach = problem.flexibility[name] * _mean_pressure(history)
         allowed, whose = np.full(len(sunk), SUNK * approach), np.full(len(sunk), -1)
         for number, clamp in enumerate(clamps):
+            # points within the reach of a bolt: by its shortening, which the approach is no measure of
             held = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
             allowed[held], whose[held] = SUNK * clamp.shortening, number
-        deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))
+        deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))  # NaN is deep, too
         if not deep.any():
             continue
         worst = int(np.argmax(np.where(deep, sunk / np.maximum(allowed, np.finfo(float).tiny), 0.0)))
@@ -391,7 +396,7 @@ def _open(account: Account | None, joule: str) -> Iterator[str]:
 
 def _turned(ends: Mapping[str, BodyEnd]) -> Iterator[str]:
     """Bodies that have turned too far."""
-    far = {name: end.degrees for name, end in ends.items() if not end.degrees <= LARGEST_TURN}
+    far = {name: end.degrees for name, end in ends.items() if not end.degrees <= LARGEST_TURN}  # NaN and infinity, too
     if far:
         worst = max(far, key=lambda name: far[name])
         others = "" if len(far) == 1 else f" (and {len(far) - 1} more bodies by more than {LARGEST_TURN:g})"

@@ -1,13 +1,32 @@
-"""Header of every test run: totals of the sources."""
+"""Header of every test run: totals of the sources; what all tests share."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from statistics import median
 
 import pytest
 
+from latin_fmu.compiled import library
+
 ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _imports_followed_once() -> Iterator[None]:
+    """Every FMU that is built needs which sources the library of kernels was made from, which takes as long as the rest
+    of a small one: the answer for this package does not change while the tests run."""
+    follow = library.sources_of
+    known = cache(lambda: tuple(follow(library.PACKAGE)))
+
+    def sources_of(package: Path) -> list[Path]:
+        return list(known()) if package == library.PACKAGE else follow(package)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(library, "sources_of", sources_of)
+        yield
 
 
 def pytest_report_header(config: pytest.Config) -> str:

@@ -43,6 +43,13 @@ def ramp(*points: tuple[float, float]) -> dict[str, Any]:
     return {"type": "table", "times": [t for t, _ in points], "values": [v for _, v in points]}
 
 
+def given_motion(
+    face: str, value: Sequence[float], law: Any, components: str = "x", kind: str = "velocity"
+) -> Description:
+    """Table of a face whose motion along some components, as in "xz", is given."""
+    return {"type": kind, "face": face, "components": list(components), "value": list(value), "law": law}
+
+
 def pressed_stack(
     boxes: Sequence[Box],
     time: Description,

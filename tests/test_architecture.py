@@ -79,6 +79,12 @@ def tree(module: Path) -> ast.Module:
     return ast.parse((PACKAGE / module).read_text(encoding="utf-8"))
 
 
+@cache
+def nodes(module: Path) -> tuple[ast.AST, ...]:
+    """All nodes of that tree."""
+    return tuple(ast.walk(tree(module)))
+
+
 def top(module: Path) -> str:
     """Package or module right below ``latin_fmu``."""
     return module.parts[0].removesuffix(".py")
@@ -87,8 +93,7 @@ def top(module: Path) -> str:
 def relative_imports(module: Path, loading: bool = False) -> Iterator[tuple[str, ...]]:
     """What a module imports from the package, as paths below ``latin_fmu``; ``loading``: when it is loaded only."""
     here = module.parts[:-1]
-    nodes = module_level(tree(module).body) if loading else ast.walk(tree(module))
-    for node in nodes:
+    for node in module_level(tree(module).body) if loading else nodes(module):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = here[: len(here) - node.level + 1]
             if node.module:
@@ -99,7 +104,7 @@ def relative_imports(module: Path, loading: bool = False) -> Iterator[tuple[str,
 
 def absolute_imports(module: Path) -> Iterator[str]:
     """First names of what a module imports from elsewhere."""
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             yield from (alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
@@ -108,7 +113,7 @@ def absolute_imports(module: Path) -> Iterator[str]:
 
 def called(module: Path) -> Iterator[tuple[str, int]]:
     """Names of the functions and methods a module calls, with lines."""
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.Call):
             if isinstance(node.func, ast.Name):
                 yield node.func.id, node.lineno
@@ -255,12 +260,7 @@ def test_no_state_at_module_level() -> None:
 
 
 def test_no_globals_are_assigned() -> None:
-    wrong = [
-        f"{module}:{node.lineno}"
-        for module in MODULES
-        for node in ast.walk(tree(module))
-        if isinstance(node, ast.Global)
-    ]
+    wrong = [f"{module}:{node.lineno}" for module in MODULES for node in nodes(module) if isinstance(node, ast.Global)]
     assert not wrong, "\n".join(wrong)
 
 
@@ -268,7 +268,7 @@ def test_no_bare_except() -> None:
     wrong = [
         f"{module}:{node.lineno}"
         for module in MODULES
-        for node in ast.walk(tree(module))
+        for node in nodes(module)
         if isinstance(node, ast.ExceptHandler) and node.type is None
     ]
     assert not wrong, "\n".join(wrong)
@@ -280,7 +280,7 @@ def test_options_are_named() -> None:
         f"{module}:{node.lineno} {node.name}"
         for module in MODULES
         if numerical(module) or top(module) in ("scene", "results", "api")
-        for node in ast.walk(tree(module))
+        for node in nodes(module)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.args.kwarg is not None
     ]
     assert not wrong, "\n".join(wrong)
@@ -320,7 +320,7 @@ def test_no_path_of_a_machine_in_the_sources() -> None:
 def functions() -> Iterator[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
     """Functions and methods of the package and of the builder of FMUs."""
     for path in SOURCES:
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield path, node
 
@@ -345,7 +345,7 @@ def loops_that_call(*names: str) -> list[str]:
     for module in MODULES:
         if not any(name in (PACKAGE / module).read_text(encoding="utf-8") for name in names):
             continue
-        for loop in ast.walk(tree(module)):
+        for loop in nodes(module):
             if not isinstance(loop, ast.For | ast.While | ast.ListComp | ast.GeneratorExp):
                 continue
             called_there = {
@@ -383,7 +383,7 @@ def test_public_docstrings_say_something() -> None:
 def classes() -> Iterator[ast.ClassDef]:
     """Classes of the package and of the builder of FMUs."""
     for path in SOURCES:
-        yield from (node for node in ast.walk(tree(path)) if isinstance(node, ast.ClassDef))
+        yield from (node for node in nodes(path) if isinstance(node, ast.ClassDef))
 
 
 def test_classes_are_not_too_large() -> None:

@@ -47,11 +47,11 @@ def test_a_run_that_cannot_converge_ends_within_its_limit(window: int | str) -> 
     described = latin_fmu.scene_from_dict(thrown(3_000 if window == "whole" else 100_000, window=window, **NEVER))
     latin_fmu.solve(latin_fmu.scene_from_dict(thrown(2)))  # loads the kernels
     start = time.process_time()
-    solution = latin_fmu.solve(described, max_cpu=1.0)
-    assert time.process_time() - start < 1.0 + SLOW_TO_SHOW
+    solution = latin_fmu.solve(described, max_cpu=0.5)
+    assert time.process_time() - start < 0.5 + SLOW_TO_SHOW
     assert not solution.converged
     assert not solution.complete
-    assert solution.interrupted == "stopped by its limit of 1 s of CPU time"
+    assert solution.interrupted == "stopped by its limit of 0.5 s of CPU time"
     assert f"{solution.interrupted} at t = {solution.time[-1]:.6g} s (instant " in solution.status
     assert all(np.isfinite(h.traction).all() for h in solution.interfaces.values())
     assert (len(solution.time) > 10) == (window != "whole")
@@ -85,10 +85,12 @@ def test_a_limited_run_is_marked_and_goes_on(capsys: pytest.CaptureFixture[str])
     assert_equal(Path("whole.nc"), Path("out.nc"))
 
 
-@pytest.mark.parametrize("window", [1, 4])
-def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(window: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("window", "instants"), [(1, 60), (4, 24)])
+def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
+    window: int, instants: int, tmp_path: Path
+) -> None:
     """Stopped inside an instant that the compiled driver has refused, at whatever iteration."""
-    tables = thrown(60, window=window, tolerance=1e-17, force_tolerance=1e-17)
+    tables = thrown(instants, window=window, tolerance=1e-17, force_tolerance=1e-17)
     described, place = latin_fmu.scene_from_dict(tables), tmp_path / "c"
     whole = latin_fmu.solve(described)
     parts = 0
@@ -148,7 +150,7 @@ def test_simulations_are_limited(tmp_path: Path, capsys: pytest.CaptureFixture[s
     pytest.importorskip("fmpy")
     from fmu_build.build import build_fmu
 
-    path = str(build_fmu(latin_fmu.scene_from_dict(thrown(100)), tmp_path / "pair.fmu", "2"))
+    path = str(build_fmu(latin_fmu.scene_from_dict(thrown(100)), tmp_path / "pair.fmu", "2", python=True))
     for limit, least in (("2", 2), ("1e-6", 1)):
         out = tmp_path / f"{limit}.csv"
         words = ["simulate", path, "--step", "1e-7", "--stop", "1e-2", "-o", str(out), "--max-cpu", limit]

@@ -40,6 +40,15 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "scene.toml"
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a long run that was not stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    (folder / "scene.toml").write_text(SCENE)
+    assert main(["run", str(folder / "scene.toml"), "-o", str(folder / "whole.nc"), "--quiet", *LONG]) == 0
+    return folder / "whole.nc"
+
+
 def contents(file: Path) -> dict[str, Any]:
     """Every variable and attribute of a results file, as bytes, but for what is measured."""
     tree = open_results(file)
@@ -285,8 +294,7 @@ def started(*more: str, code: str = MAIN) -> subprocess.Popen[str]:
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, signal.SIGINT, *(pytest.param(int(n), marks=pytest.mark.slow) for n in MORE)]
 )
-def test_signals_leave_results_and_a_checkpoint(number: int, scene: Path) -> None:
-    assert main(["run", str(scene), "-o", "whole.nc", "--quiet", *LONG]) == 0
+def test_signals_leave_results_and_a_checkpoint(number: int, scene: Path, whole: Path) -> None:
     process = started(code=signalled(number, 700))
     out, errors = process.communicate(timeout=100)
     assert process.returncode == 128 + number, errors
@@ -298,7 +306,7 @@ def test_signals_leave_results_and_a_checkpoint(number: int, scene: Path) -> Non
     assert 700 <= part["interfaces/meet"].sizes["time"] < 2001
     part.close()
     assert main(["run", str(scene), "-o", "a.nc", "--resume", "--quiet", *LONG]) == 0
-    assert_equal(Path("whole.nc"), Path("a.nc"))
+    assert_equal(whole, Path("a.nc"))
     assert not Path("a.nc.checkpoint").exists()
 
 
@@ -349,26 +357,25 @@ def checkpointed() -> int:
     return int(state_serialization.decode(raw[start:], "checkpoint")["run"]["instant"])
 
 
-def check_kills(scene: Path, kills: int) -> None:
+def check_kills(scene: Path, whole: Path, kills: int) -> None:
     """Kill a run so many times, continue it, and compare."""
-    assert main(["run", str(scene), "-o", "whole.nc", "--quiet", *LONG]) == 0
     done = 0
     for at, kept in killed(random.Random(16), kills):
         done += 1
         assert at - kept <= 50 or at == 0
     assert done == kills
     assert main(["run", str(scene), "-o", "a.nc", "--resume", "--quiet", *LONG]) == 0
-    assert_equal(Path("whole.nc"), Path("a.nc"))
+    assert_equal(whole, Path("a.nc"))
     names = {path.name for path in Path().iterdir() if not path.name.startswith(".latin-fmu-")}  # drafts of killed runs
-    assert names == {"a.nc", "scene.toml", "whole.nc"}
+    assert names == {"a.nc", "scene.toml"}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_killed_twice(scene: Path) -> None:
-    check_kills(scene, 2)
+def test_killed_twice(scene: Path, whole: Path) -> None:
+    check_kills(scene, whole, 2)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_killed_twenty_times(scene: Path) -> None:
-    check_kills(scene, 20)
+def test_killed_twenty_times(scene: Path, whole: Path) -> None:
+    check_kills(scene, whole, 20)

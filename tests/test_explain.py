@@ -207,8 +207,6 @@ def test_factors_in_single_precision_are_suggested_for_large_parts() -> None:
     assert "balance to 1e-6" in found[0].loss
     assert found[0].factor is not None
     assert found[0].factor < 0.9
-    scene["solver"]["precision"] = "float32"
-    assert not suggested(scene, "single precision")
     assert not suggested(tables(), "single precision")
 
 
@@ -228,8 +226,6 @@ def test_an_equilibrium_is_no_reason_for_a_rigid_body() -> None:
     scene["interface"]["meet"]["friction_coefficient"] = 0.3
     scene["boundary"] = {"base": {"type": "fixed", "face": "b.zmax"}}
     assert not suggested(scene, "as a rigid body")
-    lap_joint = load_scene(MODELS / "lap_joint" / "scene.toml")
-    assert not any("rigid" in s.what for s in explain(lap_joint).suggestions)
 
 
 def test_costly_output_is_noticed() -> None:
@@ -262,6 +258,8 @@ def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.Captur
     assert max(map(len, out.splitlines())) <= 140
     for part in ("On:", "Off (not allocated", "Chosen:", "Suggestions", "predicted", "(line "):
         assert part in out
+    if path.parent.name == "lap_joint":
+        assert "as a rigid body" not in out
     assert all(name in out for name in NAMES)
 
 

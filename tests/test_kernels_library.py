@@ -400,46 +400,45 @@ def compiled_by_numba(store: Path) -> tuple[str, str]:
     return done.stdout.strip(), done.stderr.strip()
 
 
-@pytest.fixture(scope="module")
-def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[str, str]]:
-    """A store in which a process has kept what numba compiled, and the output of that process."""
-    store = tmp_path_factory.mktemp("compiled") / "store"
-    return store, compiled_by_numba(store)
-
-
-def test_without_a_library_numba_compiles_once_and_says_so(compiled_once):
-    """In the first process; the second one reads from the folder."""
-    store, (compilations, said) = compiled_once
+def test_without_a_library_numba_compiles_once_and_says_so(tmp_path):
+    """In the first process; the second one reads from the folder. Damaged files are compiled again, with one warning,
+    and the next process reads what that one wrote."""
+    store = tmp_path / "store"
+    compilations, said = compiled_by_numba(store)
     assert compilations == "1"
     assert "switched off (LATIN_FMU_LIBRARY=0): numba compiles the kernels now, up to seven minutes" in said
     assert "to avoid it: unset LATIN_FMU_LIBRARY" in said
     assert str(store) in said
     assert compiled_by_numba(store) == ("", "")
     assert not list(ROOT.glob("latin_fmu/**/*.nbi"))
+    files = list(store.rglob("*.nbi"))
+    assert len(files) > 1
+    for file in files:
+        file.write_bytes(b"")
+    compilations, said = compiled_by_numba(store)
+    assert compilations == "1"
+    assert said.count("\n") == 0
+    assert said.endswith("damaged files of compiled kernels: numba compiles these kernels again")
+    assert compiled_by_numba(store) == ("", "")
 
 
 @pytest.mark.parametrize(
     ("suffix", "damage"),
     [
         (".nbi", lambda content: content[:0]),
-        (".nbc", lambda content: content[:-100]),
-        (".nbc", lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:]),
+        (".nbc", lambda content: content[:-10]),
+        (".nbc", lambda content: content[:9] + bytes([content[9] ^ 1]) + content[10:]),
     ],
     ids=["empty index", "cut", "one bit"],
 )
-def test_damaged_files_of_compiled_kernels_are_compiled_again(suffix, damage, compiled_once, tmp_path):
-    """With one warning; the next process reads what this one wrote."""
-    store = tmp_path / "store"
-    shutil.copytree(compiled_once[0], store)
-    files = list(store.rglob(f"*{suffix}"))
-    assert len(files) > 1
-    for file in files:
-        file.write_bytes(damage(file.read_bytes()))
-    compilations, said = compiled_by_numba(store)
-    assert compilations == "1"
-    assert said.count("\n") == 0
-    assert said.endswith("damaged files of compiled kernels: numba compiles these kernels again")
-    assert suffix == ".nbc" or compiled_by_numba(store) == ("", "")
+def test_damaged_files_of_compiled_kernels_are_not_read(suffix, damage, tmp_path, caplog):
+    files = with_numba._checked_files()(str(tmp_path), "kernel", None)
+    files.save("key", "data")
+    assert files.load("key") == "data"
+    (file,) = tmp_path.glob(f"*{suffix}")
+    file.write_bytes(damage(file.read_bytes()))
+    assert files.load("key") is None
+    assert "damaged files of compiled kernels" in caplog.text
 
 
 def test_a_disk_without_room_for_compiled_kernels_is_a_warning(tmp_path, monkeypatch, caplog):
@@ -459,41 +458,51 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     with_numba.cache_folder.cache_clear()
 
 
-def test_the_cache_folder_follows_the_contents(tree, base, tmp_path):
-    first = with_numba.cache_folder(tree)
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A package of one kernel."""
+    (tmp_path / "package" / "cholesky").mkdir(parents=True)
+    (tmp_path / "package" / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef f(): ...\n")
+    return tmp_path / "package"
+
+
+def test_the_cache_folder_follows_the_contents(small, base, tmp_path):
+    first = with_numba.cache_folder(small)
     assert first is not None
     assert first.parent == base
-    assert (first / "cholesky_numeric.py").read_text() == (tree / "cholesky/numeric.py").read_text()
+    assert (first / "cholesky_numeric.py").read_text() == (small / "cholesky/numeric.py").read_text()
     again = tmp_path / "extracted again"
-    shutil.copytree(tree, again)
+    shutil.copytree(small, again)
     assert with_numba.cache_folder(again) == first
     (again / "notes.py").write_text("nothing compiled here\n")
-    (again / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef f(): ...\n")
+    with_numba.cache_folder.cache_clear()
+    assert with_numba.cache_folder(again) == first
+    (again / "cholesky" / "numeric.py").write_text("from .tree import x\n\n\n@kernel\ndef g(): ...\n")
     with_numba.cache_folder.cache_clear()
     assert with_numba.cache_folder(again) not in (None, first)
 
 
 @pytest.mark.usefixtures("base")
-def test_another_import_name_has_a_cache_folder_of_its_own(monkeypatch):
+def test_another_import_name_has_a_cache_folder_of_its_own(small, monkeypatch):
     """numba could not read types of the package of an FMU back under the name of the installed one."""
-    first = with_numba.cache_folder(library.PACKAGE)
+    first = with_numba.cache_folder(small)
     with_numba.cache_folder.cache_clear()
     monkeypatch.setattr(with_numba, "__name__", "latin_fmu_0123456789ab.compiled.with_numba")
-    assert with_numba.cache_folder(library.PACKAGE) not in (None, first)
+    assert with_numba.cache_folder(small) not in (None, first)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
-def test_only_a_private_cache_folder_is_used(base):
-    folder = with_numba.cache_folder(library.PACKAGE)
+def test_only_a_private_cache_folder_is_used(small, base):
+    folder = with_numba.cache_folder(small)
     assert folder is not None
     assert folder.stat().st_mode & 0o777 == base.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o777)
     with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(library.PACKAGE) is None
+    assert with_numba.cache_folder(small) is None
     shutil.move(folder, base / "elsewhere")
     (base / "elsewhere").chmod(0o700)
     folder.symlink_to(base / "elsewhere")
-    assert with_numba.cache_folder(library.PACKAGE) is None
+    assert with_numba.cache_folder(small) is None
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
@@ -502,48 +511,48 @@ def test_only_a_private_cache_folder_is_used(base):
     [(0o755, True), (0o777, False), (0o775, False), (0o1777, True)],
     ids=["own", "all", "group", "sticky"],
 )
-def test_no_folder_above_the_cache_is_open_to_others(tmp_path, monkeypatch, mode, used):
+def test_no_folder_above_the_cache_is_open_to_others(small, tmp_path, monkeypatch, mode, used):
     """Who can write into a folder above can put his own in the place of the cache, after it was looked at."""
     shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(mode)
     monkeypatch.setenv("LATIN_FMU_CACHE", str(shared / "store"))
     with_numba.cache_folder.cache_clear()
-    assert (with_numba.cache_folder(library.PACKAGE) is not None) == used
+    assert (with_numba.cache_folder(small) is not None) == used
     (tmp_path / "link").symlink_to(shared / "store")
     monkeypatch.setenv("LATIN_FMU_CACHE", str(tmp_path / "link"))
     with_numba.cache_folder.cache_clear()
-    assert (with_numba.cache_folder(library.PACKAGE) is not None) == used
+    assert (with_numba.cache_folder(small) is not None) == used
     with_numba.cache_folder.cache_clear()
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX permissions")
 @pytest.mark.usefixtures("base")
-def test_files_of_the_cache_are_of_this_user_alone():
-    folder = with_numba.cache_folder(library.PACKAGE)
+def test_files_of_the_cache_are_of_this_user_alone(small):
+    folder = with_numba.cache_folder(small)
     assert folder is not None
     (folder / "planted.nbi").write_bytes(b"")
     (folder / "planted.nbi").chmod(0o666)
     with_numba.cache_folder.cache_clear()
-    assert with_numba.cache_folder(library.PACKAGE) is None
+    assert with_numba.cache_folder(small) is None
 
 
-def test_no_cache_folder_where_none_is_wanted_or_possible(base, monkeypatch):
+def test_no_cache_folder_where_none_is_wanted_or_possible(small, base, monkeypatch):
     base.write_text("a file where the folder should be")
-    assert with_numba.cache_folder(library.PACKAGE) is None
+    assert with_numba.cache_folder(small) is None
     for nothing in ("0", ""):
         monkeypatch.setenv("LATIN_FMU_CACHE", nothing)
         with_numba.cache_folder.cache_clear()
-        assert with_numba.cache_folder(library.PACKAGE) is None
+        assert with_numba.cache_folder(small) is None
 
 
-def test_old_cache_folders_go(base):
+def test_old_cache_folders_go(small, base):
     base.mkdir()
     for i in range(with_numba.KEPT + 3):
         old = base / f"{i:032x}"
         old.mkdir()
         os.utime(old, (i, i))
-    newest = with_numba.cache_folder(library.PACKAGE)
+    newest = with_numba.cache_folder(small)
     left = {f.name for f in base.iterdir()}
     assert len(left) == with_numba.KEPT
     assert newest is not None

@@ -13,12 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu import SceneError, Solution, api, load_scene, open_results, solve
+from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
+from latin_fmu.assembly.build import discretise
 from latin_fmu.cli import main
+from latin_fmu.effects import cost
+from latin_fmu.effects.cost import Prediction, memory_need
 from latin_fmu.latin import interface_rows
 from latin_fmu.machine import group_limits, peak_memory
 from latin_fmu.results import dataset
 from latin_fmu.results.checkpoint import Checkpoint
+from latin_fmu.stability.scenes import STEEL, Box, Description, column, placed, rubbing
 
 from .test_checkpoint import Stopping, assert_equal
 from .test_cli import SCENE
@@ -118,12 +122,10 @@ def test_what_does_not_fit_is_refused_with_settings_that_do(settings, fits, tmp_
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs ulimit")
-@pytest.mark.parametrize("command", ["check", "run"])
-def test_a_mesh_beyond_the_limit_of_the_process(command: str, tmp_path: Path) -> None:
+def test_a_mesh_beyond_the_limit_of_the_process(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     done = shell(
-        tmp_path,
-        f"ulimit -v 4000000; latin-fmu {command} scene.toml --set substructure.left.box.elements=[250,250,250]",
+        tmp_path, "ulimit -v 4000000; latin-fmu run scene.toml --set substructure.left.box.elements=[250,250,250]"
     )
     assert done.returncode == 2, done.stderr
     assert "substructure.left.box.elements: the matrices of 15625000 elements need more memory" in done.stderr
@@ -150,8 +152,8 @@ def test_a_lack_of_memory_is_a_sentence(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     "settings",
     [
-        ("time.instants=20000",),
-        ("time.instants=500", "output.fields=true", "output.stress=true", "substructure.left.box.elements=[8,8,16]"),
+        ("time.instants=10000",),
+        ("time.instants=400", "output.fields=true", "output.stress=true", "substructure.left.box.elements=[6,6,12]"),
     ],
 )
 def test_predicted_memory_against_real(settings: tuple[str, ...], tmp_path: Path) -> None:
@@ -173,6 +175,17 @@ print((peak_memory() - before) / need)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment(), check=True, capture_output=True, text=True)
     assert 0.5 < float(done.stdout) < 2.0
+
+
+def test_streamed_histories_are_foreseen_with_the_instants_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run of fewer instants than are kept in memory keeps all of them there."""
+    monkeypatch.setattr(cost, "STREAMED", 0.0)
+    blocks = column({"a": Box(STEEL), "b": Box(STEEL)}, {"meet": {}}, {"end": 1e-5, "instants": 100})
+    prediction = Prediction(discretise(scene_from_dict(blocks)))
+    assert memory_need(prediction, stream=True) == memory_need(prediction)
+    monkeypatch.setattr(cost, "IN_MEMORY", 50)
+    fewer = memory_need(prediction, stream=True).interfaces
+    assert fewer == pytest.approx(50 / 101 * memory_need(prediction).interfaces)
 
 
 def streamed(scene: Path, target: Path, *settings: str, **options: Any) -> Solution:
@@ -233,13 +246,11 @@ def test_streamed_histories_are_those_of_a_run_in_memory(every: int, tmp_path: P
 @pytest.mark.usefixtures("small_memory")
 @pytest.mark.parametrize("settings", [(), ("time.scheme=hht",), ("solver.propagator=explicit",)])
 def test_streamed_energies_and_slip_are_those_of_a_run_in_memory(settings: tuple[str, ...], tmp_path: Path) -> None:
-    """Impacts, friction, a moving ground, an elastic layer and a viscous joint."""
     scene = tmp_path / "scene.toml"
-    scene.write_text(LOSSES)
-    given = ("time.instants=300", "time.end=3e-4", *settings)
-    whole = solve(load_scene(scene, list(given)))
+    scene.write_text(scene_from_dict(losses()).text())
+    whole = solve(load_scene(scene, list(settings)))
     whole.save(tmp_path / "whole.nc")
-    part = streamed(scene, tmp_path / "streamed.nc", *given)
+    part = streamed(scene, tmp_path / "streamed.nc", *settings)
     assert len(part.outcome.interface_time) <= 101
     assert part.energy is not None
     assert all(len(values) == 301 for values in part.energy.values())
@@ -263,7 +274,7 @@ def test_a_streamed_run_continues_from_a_checkpoint(tmp_path: Path) -> None:
 
 def peak_of_a_run(place: Path, code: str, settings: list[str]) -> list[float]:
     """Peak memory of a process that solves three small blocks, behind the numbers that ``code`` prints."""
-    (place / "scene.toml").write_text(THREE_BLOCKS)
+    (place / "scene.toml").write_text(three_blocks())
     whole = f"""
 from pathlib import Path
 from latin_fmu import api, load_scene
@@ -281,64 +292,40 @@ print(peak_memory())
     return [float(word) for word in done.stdout.split()]
 
 
-LOSSES = """name = "losses"
-[material.steel]
-young_modulus = 210e9
-poisson_ratio = 0.3
-density = 7800.0
-[substructure.low]
-material = "steel"
-box = { origin = [0.0, 0.0, 0.0], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.top]
-material = "steel"
-box = { origin = [0.0, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.beside]
-material = "steel"
-box = { origin = [0.02, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[substructure.last]
-material = "steel"
-box = { origin = [0.04, 0.0, 0.01], size = [0.02, 0.02, 0.01], elements = [2, 2, 1] }
-[interface.slides]
-sides = ["low.zmax", "top.zmin"]
-friction_coefficient = 0.2
-[interface.layer]
-sides = ["top.xmax", "beside.xmin"]
-behaviour = "elastic_layer"
-normal_stiffness = 1e13
-tangential_stiffness = 1e12
-[interface.joint]
-sides = ["beside.xmax", "last.xmin"]
-behaviour = "viscous_joint"
-normal_viscosity = 1e7
-tangential_viscosity = 1e6
-[interface.floor]
-sides = ["low.zmin", "ground"]
-behaviour = "perfect"
-ground_velocity = { direction = [0.0, 0.0, 1.0], amplitude = 0.1, law = { type = "constant" } }
-[load.press]
-face = "top.zmax"
-pressure = 1e7
-[load.pull]
-face = "last.xmax"
-traction = [8e6, 0.0, 0.0]
-[output]
-energy = true
-surfaces = true
-"""
-THREE_BLOCKS = (
-    'name = "blocks"\n[material.steel]\nyoung_modulus = 210e9\npoisson_ratio = 0.3\ndensity = 7800.0\n'
-    + "".join(
-        f'[substructure.b{i}]\nmaterial = "steel"\n'
-        f"box = {{ origin = [0.0, 0.0, {0.01 * i}], size = [0.01, 0.01, 0.01], elements = [2, 2, 2] }}\n"
-        for i in range(3)
+def losses() -> Description:
+    """Impacts, friction, a moving ground, an elastic layer and a viscous joint."""
+    block = Box(STEEL, (0.02, 0.02, 0.01), (2, 2, 1))
+    places = {"low": (0.0, 0.0), "top": (0.0, 0.01), "beside": (0.02, 0.01), "last": (0.04, 0.01)}
+    layer = {"behaviour": "elastic_layer", "normal_stiffness": 1e13, "tangential_stiffness": 1e12}
+    joint = {"behaviour": "viscous_joint", "normal_viscosity": 1e7, "tangential_viscosity": 1e6}
+    ground = {"direction": [0.0, 0.0, 1.0], "amplitude": 0.1, "law": "constant"}
+    return placed(
+        {name: (block, (x, 0.0, z)) for name, (x, z) in places.items()},
+        {"end": 3e-4, "instants": 300},
+        interface={
+            "slides": rubbing("low.zmax", "top.zmin", 0.2),
+            "layer": {"sides": ["top.xmax", "beside.xmin"], **layer},
+            "joint": {"sides": ["beside.xmax", "last.xmin"], **joint},
+            "floor": {"sides": ["low.zmin", "ground"], "behaviour": "perfect", "ground_velocity": ground},
+        },
+        load={
+            "press": {"face": "top.zmax", "pressure": 1e7},
+            "pull": {"face": "last.xmax", "traction": [8e6, 0.0, 0.0]},
+        },
+        output={"energy": True, "surfaces": True},
     )
-    + "".join(
-        f'[interface.i{i}]\nsides = ["b{i}.zmax", "b{i + 1}.zmin"]\nbehaviour = "contact"\nfriction_coefficient = 0.3\n'
-        for i in range(2)
+
+
+def three_blocks() -> str:
+    """Text of a scene of three small blocks in a pile."""
+    tables = column(
+        {f"b{i}": Box(STEEL, (0.01,) * 3, (2, 2, 2)) for i in range(3)},
+        {f"i{i}": {"friction_coefficient": 0.3} for i in range(2)},
+        {"end": 5e-3, "instants": 50000},
+        boundary={"base": {"type": "symmetry", "face": "b0.zmin"}},
+        load={"push": {"face": "b2.zmax", "pressure": 1e6}},
     )
-    + '[boundary.base]\ntype = "symmetry"\nface = "b0.zmin"\n'
-    + '[load.push]\nface = "b2.zmax"\npressure = 1e6\n[time]\nend = 5e-3\ninstants = 50000\n'
-)
+    return scene_from_dict(tables).text()
 
 
 @pytest.mark.slow
@@ -384,7 +371,7 @@ def test_a_disk_without_room_for_the_results_is_told_before_the_run(tmp_path, ca
 def test_a_long_run_with_its_error_estimate_stays_below_500_mb(tmp_path: Path) -> None:
     """Three hundred thousand instants of three small blocks; the coarser run with shorter steps has half a million,
     whose histories would take 2 GB in memory."""
-    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    (tmp_path / "scene.toml").write_text(three_blocks())
     settings = ["time.instants=300000", "time.end=0.03", "solver.tolerance=1e-6"]
     words = [word for setting in settings for word in ("--set", setting)]
     code = f"""
@@ -403,7 +390,7 @@ print(peak_memory())
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no process status here")
 def test_memory_is_given_back_after_a_run(tmp_path: Path) -> None:
     """In a process that goes on: after four runs whose histories take 44 MB each it is as large as after the second."""
-    (tmp_path / "scene.toml").write_text(THREE_BLOCKS)
+    (tmp_path / "scene.toml").write_text(three_blocks())
     code = """
 import gc
 from pathlib import Path

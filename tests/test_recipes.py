@@ -1,4 +1,5 @@
-"""The recipe of CONTRIBUTING for an interface law, carried out in a copy of the sources: friction with cohesion.
+"""Recipes of CONTRIBUTING, carried out in a copy of the sources: an interface law, friction with cohesion; outputs of
+the FMU, the shear force of an interface and the acceleration of a sensor; an input of the FMU, wind on a face.
 
 The kernels of the copy are plain Python, so that nothing is compiled.
 """
@@ -9,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
@@ -100,7 +102,8 @@ class CohesiveContact(PointLaw):
     tangent = staticmethod(tangent)
     point_status = staticmethod(point_status)
 '''
-EDITS = {  # file: what stands there, what stands there then
+Edits = Mapping[str, Iterable[tuple[str, str]]]
+EDITS: Edits = {  # file: what stands there, what stands there then
     "latin_fmu/laws/dispatch.py": [
         (
             "from .contact import Contact\n",
@@ -183,21 +186,150 @@ assert not lost.converged and "equilibrium" in lost.status, lost.status
 """
 
 
-@pytest.mark.slow
-def test_a_law_by_the_recipe(tmp_path: Path) -> None:
+OUTPUTS: Edits = {
+    "latin_fmu/cosim/output_table.py": [
+        (
+            '        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n',
+            '        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),\n'
+            '        OutputKind("acceleration", "m s-2", "acceleration {about}", _read("motion", 2), _vector),\n',
+        ),
+        (
+            '        OutputKind("smallestGap"',
+            '        OutputKind("shear", "N", "tangential resultant on {first}", lambda p: '
+            'np.einsum("p,tpc->tc", p.areas, '
+            'p.traction - np.einsum("tpc,pc,pd->tpd", p.traction, p.normals, p.normals)), _vector, at_start=True),\n'
+            '        OutputKind("smallestGap"',
+        ),
+    ]
+}
+RUN_OUTPUTS = """
+import numpy as np, latin_fmu
+from latin_fmu.cosim import Session
+from latin_fmu.cosim.communication import CommunicationRun
+from latin_fmu.kernels import entries
+from latin_fmu.model_exchange.reduce import _table, Regularisation
+from latin_fmu.scene.laws import ConstantLaw
+from latin_fmu.cosim.input_table import with_laws
+from latin_fmu.stability.scenes import STEEL, Box, column
+
+body = Box(STEEL, (0.01, 0.01, 0.01), (1, 1, 1))
+data = column({"low": body, "up": body}, {"joint": {"friction_coefficient": 0.3}}, {"end": 4e-6, "step": 1e-6},
+              boundary={"base": {"type": "fixed", "face": "low.zmin"}},
+              load={"pull": {"face": "up.zmax", "traction": [4e6, 1e6, -1e7], "law": {"type": "input"}}},
+              solver={"window": 1, "tolerance": 1e-8},
+              sensor={"head": {"substructure": "up", "point": [0.005, 0.005, 0.02]}}, output={"energy": True})
+scene = latin_fmu.scene_from_dict(data)
+known = latin_fmu.solve(with_laws(scene, {"pull": ConstantLaw()}))
+session = Session(scene)
+session.set_load("pull", 1.0, 0.0)
+session.initialize()
+for step in range(4):
+    assert session.step(step * 1e-6, 1e-6)
+def value(name):
+    return session.values([f"{name}[{k}]" for k in (1, 2, 3)])
+joint = known.interfaces["joint"]
+normal = joint.traction[-1] @ joint.normals[0]
+shear = joint.areas @ (joint.traction[-1] - normal[:, None] * joint.normals)
+accelerations = known.sensors["head"].acceleration[-1]
+assert np.linalg.norm(shear) > 1.0 and np.linalg.norm(accelerations) > 1.0
+assert np.allclose(value("interface.joint.shear"), shear, rtol=1e-6)
+assert np.allclose(value("sensor.head.acceleration"), accelerations, rtol=1e-6)
+assert session.derivative(["interface.joint.shear[1]"], ["load.pull.value"], [1.0])[0] != 0.0
+image = CommunicationRun(scene)  # what C marches
+image.set("pull", 1.0, 0.0)
+for step in range(4):
+    assert image.image.call(entries.COMMUNICATE, 1, 3, 0, 1) == 1
+assert np.array_equal(image.outputs(1), session.row)
+names = [v.name for v in _table(scene, Regularisation(1.0, 1.0, 1.0))]
+assert "interface.joint.force[1]" in names and "interface.joint.shear[1]" not in names
+"""
+INPUT: Edits = {
+    "latin_fmu/scene/schema.py": [
+        (
+            '    load: Annotated[dict[Name, Load], about("loads by name")',
+            '    wind: Annotated[dict[Name, Load], about("wind by name"), Field(default_factory=dict)]\n'
+            '    load: Annotated[dict[Name, Load], about("loads by name")',
+        ),
+        (
+            "        own = dict(self.load)\n",
+            '        own = self.load | {f"wind.{name}": wind for name, wind in self.wind.items()}\n',
+        ),
+    ],
+    "latin_fmu/cosim/input_table.py": [
+        ("INPUTS: Final = (\n", 'INPUTS: Final = (\n    InputKind("wind.{}", "wind", "law", "wind {}"),\n')
+    ],
+}
+RUN_INPUT = """
+import numpy as np, latin_fmu
+from latin_fmu.cosim import Session
+from latin_fmu.cosim.communication import CommunicationRun
+from latin_fmu.kernels import entries
+from latin_fmu.stability.scenes import STEEL, Box, column
+
+def scene(kind, law):
+    table = {"face": "post.xmin", "traction": [1e6, 0.0, 0.0], "law": law}
+    return latin_fmu.scene_from_dict(column(
+        {"post": Box(STEEL, (0.01, 0.01, 0.02), (1, 1, 2))}, {}, {"end": 8e-7, "step": 2e-7},
+        boundary={"base": {"type": "fixed", "face": "post.zmin"}},
+        sensor={"head": {"substructure": "post", "point": [0.01, 0.01, 0.02]}}, **{kind: {"gust": table}}))
+
+def row(session, name=None):
+    session.initialize()
+    for step in range(4):
+        if name:
+            session.set_load(name, 2e6 * step * 2e-7, 2e6)
+        assert session.step(step * 2e-7, 2e-7)
+    return session.row
+
+ramp = {"type": "table", "times": [0.0, 8e-7], "values": [0.0, 1.6]}
+given = Session(scene("wind", {"type": "input"}))
+assert given.loads == ("wind.gust",)
+assert [v.description for v in given.table if v.name == "wind.gust.value"] == [
+    "amplitude that multiplies wind gust, at the start of the step"]
+inputs = row(given, "wind.gust")
+assert np.allclose(inputs, row(Session(scene("wind", ramp))), rtol=1e-9, atol=1e-15)
+assert np.array_equal(inputs, row(Session(scene("load", {"type": "input"})), "gust"))
+assert np.abs(inputs).max() > 0.0
+image = CommunicationRun(scene("wind", {"type": "input"}))  # what C marches
+for step in range(4):
+    image.set("wind.gust", 2e6 * step * 2e-7, 2e6)
+    assert image.image.call(entries.COMMUNICATE, 1, 3, 0, 1) == 1
+assert np.array_equal(image.outputs(1), inputs)
+"""
+
+
+def carry_out(folder: Path, edits: Edits, *commands: list[str]) -> None:
+    """Edit a copy of the sources and run commands in it, its kernels as plain Python."""
+    for name, pairs in edits.items():
+        text = (folder / name).read_text()
+        for before, after in pairs:
+            assert text.count(before) == 1, (name, before)
+            text = text.replace(before, after)
+        (folder / name).write_text(text)
+    environment = {**os.environ, "PYTHONPATH": str(folder), "LATIN_FMU_COMPILE": "setup", "LATIN_FMU_LIBRARY": "0"}
+    for command in commands:
+        done = subprocess.run(
+            [sys.executable, *command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """A copy of the sources and of the tests that the recipe of a law runs."""
     for folder in ("latin_fmu", "fmu_build", "tests/interface"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    (tmp_path / "latin_fmu" / "laws" / "cohesive_contact.py").write_text(LAW)
-    for name, edits in EDITS.items():
-        text = (tmp_path / name).read_text()
-        for before, after in edits:
-            assert text.count(before) == 1, (name, before)
-            text = text.replace(before, after)
-        (tmp_path / name).write_text(text)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "LATIN_FMU_COMPILE": "setup", "LATIN_FMU_LIBRARY": "0"}
-    for command in (["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/interface"], ["-c", RUN]):
-        done = subprocess.run(
-            [sys.executable, *command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_a_law_by_the_recipe(sources: Path) -> None:
+    (sources / "latin_fmu" / "laws" / "cohesive_contact.py").write_text(LAW)
+    carry_out(sources, EDITS, ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/interface"], ["-c", RUN])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("edits", "run"), [(OUTPUTS, RUN_OUTPUTS), (INPUT, RUN_INPUT)], ids=["outputs", "input"])
+def test_a_row_of_the_fmu_by_the_recipe(sources: Path, edits: Edits, run: str) -> None:
+    carry_out(sources, edits, ["-c", run])

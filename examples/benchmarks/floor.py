@@ -49,9 +49,8 @@ class Floor:
     def package(self) -> DirectPropagator:
         """The propagator of the package, with no interface to wait for."""
         body = self._begun()
-        for _ in range(len(self._ready.time) - 1):
-            body.alone.predict()
-            body.alone.commit(NOTHING)
+        for _ in self._instants(body):
+            pass
         return body
 
     def compiled(self) -> DirectPropagator:
@@ -64,12 +63,8 @@ class Floor:
 
     def _compiled(self) -> tuple[DirectPropagator, float]:
         """The body at the end of its march by the kernels, and the CPU seconds of the march."""
-        body = self._begun()
-        steps = len(self._ready.time) - 1
-        image = Image([ImageClass(body, np.zeros((0, 1), dtype=np.int64))], np.zeros(0, dtype=bool))
-        image.begin(steps + 1, {})
-        image.bind(1)
-        image.write()
+        body, steps = self._begun(), len(self._ready.time) - 1
+        image = self._image(body)
         start = clock.process_time()
         for first in range(1, steps + 1, image.rows):
             image.set({"first_row": first})
@@ -80,10 +75,24 @@ class Floor:
     def displacements(self) -> Iterator[np.ndarray]:
         """Displacements of the nodes of all blocks (n_node, 3), m, instant by instant."""
         body = self._begun()
-        for _ in range(len(self._ready.time) - 1):
-            body.alone.predict()
-            body.alone.commit(NOTHING)
+        for _ in self._instants(body):
             yield full_displacement(body, 0)
+
+    def _image(self, body: DirectPropagator) -> Image:
+        image = Image([ImageClass(body, np.zeros((0, 1), dtype=np.int64))], np.zeros(0, dtype=bool))
+        image.begin(len(self._ready.time), {})
+        image.bind(1)
+        image.write()
+        return image
+
+    def _instants(self, body: DirectPropagator) -> Iterator[int]:
+        """March the body, one instant a call of the kernels."""
+        image = self._image(body)
+        for instant in range(1, len(self._ready.time)):
+            image.set({"first_row": instant})
+            image.call(entries.MARCH, instant, 1)
+            body.instant = instant
+            yield instant
 
     def _begun(self) -> DirectPropagator:
         ready = self._ready

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +92,9 @@ def single_steps(model: str) -> tuple[float, float]:
     loads = LOADS[model]
     scene = scene_of(model)
     dt, run, spent = scene.time.time_step, CommunicationRun(completed(scene)), list[tuple[float, float]]()
-    with tempfile.TemporaryDirectory() as folder, closing(FmuPeer(build_fmu(scene, Path(folder) / "a.fmu"))) as peer:
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        fmu = build_fmu(scene, Path(folder) / "a.fmu", python=True)
+        peer = stack.enter_context(closing(FmuPeer(fmu)))
 
         def hosted(i: int) -> None:
             for name in loads:
@@ -142,7 +144,7 @@ def main() -> dict[str, float]:
 
     # solve
     with tempfile.TemporaryDirectory() as folder:
-        fmu = build_fmu(scene, Path(folder) / "crushing.fmu")
+        fmu = build_fmu(scene, Path(folder) / "crushing.fmu", python=True)
         Drive(fmu).close()  # the first instance of a process imports
         start = time.process_time()
         drive = Drive(fmu)

@@ -27,12 +27,12 @@ import os
 import subprocess
 import sys
 import time
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from latin_fmu import scene_from_dict
 from latin_fmu.api import solve
+from latin_fmu.stability.scenes import STEEL, Box, column, rubbing
 
 INSTANTS = 60
 LATENCY, BANDWIDTH = 3e-5, 1e10  # s, bytes s-1
@@ -43,25 +43,17 @@ LOCAL = 3e-8  # s for a channel and iteration in the local stage, the indicator 
 
 def stack(blocks: int, elements: int) -> dict[str, Any]:
     """Scene of a stack of cubes of 10 mm."""
-    size, names = 0.01, [f"b{i}" for i in range(blocks)]
-    box = {"size": [size] * 3, "elements": [elements] * 3}
-    return {
-        "name": "stack",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            n: {"material": "steel", "box": box | {"origin": [0.0, 0.0, i * size]}} for i, n in enumerate(names)
-        },
-        "interface": {
-            f"i{i}": {"sides": [f"{a}.zmax", f"{b}.zmin"], "friction_coefficient": 0.3}
-            for i, (a, b) in enumerate(pairwise(names))
-        }
-        | {"floor": {"sides": ["b0.zmin", "ground"], "friction_coefficient": 0.3}},
-        "load": {
-            f"press_{n}": {"face": f"{n}.xmin", "traction": [5e6, 0.0, -2e7], "law": {"type": "step"}} for n in names
-        },
-        "time": {"end": INSTANTS * 1.5e-7 * 10 / elements, "instants": INSTANTS},
-        "solver": {"share_identical": False},
-    }
+    names = [f"b{i}" for i in range(blocks)]
+    tables = column(
+        dict.fromkeys(names, Box(STEEL, (0.01,) * 3, (elements,) * 3)),
+        {f"i{i}": {"friction_coefficient": 0.3} for i in range(blocks - 1)},
+        {"end": INSTANTS * 1.5e-7 * 10 / elements, "instants": INSTANTS},
+        name="stack",
+        load={f"press_{n}": {"face": f"{n}.xmin", "traction": [5e6, 0.0, -2e7], "law": "step"} for n in names},
+        solver={"share_identical": False},
+    )
+    tables["interface"]["floor"] = rubbing("b0.zmin", "ground", 0.3)
+    return tables
 
 
 def measure(blocks: int, elements: int) -> dict[str, float]:

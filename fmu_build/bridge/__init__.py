@@ -52,7 +52,7 @@ def file_name(target: str) -> str:
     """Name of the library for an operating system and processor; it holds the digest of its sources."""
     digest = hashlib.sha256()
     for path in (HERE / "bridge.h", *sources()):
-        digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
+        digest.update(path.read_bytes().replace(b"\r\n", b"\n"))  # as git writes them on Windows
     return f"_bridge-{target}-{digest.hexdigest()[:12]}{suffix(target)}"
 
 
@@ -89,13 +89,14 @@ def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
         options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
         libraries = [] if target.startswith("windows") else ["-ldl"]
         if target.startswith("darwin"):
+            # the name by which others would link it, and not the path where it is made
             libraries.append(f"-Wl,-install_name,@rpath/{library.name}")
         command = [*compiler, *options, "-o", str(made), *map(str, sources()), *libraries]
         environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(folder / "zig"))
         done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **environment})
         if done.returncode:
             raise RuntimeError(f"the library of the FMU for {target} cannot be compiled: {done.stderr.strip()}")
-        os.replace(made, library)
+        os.replace(made, library)  # whole or not at all
     return library
 
 

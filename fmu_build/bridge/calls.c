@@ -59,6 +59,7 @@ int allowed(const Instance *c, int call, const char *function)
     for (int phase = 0; phase < N_PHASE; phase++)
         if (phases & IN(phase) && phase != FAILED && n < LONGEST) {
             const char *name = name_of(c->kind, phase);
+            /* without what stands in parentheses, and the blank before it */
             size_t most = strcspn(name, "(");
             n += snprintf(text + n, (size_t)(LONGEST - n), "%.*s, ", (int)(name[most] ? most - 1 : most), name);
         }
@@ -66,13 +67,13 @@ int allowed(const Instance *c, int call, const char *function)
         snprintf(text, sizeof text, "%s is not allowed in the state %s: it is no function of this kind of FMU", function,
                  name_of(c->kind, c->phase));
     else if (n < LONGEST)
-        text[n - 2] = '\0';
+        text[n - 2] = '\0';  /* the last comma */
     emit(c, ERROR, text);
     return 0;
 }
 
 int entered(Instance *c, int status, int phase)
 {
-    if (status < DISCARD) c->phase = phase;
+    if (status < DISCARD) c->phase = phase;  /* a call that failed or a step that was discarded leaves the state */
     return status;
 }

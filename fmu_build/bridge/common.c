@@ -50,10 +50,10 @@ char *path_of(const char *uri)
         uri += 5;
         if (strncmp(uri, "//", 2) == 0) {
             uri += 2;
-            if (strncmp(uri, "localhost/", 10) == 0) uri += 9;
+            if (strncmp(uri, "localhost/", 10) == 0) uri += 9;  /* the / stays */
         }
 #ifdef _WIN32
-        if (uri[0] == '/' && isalpha((unsigned char)uri[1]) && uri[2] == ':') uri++;
+        if (uri[0] == '/' && isalpha((unsigned char)uri[1]) && uri[2] == ':') uri++;  /* /C:/a -> C:/a */
 #endif
     }
     strcpy(raw, uri);

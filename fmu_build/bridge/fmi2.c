@@ -70,7 +70,7 @@ EXPORT int fmi2EnterInitializationMode(Instance *c)
 EXPORT int fmi2ExitInitializationMode(Instance *c)
 {
     ALLOWED(EXIT_INITIALIZATION);
-    c->phase = FAILED;
+    c->phase = FAILED;  /* stays where the next line fails */
     return entered(c, initialize(c), STEP);
 }
 
@@ -101,7 +101,7 @@ EXPORT int fmi2SetReal(Instance *c, const uint32_t vr[], size_t n, const double 
 
 static int get_integers(Instance *c, const uint32_t vr[], size_t n, int v[])
 {
-    double *numbers = calloc(n + 1, sizeof *numbers);
+    double *numbers = calloc(n + 1, sizeof *numbers);  /* none is still a block */
     if (numbers == NULL) return ERROR;
     int status = get_numbers(c, vr, n, numbers, n);
     for (size_t i = 0; i < n && status < DISCARD; i++) v[i] = (int)numbers[i];

@@ -63,7 +63,7 @@ EXPORT int fmi3EnterInitializationMode(Instance *c, bool tolerance_defined, doub
 EXPORT int fmi3ExitInitializationMode(Instance *c)
 {
     ALLOWED(EXIT_INITIALIZATION);
-    c->phase = FAILED;
+    c->phase = FAILED;  /* stays where the next line fails */
     return entered(c, initialize(c), c->kind == EXCHANGE_3 ? EVENT : STEP);
 }
 

@@ -110,6 +110,7 @@ static void *library_of_process(void)
     return NULL;
 }
 
+/* modules of Python in C find its functions among those of the process */
 static void *load(const char *path) { return dlopen(path, RTLD_NOW | RTLD_GLOBAL); }
 #endif
 
@@ -134,7 +135,7 @@ static int ask(char *executable, char *library, int size)
              "the host is no Python, and '%s' cannot be run: set LATIN_FMU_PYTHON to the Python (3.11 or newer, with a "
              "shared library) that has the packages this FMU needs; see documentation/externalDependencies.txt",
              python);
-    if (strpbrk(python, "'\"\n") != NULL) return 0;
+    if (strpbrk(python, "'\"\n") != NULL) return 0;  /* they would end the quotation */
     snprintf(command, sizeof command, "%s%s%s -c \"%s\"", quote, python, quote, question);
     FILE *stream = popen(command, "r");
     if (stream == NULL) return 0;
@@ -174,6 +175,7 @@ static int found_python(void)
 {
     char executable[4096], path[4096];
     void *library = library_of_process();
+    /* a library of Python without an interpreter: one is started in it */
     if (library != NULL && bound(library) && Py_IsInitialized()) return 1;
     if (!ask(executable, path, sizeof path)) return 0;
     if (library == NULL) library = load(path);
@@ -267,7 +269,7 @@ static int call(Instance *c, const char *method, const char *format, ...)
     va_start(given, format);
     Object *result = result_of(c->fmu, method, Py_VaBuildValue(format, given));
     va_end(given);
-    int status = result ? (int)PyLong_AsLong(result) : -1;
+    int status = result ? (int)PyLong_AsLong(result) : -1;  /* an exception */
     Py_DecRef(result);
     if (status < 0) status = tell_exception(c);
     if (status & PENDING) tell_pending(c);
@@ -340,6 +342,7 @@ void closed(Instance *c)
 int get_numbers(Instance *c, const uint32_t *references, size_t n, double *values, size_t size)
 {
     if (n == 0) return OK;
+    /* the views are made before the call: they need the lock already, which may be taken twice */
     int state = lock();
     int status = call(c, "get_numbers", "(NN)", readable(references, 4 * n), writable(values, 8 * size));
     unlock(state);
@@ -371,12 +374,13 @@ int get_texts(Instance *c, const uint32_t *references, size_t n, const char **va
     if (n == 0) return OK;
     int state = lock();
     Object *texts = PyList_New(0);
+    /* O: the list stays ours, the views are given away */
     int status = call(c, "get_texts", "(NO)", readable(references, 4 * n), texts);
     for (size_t i = 0; i < size && status < DISCARD; i++) {
         Object *bytes = PyList_GetItem(texts, (ptrdiff_t)i);
         values[i] = bytes ? PyBytes_AsString(bytes) : "";
     }
-    PyErr_Clear();
+    PyErr_Clear();  /* a string less than requested */
     Py_DecRef(c->texts);
     c->texts = texts;
     unlock(state);

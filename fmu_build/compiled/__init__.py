@@ -23,6 +23,7 @@ import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Final
 
@@ -33,10 +34,12 @@ import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim.communication import CommunicationRun, write
+from latin_fmu.cosim.input_table import inputs_of
+from latin_fmu.cosim.output_table import AT_POINTS
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
-from latin_fmu.cosim.variables import inputs_of, table_of
-from latin_fmu.errors import InputError, Problem
+from latin_fmu.cosim.variables import table_of
+from latin_fmu.errors import NeedsPythonError, Problem
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -100,7 +103,7 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
 
     Raises
     ------
-    InputError : the kernels do not hold something of this scene; SceneError : it cannot be built.
+    NeedsPythonError : the kernels do not hold something of this scene; SceneError : it cannot be built.
     """
     run = CommunicationRun(scene)
     image = write(run)
@@ -116,23 +119,27 @@ def compiled_run(scene: Scene, fmi: str) -> CompiledRun:
     return CompiledRun(table, image, _table(table, scene, run, (image, results), token, places, record), results, token)
 
 
-def libraries() -> dict[str, bytes]:
-    """Libraries of the kernels with the functions of the FMI, by target.
+def libraries(portable: bool = False) -> dict[str, bytes]:
+    """Libraries of the kernels with the functions of the FMI, by platform; ``portable`` : those that need no AVX2.
 
     Raises
     ------
-    InputError : there is none that was made from these sources.
+    NeedsPythonError : there is none that was made from these sources.
     """
-    known = linking.functions_digest().encode()
-    made = {path.stem.removeprefix("_kernels-"): path.read_bytes() for path in library.shipped()}
-    fit = {target: content for target, content in made.items() if known in content}
+    known, end = linking.functions_digest().encode(), "-portable" if portable else ""
+    made = {path.stem.removeprefix("_kernels-"): path for path in library.shipped()}
+    wanted = {name.removesuffix(end): made[name] for name in made if name.endswith("-portable") == portable}
+    fit = {name: content for name, path in wanted.items() if known in (content := path.read_bytes())}
     if not fit:
+        targets = " ".join(f"{name}{end}" for name in ("linux-x86_64", "windows-x86_64"))
+        known_targets = ", ".join(name for name in linking.TARGETS if name.endswith("-portable") == portable)
         remedy = (
-            "install a wheel, or, in a source tree, run: python -m latin_fmu.aot linux-x86_64 windows-x86_64 (of "
-            f"{', '.join(linking.TARGETS)} those on which it is to run)"
+            f"in a source tree run: python -m latin_fmu.aot {targets} (of {known_targets} those on which it is to run)"
         )
-        problem = Problem("--compiled", "the library of compiled kernels is missing here", None, None, remedy)
-        raise InputError([problem], "the FMU cannot be compiled")
+        if not portable:
+            remedy = f"install a wheel, or, {remedy}"
+        problem = Problem("compiled FMU", "the library of compiled kernels is missing here", None, None, remedy)
+        raise NeedsPythonError([problem], "the FMU cannot be compiled")
     return fit
 
 
@@ -167,7 +174,7 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
         of, what = input_of(name)
         return what, inputs.index(of), 0
     if name == "history.time":
-        return "history_time", len(inputs), 0
+        return "history_time", len(inputs), 0  # behind those of the inputs
     if variable.is_array and variable.causality == "parameter":
         return "history", inputs.index(input_of(name)[0]), 0
     if name in ("window.count", "window.time"):
@@ -180,6 +187,7 @@ def _role(variable: Variable, places: Mapping[str, int], inputs: Sequence[str]) 
     if group == "points":
         return "points", places[name], 0
     scalar = f"interface.{interface}.{what}"
+    # components follow each other
     return ("window", places[scalar], 1) if scalar in places else ("window", places[f"{scalar}[1]"], 3)
 
 
@@ -187,10 +195,10 @@ def _points(run: CommunicationRun) -> Iterator[tuple[str, int]]:
     """Arrays at the points by name, and where they begin among the fields of the points."""
     at = 0
     for unit in run.run.assembly.interfaces:
-        sizes = {"traction": 3, "velocity": 6, **({"gap": 1, "status": 1} if unit.behaviour.opens else {})}
-        for what, size in sizes.items():
-            yield f"interface.{unit.name}.points.{what}", at
-            at += size * unit.geometry.n_point
+        for what, (_, _, shape) in AT_POINTS.items():
+            if len(shape) > 1 or unit.behaviour.opens:
+                yield f"interface.{unit.name}.points.{what}", at
+                at += prod(size or unit.geometry.n_point for size in shape)
 
 
 # -- the file -----------------------------------------------------------------------------------------------------
@@ -242,20 +250,21 @@ def _table(
     begins |= {key: references.get(name, -1) for key, name in _NAMED.items()}
     begins |= {"token": texts.place(token), "solver": places["solver.iterations"], "image": checksum(files[0])}
     begins["results_sum"] = checksum(files[1])
-    content = texts.content + bytes(-len(texts.content) % 8)
+    content = texts.content + bytes(-len(texts.content) % 8)  # whole words
     begins["length"] = len(words) + len(content) // 8
     words[: len(HEADER)] = [begins[name] for name in HEADER]
-    body = b"".join(_word(word) for word in words[2:]) + content
+    body = b"".join(_word(word) for word in words[2:]) + content  # all but magic and checksum
     return b"LATINVAR" + _word(checksum(body)) + body
 
 
 def _word(number: int | float) -> bytes:
     if isinstance(number, float):
         return struct.pack("<d", number)
-    return struct.pack("<Q", number % 2**64)
+    return struct.pack("<Q", number % 2**64)  # below 0: two's complement
 
 
 def _row(variable: Variable, role: Role, texts: _Texts, references: Mapping[str, int]) -> list[int | float]:
+    # below 0: the size is the value of a variable
     sizes = [size if isinstance(size, int) else -1 - references[size] for size in variable.dimensions]
     start = texts.place(str(variable.start or "")) if variable.kind == "string" else float(variable.start or 0.0)
     kind, place, width = _ROLES.index(role[0]), role[1], role[2]
@@ -267,8 +276,9 @@ def _whole_numbers(run: CommunicationRun) -> Iterator[tuple[int, float, float]]:
     """Numbers of the state that the kernels take for whole ones: place, least and largest."""
     record = run.image.run[0]
     last = int(record["law_end"])
-    yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53
+    yield int(record["progress"]), 0.0, float(last) if last >= 0 else 2.0**53  # whole numbers are exact up to there
     most = float(record["max_iterations"])
+    # negative where no step ended the last instant (``newton.keep_course``)
     yield int(record["finish"]), -most, most
     for row in run.image.classes:
         yield int(row["rest"]), 0.0, 1.0
@@ -356,6 +366,7 @@ def _add_group(
     for name, value in attributes.items():
         file.setncattr(_flat(path, name), value)
     for name, variable in group.variables.items():
+        # one coordinate for all groups
         if name == "time" and path != "/":
             continue
         if "time" in variable.dims:
@@ -379,10 +390,10 @@ def _add_variable(file: netCDF4.Dataset, path: str, name: str, variable: StoredV
     dims = ["time" if dim == "time" else _flat(path, dim) for dim in variable.dims]
     if values.dtype.kind in "OUS":
         values = np.char.encode(values.astype(str), "utf-8")
-        dims.append(f"text{values.dtype.itemsize}")
+        dims.append(f"text{values.dtype.itemsize}")  # characters are a dimension in netCDF-3
         values = values.view("S1").reshape(*values.shape, -1)
     elif values.dtype.kind in "iub":
-        values = values.astype("i4")
+        values = values.astype("i4")  # netCDF-3 has no integers of 8 bytes
     for dim, size in zip(dims, values.shape, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, size)

@@ -1,7 +1,7 @@
 /* An instance of a compiled FMU: variables, a copy of the moving block of the run, what the last step left.
 
    image.c reads the files of the FMU, once per process; variables.c sets and reads variables; run.c makes steps by the
-   kernels; states.c saves and restores. Instances share nothing that changes but the list of files in image.c. */
+   kernels; derivatives.c differentiates the last one; states.c saves and restores. Instances share nothing that changes but the list of files in image.c. */
 #ifndef COMPILED_H
 #define COMPILED_H
 
@@ -43,8 +43,9 @@ enum { HOLD, BY_RATE, LINE, CAUSAL };
 /* The image of the run: its header, in the order of latin_fmu/cosim/communication.py. */
 enum {
     M_MAGIC, M_VERSION, M_RUN_SIZE, M_N_CLASS, M_CLASS_SIZE, M_N_GROUP, M_GROUP_SIZE, M_N_FIXED, M_N_MOVING, M_N_STATE,
-    M_N_INPUT, M_N_OUTPUT, M_N_ROW, M_MOST_STEPS, M_VALUE, M_RATE, M_OUTPUT, M_PROGRESS, M_LAST_STEP, M_N_FLAT, M_N_POINT,
-    M_HISTORY_F, M_HISTORY_W, M_HISTORY_GAP, M_N_FIELD, M_FIELD, M_COMMUNICATE, M_PRESENT, M_FIELDS, M_OF_EVENT = 30, M_PLACE, M_PLACING, M_DT, M_HEADER = 41
+    M_N_INPUT, M_N_OUTPUT, M_N_ROW, M_MOST_STEPS, M_VALUE, M_RATE, M_OUTPUT, M_PROGRESS, M_LAST_STEP, M_N_FIELD, M_FIELD,
+    M_COMMUNICATE, M_PRESENT, M_FIELDS, M_RUN_DIGEST, M_OF_EVENT, M_PLACE, M_PLACING, M_DERIVE,
+    M_DEPTH_AT, M_RELAXATION_AT, M_DT = 33, M_HEADER = 41
 };
 
 typedef struct Image Image;
@@ -84,10 +85,21 @@ typedef struct {
     int lost;
 } Records;
 
+/* The last step, for derivatives: state before it, value and rate of the inputs in it; its time, size, time steps, and those
+   after which it ended. columns: derivatives of the outputs by value and rate of each input, NULL before the first request.
+   known: whether there is such a step. */
+typedef struct {
+    double *state, *given, **columns;
+    double t, h;
+    int64_t whole, ended, known;
+} LastStep;
+
 struct Object {
     const Image *image;
     int64_t discarded, opened; /* whether the last step was; whether the outputs at the start follow from what is set */
     double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
+    char *relaxed;           /* record of the run for a time step that has stalled */
+    LastStep made;
     int64_t slots[23];       /* of a call of the kernels: address and length of nine arrays, five numbers */
     double *numbers;         /* by reference */
     double *given;           /* value and rate of each input; behind them, of one allocation: */
@@ -112,6 +124,7 @@ const Word *variable(const Instance *, int64_t reference);
 const char *text_at(const Instance *, int64_t offset);
 const char *input_name(const Instance *, int64_t input, int part);
 double parameter(const Instance *, int header, double otherwise);
+int known(const Instance *, const uint32_t *references, size_t n); /* else after a message */
 
 /* variables.c */
 int start_variables(Instance *);
@@ -128,6 +141,17 @@ int has_arrays(const Instance *);
 int64_t size_of_fields(const Instance *);
 int room_for(struct Object *, int64_t n_row, int64_t n_fields, int64_t size_of_fields);
 int solve_histories(Instance *);
+enum { NO_MEMORY = INT32_MIN, BEYOND_LAWS = -1 };
+int64_t act(struct Object *, int action, int64_t n, int64_t rule, int64_t made, int64_t whole); /* result of the kernels */
+int64_t relaxed(struct Object *, int64_t rule, int64_t made, int64_t whole); /* one time step, after a stall */
+int64_t placed(Instance *, double t, double h);
+int refused_by_kernels(const Instance *, int64_t result, double t, int status);
+
+/* derivatives.c */
+int room_for_step(struct Object *);
+void no_step(struct Object *);
+void keep_step(struct Object *, double t, double h, int64_t whole, int64_t ended);
+void free_step(struct Object *);
 
 /* results.c */
 int keeps_results(const Instance *);

@@ -29,8 +29,9 @@ static void leave(void) { __atomic_clear(&in_use, __ATOMIC_RELEASE); }
 /* -- memory and files ---------------------------------------------------------------------------------------------- */
 void *aligned(size_t bytes)
 {
-    char *block = bytes < SIZE_MAX - 128 ? malloc(bytes + 128) : NULL;
+    char *block = bytes < SIZE_MAX - 128 ? malloc(bytes + 128) : NULL;  /* no overflow of the sum */
     if (block == NULL) return NULL;
+    /* with 64 bytes or more before it: the address of the block lies there */
     char *place = block + 64 + (64 - (uintptr_t)block % 64) % 64;
     memcpy(place - sizeof block, &block, sizeof block);
     return place;
@@ -84,6 +85,7 @@ char *content_of(const char *path, size_t *length)
     if (file == NULL) return NULL;
     char *content = NULL;
     long size = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
+    /* a word of zeros behind the file, and room to move it to a line of the cache */
     if (size >= 0 && fseek(file, 0, SEEK_SET) == 0) content = aligned((size_t)size + 8 * sizeof(Word));
     if (content != NULL) {
         memset(content + size, 0, sizeof(Word));
@@ -136,6 +138,7 @@ static int understood(Image *image, size_t n_word)
 {
     const Word *head = image->head;
     if (n_word < M_HEADER || memcmp(head, "LATINIMG", 8) != 0) return 0;
+    /* sizes of records are bytes */
     int64_t words[] = {head[M_RUN_SIZE].i / 8, head[M_N_CLASS].i * head[M_CLASS_SIZE].i / 8,
                        head[M_N_GROUP].i * head[M_GROUP_SIZE].i / 8, head[M_N_FIXED].i, head[M_N_MOVING].i};
     uint64_t at = M_HEADER;
@@ -166,6 +169,7 @@ static int checked(Image *image, const char *folder, char *trouble, size_t size)
     if (!whole) return snprintf(trouble, size, "%s/%s is damaged: extract the FMU again", folder, table_file), 0;
     image->head = words_of(folder, known_file, &n_word, trouble, size);
     if (image->head == NULL) return 0;
+    /* the table has its own checksum and that of the image: files of two FMUs do not fit each other */
     if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word)) return 1;
     return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, known_file), 0;
 }
@@ -219,7 +223,7 @@ void image_freed(const Image *image)
     if (image == NULL) return;
     enter();
     Image **link = &images;
-    while (*link != image) link = &(*link)->next;
+    while (*link != image) link = &(*link)->next;  /* it is in the list as long as it has users */
     Image *own = *link;
     if (--own->users == 0) {
         *link = own->next;

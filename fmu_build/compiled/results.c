@@ -83,6 +83,7 @@ static unsigned char *put_bytes(unsigned char *to, uint64_t bits, int n_byte)
 static unsigned char *put_number(unsigned char *to, double value, int64_t whole)
 {
     Word word = {.d = value};
+    /* through the signed type: a negative number keeps its bits */
     return whole ? put_bytes(to, (uint32_t)(int32_t)value, 4) : put_bytes(to, word.u, 8);
 }
 
@@ -162,11 +163,12 @@ int results_ready(const Instance *c)
     unsigned char *head = head_of(c, &length);
     if (head == NULL) return ERROR;
     aligned_free(head);
+    /* in this order: to open it for writing makes it */
     FILE *there = file_at(path, "rb"), *file = file_at(path, "ab"); /* a folder can be opened to read, not to write */
     if (there != NULL) fclose(there);
     if (file == NULL) return cannot_be_written(c, path);
     fclose(file);
-    if (there == NULL) removed_file(path);
+    if (there == NULL) removed_file(path);  /* it was made by the line above */
     return OK;
 }
 
@@ -178,7 +180,7 @@ static int replaced(const Instance *c, const char *path, unsigned char *head, si
     int good = file != NULL;
     if (good) {
         good = written(c, file, head, length, n);
-        good = fclose(file) == 0 && good;
+        good = fclose(file) == 0 && good;  /* what is buffered may not find room */
         good = good && moved_file(other, path);
         if (!good) removed_file(other);
     }

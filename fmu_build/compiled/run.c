@@ -6,9 +6,13 @@
 int latin_fmu_fits(void);
 int32_t kernels_entries_call_0(const int64_t *slots, void *result);
 
+#if defined(LATIN_FMU_WIDE)
+static const char NEEDED[] = "AVX2 and FMA, which this one lacks: run one that was made with --portable, or with --python";
+#else
+static const char NEEDED[] = "SSE4.2 and POPCNT, which this one lacks: run one that was made with --python";
+#endif
 static const double SHORTEST = 1e-9, EARLY = 1e-6; /* of a time step, of a step: see latin_fmu/cosim/settings.py */
 static const double MOST_STEPS = 1e6;
-enum { BEYOND_LAWS = -1, NO_MEMORY = INT32_MIN };
 
 int msg(const Instance *c, int status, const char *format, ...)
 {
@@ -30,6 +34,7 @@ static int renewed(Instance *c)
     o->discarded = o->opened = 0;
     o->n_row = o->n_fields = 0;
     no_records(o);
+    no_step(o);
     o->start = c->time = 0.0;
     c->last = OK;
     memset(o->now, 0, 8 * (size_t)image->n_output);
@@ -43,6 +48,7 @@ static void set_slots(struct Object *o)
     int64_t fixed = head[M_N_FIXED].i, moving = head[M_N_MOVING].i;
     const struct { const void *block; int64_t n; } arrays[] = {
         {o->image->records[0], 1}, {o->image->records[1], head[M_N_CLASS].i}, {o->image->records[2], head[M_N_GROUP].i},
+        /* the same memory as numbers of 8 and of 4 bytes, real and whole */
         {o->image->fixed, fixed}, {o->image->fixed, fixed}, {o->image->fixed, 2 * fixed}, {o->image->fixed, 2 * fixed},
         {o->moving, moving}, {o->moving, moving}};
     for (int i = 0; i < 9; i++) {
@@ -51,12 +57,22 @@ static void set_slots(struct Object *o)
     }
 }
 
+/* A record of the run whose iteration has no differences, and a relaxation of 1/2. */
+static void set_relaxed(struct Object *o)
+{
+    const Word *head = o->image->head;
+    int64_t depth = 0;
+    double relaxation = 0.5;
+    memcpy(o->relaxed, o->image->records[0], (size_t)head[M_RUN_SIZE].i);
+    memcpy(o->relaxed + head[M_DEPTH_AT].i, &depth, sizeof depth);
+    memcpy(o->relaxed + head[M_RELAXATION_AT].i, &relaxation, sizeof relaxation);
+}
+
 static int filled(Instance *c, const char *token, const char *resources)
 {
     char trouble[1200];
     if (!latin_fmu_fits())
-        return msg(c, ERROR, "this FMU needs a processor with AVX2 and FMA, which this one lacks: run the FMU that was "
-                   "made without --compiled"), 0;
+        return msg(c, ERROR, "this FMU needs a processor with %s", NEEDED), 0;
     c->fmu = calloc(1, sizeof *c->fmu);
     if (c->fmu == NULL) return msg(c, ERROR, "no memory for an instance"), 0;
     struct Object *o = c->fmu;
@@ -64,10 +80,12 @@ static int filled(Instance *c, const char *token, const char *resources)
     if (o->image == NULL) return msg(c, ERROR, "%s", trouble), 0;
     o->moving = aligned(8 * (size_t)o->image->head[M_N_MOVING].i);
     o->before = malloc(8 * (size_t)o->image->n_state + 8);
+    o->relaxed = malloc((size_t)o->image->head[M_RUN_SIZE].i);
     o->now = malloc(8 * (size_t)o->image->n_output + 8);
-    if (!o->moving || !o->before || !o->now || !renewed(c))
+    if (!o->moving || !o->before || !o->relaxed || !o->now || !room_for_step(o) || !renewed(c))
         return msg(c, ERROR, "no memory for an instance of %lld numbers", (long long)o->image->head[M_N_MOVING].i), 0;
     set_slots(o);
+    set_relaxed(o);
     return 1;
 }
 
@@ -94,8 +112,10 @@ void closed(Instance *c)
     if (o != NULL) {
         if (o->image != NULL) free_variables(o);
         free_states(o);
+        free_step(o);
         aligned_free(o->moving);
         free(o->before);
+        free(o->relaxed);
         free(o->now);
         free(o->numbers);
         free(o->given);
@@ -113,12 +133,22 @@ void closed(Instance *c)
 int reset(Instance *c) { return renewed(c) ? OK : msg(c, ERROR, "no memory for an instance"); }
 
 /* -- kernels ----------------------------------------------------------------------------------------------------------- */
-/* Result of an action of the kernels. */
-static int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
+int64_t act(struct Object *o, int action, int64_t n, int64_t rule, int64_t made, int64_t whole)
 {
+    /* behind the addresses and lengths of nine arrays */
     int64_t result = 0, *last = o->slots + 18, given[] = {o->image->head[action].i, n, rule, made, whole};
     memcpy(last, given, sizeof given);
     return kernels_entries_call_0(o->slots, &result) ? NO_MEMORY : result;
+}
+
+/* A time step by a new iteration with relaxation 1/2, where the acceleration has stalled: it passes most stalls. */
+int64_t relaxed(struct Object *o, int64_t rule, int64_t made, int64_t whole)
+{
+    int64_t kept = o->slots[0];
+    o->slots[0] = (int64_t)(intptr_t)o->relaxed;
+    int64_t result = act(o, M_COMMUNICATE, 1, rule, made, whole);
+    o->slots[0] = kept;
+    return result;
 }
 
 static void give_inputs(struct Object *o)
@@ -129,7 +159,7 @@ static void give_inputs(struct Object *o)
     }
 }
 
-static int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
+int refused_by_kernels(const Instance *c, int64_t result, double t, int status)
 {
     const Image *image = c->fmu->image;
     if (result == NO_MEMORY) return msg(c, ERROR, "no memory for the work arrays of the step at %g s", t);
@@ -137,13 +167,14 @@ static int refused_by_kernels(const Instance *c, int64_t result, double t, int s
         return msg(c, ERROR, "the time laws of the scene are known up to %g s after the start, and a step goes beyond: make "
                    "an FMU of a scene with a later time.end", (double)image->head[M_LAST_STEP].i * image->dt);
     if (result < BEYOND_LAWS) {
+        /* numbers below -1 name an input */
         int64_t input = -2 - result, reference = image->table[image->table[T_INPUTS].i + IN_ROW * input + IN_REFERENCE].i;
         double start = variable(c, reference)[V_START].d;
         if (c->fmu->given[2 * input] != start)
             return msg(c, ERROR, "%s must be %g at the start, the value that the initial state was computed for: make an "
                        "FMU of a scene with another start_value", input_name(c, input, IN_VALUE), start);
         return msg(c, ERROR, "%s must stay %g over the first time step, for which the initial state was computed: begin "
-                   "later, or use the FMU that was made without --compiled", input_name(c, input, IN_VALUE), start);
+                   "later, or use an FMU that was made with --python", input_name(c, input, IN_VALUE), start);
     }
     return msg(c, status, "no convergence of the time step that ends at %g s%s", t,
                status == DISCARD ? ": make smaller communication steps, or smaller changes of the inputs" : "");
@@ -256,13 +287,15 @@ int solve_histories(Instance *c)
     int64_t n_input = table_of(c)[T_N_INPUT].i, arrays = has_arrays(c);
     double end = parameter(c, T_END, 0.0), dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i;
     double whole = rint(end / dt);
-    if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))
+    if (!(whole >= 1.0 && whole <= MOST_STEPS && fabs(end - whole * dt) <= 1e-9 * end))  /* not for NaN */
         return msg(c, ERROR, "endTime = %g s is not a whole number of time steps of %g s from 1 to %g", end, dt, MOST_STEPS);
     int64_t n = (int64_t)whole;
+    /* nothing of an earlier solution stays: the state at the start is that of the image */
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i);
     for (int64_t i = 0; i < n_input; i++) {
         const History *h = o->histories + i;
         value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
+        /* over the first time step */
         o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
     }
     int status = present(c);
@@ -272,6 +305,7 @@ int solve_histories(Instance *c)
         for (int64_t i = 0; i < n_input; i++)
             if (o->histories[i].n) value[i] = history_at(o->histories + i, (double)step * dt);
         int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
+        if (made == 0) made = relaxed(o, LINE, 0, 1);
         if (made != 1)
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
         else
@@ -341,6 +375,7 @@ static int64_t first_event(const Image *image, const double *rows, int64_t n_row
 static int64_t row_at(const struct Object *o, double time)
 {
     double place = time / o->image->dt;
+    /* an instant that is reached but for round-off is reached */
     int64_t row = (int64_t)floor(place + 1e-9 * fmax(1.0, fabs(place)));
     return row < o->n_row ? row : o->n_row - 1;
 }
@@ -363,11 +398,14 @@ static int played_back(Instance *c, double t, double h)
     }
     c->time = time == t + h - o->start ? t + h : o->start + time;
     double place = time / dt, near = rint(place);
+    /* an instant itself, without interpolation */
     if (fabs(place - near) <= 1e-9 * fmax(1.0, fabs(place))) place = near;
     place = fmin(fmax(place, 0.0), (double)(o->n_row - 1));
+    /* the last instant belongs to the last interval */
     int64_t low = (int64_t)place < o->n_row - 1 ? (int64_t)place : o->n_row - 2;
     double share = place - (double)low;
     const double *a = o->rows + low * width, *b = a + width;
+    /* a weight of 0 or 1 would leave rows as they are, but for numbers that are not finite */
     for (int64_t i = 0; i < width; i++)
         o->now[i] = share == 0.0 ? a[i] : share == 1.0 ? b[i] : (1.0 - share) * a[i] + share * b[i];
     for (int64_t i = o->image->head[M_OF_EVENT].i; i + 1 < width; i += 2) { /* an event is there from its instant on */
@@ -381,7 +419,7 @@ static int played_back(Instance *c, double t, double h)
 /* The last of the rows alone, where a communication step ends before the next instant. */
 static void hold_last(struct Object *o)
 {
-    size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;
+    size_t width = (size_t)o->image->n_output, last = (size_t)o->n_row - 1;  /* the two may be one */
     memmove(o->rows, o->rows + last * width, 8 * width);
     o->times[0] = o->times[last];
     o->n_row = 1;
@@ -399,31 +437,34 @@ static int64_t march(const Instance *c, Part part, int64_t *result, int64_t *eve
     struct Object *o = c->fmu;
     const Image *image = o->image;
     int64_t most = image->head[M_MOST_STEPS].i, rule = (int64_t)parameter(c, T_RULE, CAUSAL), arrays = has_arrays(c);
-    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, some = 0;
-    for (*result = 0; made < n && *result == some; made += some) {
-        some = n - made < most ? n - made : most;
-        *result = act(o, M_COMMUNICATE, some, rule, made, part.whole);
-        if (*result != some) break;
-        for (int64_t i = made == 0 ? 0 : 1; i <= some; i++)
+    int64_t before = (int64_t)o->moving[image->head[M_PROGRESS].i], n = part.end, made = 0, stalled = 0;
+    while (made < n) {
+        int64_t some = n - made < most ? n - made : most;
+        int64_t done = stalled ? relaxed(o, rule, made, part.whole) : act(o, M_COMMUNICATE, some, rule, made, part.whole);
+        *result = done;
+        if (done < 0 || (stalled && done == 0)) break;
+        stalled = !stalled && done < some;
+        for (int64_t i = made == 0 ? 0 : 1; i <= done; i++)
             keep(c, i, made + i - (n + 1 - part.kept), before + made + i, made + i == n ? arrays - 1 : -1);
-        int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, some + 1) : 0;
+        int64_t row = event ? first_event(image, o->moving + image->head[M_OUTPUT].i, done + 1) : 0;
+        made += done;
         if (row > 0) {
-            *event = made + row;
-            return made + some;
+            *event = made - done + row;
+            break;
         }
     }
-    return *result > 0 && *result != some ? made + *result : made;
+    return made;
 }
 
 /* Gives inputs and place of a communication step to the kernels; its time steps. */
-static int64_t placed(Instance *c, double t, double h)
+int64_t placed(Instance *c, double t, double h)
 {
     struct Object *o = c->fmu;
     double *place = o->moving + o->image->head[M_PLACE].i, dt = o->image->dt;
     give_inputs(o);
     place[0] = (t + h - o->start) / dt;
     place[1] = h / dt;
-    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / dt;
+    place[2] = 4e-16 * (fabs(t) + fabs(t + h)) / dt;  /* round-off of the times of the host, in steps */
     return act(o, M_PLACING, 0, 0, 0, 0);
 }
 
@@ -437,12 +478,14 @@ static int marched(Instance *c, double t, double h)
     int64_t n = placed(c, t, h), arrays = has_arrays(c), rule = (int64_t)parameter(c, T_RULE, CAUSAL);
     if (n == 0) {
         act(o, M_COMMUNICATE, 0, rule, 0, 0);
+        keep_step(o, t, h, 0, 0);
         c->time = t + h;
         return hold_last(o), OK;
     }
     int64_t wanted = arrays ? (int64_t)parameter(c, T_WINDOW_SIZE, 1.0) : 1;
     Part part = {n, n, n + 1 < wanted ? n + 1 : wanted};
     double *rows = o->rows, *times = o->times, *fields = o->fields;
+    /* the old rows are kept until the step is accepted */
     o->rows = o->times = o->fields = NULL;
     int64_t result = NO_MEMORY, begun = (int64_t)o->moving[image->head[M_PROGRESS].i], event = n;
     int good = room_for(o, part.kept, arrays, size_of_fields(c));
@@ -458,6 +501,7 @@ static int marched(Instance *c, double t, double h)
     double *unused[] = {whole ? rows : o->rows, whole ? times : o->times, whole ? fields : o->fields};
     for (int i = 0; i < 3; i++) free(unused[i]);
     if (whole) {
+        keep_step(o, t, h, n, event);
         o->n_row = part.kept;
         o->n_fields = arrays;
         memcpy(o->now, o->rows + (part.kept - 1) * image->n_output, 8 * (size_t)image->n_output);
@@ -479,6 +523,7 @@ static int advanced(Instance *c, double t, double h)
     if (!isfinite(t) || !isfinite(h)) return msg(c, ERROR, "time %g or step size %g is not a finite number", t, h);
     if (h <= SHORTEST * dt || t + h <= t)
         return msg(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+    /* hosts add up steps: the time they give is off by round-off */
     if (fabs(t - c->time) > EARLY * h)
         return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
@@ -517,11 +562,4 @@ int read_vector(Instance *c, const char *method, double *values, size_t size)
 int write_vector(Instance *c, const char *method, const double *values, size_t size)
 {
     return (void)values, (void)size, unsupported(c, method);
-}
-
-int directional_derivative(Instance *c, const uint32_t *unknowns, size_t n, const uint32_t *knowns, size_t m,
-                           const double *seed, size_t size_of_seed, double *values, size_t size)
-{
-    (void)unknowns, (void)n, (void)knowns, (void)m, (void)seed, (void)size_of_seed, (void)values, (void)size;
-    return unsupported(c, "the directional derivative");
 }

@@ -73,6 +73,7 @@ static void pass_data(const Instance *c, struct Object *o, Pack *p, const Word *
             Word none = {0};
             size_t n_word = (size_t)lengths[r] / 8 + 1; /* with a zero behind it */
             if (p->how == WRITING) {
+                /* zeros behind the text to the end of its last word: equal states have equal bytes */
                 p->words[p->n + n_word - 1] = none;
                 memcpy(p->words + p->n, o->texts[r], (size_t)lengths[r]);
                 p->n += n_word;
@@ -166,6 +167,7 @@ static void swap_blocks(double **a, double **b)
 
 static int unpacked(Instance *c, Word *words)
 {
+    /* everything that is not read stays that of the instance */
     struct Object *o = c->fmu, fresh = *o;
     Word head[S_HEADER];
     int64_t *lengths = malloc(8 * n_length(c));
@@ -197,6 +199,7 @@ static int unpacked(Instance *c, Word *words)
         c->phase = (int)head[S_PHASE].i;
         c->last = OK;
         o->opened = 0; /* outputs at the start are computed anew */
+        no_step(o);
         go_on_from(c, head[S_RECORD].u);
     }
     free_read(&fresh);
@@ -211,6 +214,7 @@ static int restored(Instance *c, Word *words)
     if (status != OK || o->n_row > 0 || !is_prescribed(c) || c->phase < EVENT) return status;
     double *now = malloc(8 * (size_t)o->image->n_output + 8);
     if (now == NULL) return msg(c, ERROR, "no memory to restore the state");
+    /* outputs are those of the state, and not of the start, to which the solution returns */
     memcpy(now, o->now, 8 * (size_t)o->image->n_output);
     status = solve_histories(c);
     memcpy(o->now, now, 8 * (size_t)o->image->n_output);
@@ -231,6 +235,7 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
     int64_t n_variable = table[T_N_VARIABLE].i, n_input = table[T_N_INPUT].i, most = (int64_t)n_word;
     const Word *lengths = words + S_HEADER;
     for (int64_t i = 0; i < (int64_t)n_length(c); i++)
+        /* the words of the block bound every length: nothing is allocated for more */
         if (lengths[i].i < 0 || lengths[i].i > 8 * most || (i >= n_variable + n_input && lengths[i].i > 1) ||
             (i < n_variable && lengths[i].i && variable(c, i)[V_KIND].i != STRING))
             return "a length in it cannot be";
@@ -240,6 +245,7 @@ static const char *trouble_of(const Instance *c, const Word *words, size_t size)
         words[S_N_FIELDS].u > 1 || words[S_N_ARRAY].i < 1 || words[S_N_ARRAY].i > most + 1 ||
         !isfinite(words[S_START].d) || !isfinite(words[S_TIME].d))
         return "a number of its header cannot be";
+    /* lengths and sizes are checked before any datum is read */
     Pack p = {NULL, prefix, COUNTING};
     pass_data(c, c->fmu, &p, words, &lengths->i);
     return p.n == n_word ? NULL : "its sizes are not those of this FMU";
@@ -277,6 +283,7 @@ static const char *wrong_number(const Instance *c, const Word *words)
     if (!all_finite(at, numbers)) return "a number in it is not finite";
     at += numbers;
     for (int64_t i = 0; i < image->n_state; i++)
+        /* what is not finite from the start on may be so here */
         if (!isfinite(at[i].d) && isfinite(image->moving[i])) return "a number in it is not finite";
     for (int64_t i = 0; i < table[T_N_WHOLE].i; i++) {
         const Word *w = table + table[T_WHOLES].i + W_ROW * i;
@@ -343,6 +350,7 @@ int set_state(Instance *c, void *state)
     Word *before = packed(c);
     if (before == NULL) return msg(c, ERROR, "no memory to restore the state");
     int status = restored(c, state);
+    /* a solution may fail half way */
     if (status != OK) restored(c, before);
     free(before);
     return status;
@@ -354,7 +362,7 @@ int free_state(Instance *c, void **state)
     if (state == NULL || *state == NULL) return OK;
     if (!place_of(c, *state, &place)) return ERROR;
     free(*state);
-    c->fmu->states[place] = c->fmu->states[--c->fmu->n_state];
+    c->fmu->states[place] = c->fmu->states[--c->fmu->n_state];  /* the last one fills the gap */
     *state = NULL;
     return OK;
 }
@@ -380,6 +388,7 @@ int state_to_bytes(Instance *c, void *state, char *bytes, size_t size)
     Word *words = state;
     own = 8 * words[S_N_WORD].u;
     if (size != own) return msg(c, ERROR, "the host gives %zu bytes for a state of %zu bytes", size, own);
+    /* states in memory have none: it is made where they leave */
     words[S_CHECKSUM].u = checksum(words + S_N_WORD, words[S_N_WORD].u - S_N_WORD);
     memcpy(bytes, words, own);
     return OK;

@@ -28,7 +28,7 @@ double parameter(const Instance *c, int header, double otherwise)
     return reference < 0 ? otherwise : c->fmu->numbers[reference];
 }
 
-static int known(const Instance *c, const uint32_t *references, size_t n)
+int known(const Instance *c, const uint32_t *references, size_t n)
 {
     int64_t count = table_of(c)[T_N_VARIABLE].i;
     for (size_t i = 0; i < n; i++)
@@ -161,6 +161,7 @@ int get_numbers(Instance *c, const uint32_t *references, size_t n, double *value
         if (variable(c, references[i])[V_KIND].i == STRING)
             return msg(c, ERROR, "%s is a string: get it as one", name(c, references[i]));
         total += elements(c, references[i]);
+        /* known during initialization only after the solution, which is made here once */
         if (c->phase == INITIALIZATION && is_output(c, references[i]) && initialize(c) != OK) return ERROR;
     }
     if (size != total && size != n) /* a host that does not know arrays reads one number of each */
@@ -216,6 +217,7 @@ static int refused(const Instance *c, int64_t reference, double value)
 static int set_array(Instance *c, int64_t reference, const double *values, size_t count)
 {
     double **array = c->fmu->arrays + variable(c, reference)[V_PLACE].i;
+    /* n_array elements: freed where this number changes */
     if (*array == NULL) *array = malloc(count * sizeof **array);
     if (*array == NULL) return msg(c, ERROR, "no memory for %s", name(c, reference));
     memcpy(*array, values, count * sizeof *values);
@@ -244,7 +246,7 @@ int set_numbers(Instance *c, const uint32_t *references, size_t n, const double 
     int status = OK;
     size_t at = 0;
     if (!known(c, references, n)) return ERROR;
-    c->fmu->opened = 0;
+    c->fmu->opened = 0;  /* the outputs at the start are computed anew */
     for (size_t i = 0; i < n; i++) {
         size_t count = elements(c, references[i]);
         if (variable(c, references[i])[V_ROLE].i == TEXT)
@@ -347,7 +349,7 @@ static const char *cell(const char *at, char *to, size_t size, int *last)
 static int number_of(char *text, double *value)
 {
     char *point = strchr(text, '.'), *end;
-    if (point != NULL) *point = *localeconv()->decimal_point;
+    if (point != NULL) *point = *localeconv()->decimal_point;  /* strtod reads that of the locale */
     *value = strtod(text, &end);
     return *text && *end == '\0';
 }
@@ -381,6 +383,7 @@ static int read_table(Instance *c, const char *text, const char *where, int64_t 
     for (*n_row = 0; at != NULL; ++*n_row) {
         for (column = 0, last = 0; at != NULL && !last; column++) {
             at = cell(at, word, sizeof word, &last);
+            /* column after column */
             if (column >= *n_column || !number_of(word, numbers + (column * n_line + *n_row))) break;
         }
         if (!last || column != *n_column)
@@ -417,6 +420,7 @@ static int set_from_arrays(Instance *c)
     int64_t n_input = table_of(c)[T_N_INPUT].i, last = o->n_array - 1, n = last;
     const double *t = o->arrays[n_input];
     int status = OK, varies = 0;
+    /* the rows at the end that repeat the last instant */
     while (t != NULL && n > 0 && t[n - 1] == t[last]) n--;
     n = t == NULL ? 0 : n;
     for (int64_t i = 0; i < n_input; i++)

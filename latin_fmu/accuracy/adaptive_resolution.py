@@ -16,12 +16,12 @@ from ..errors import LatinError
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
 from ..results.estimates import ErrorEstimate, QuantityEstimate
-from ..results.quantities_of_interest import FLOOR, PEAK_FORCE_RAW, definition_of
+from ..results.quantities_of_interest import FLOOR, FRICTION_WORK, PEAK_FORCE_RAW, definition_of
 from ..results.solution import Solution
 from ..results.summary import percent
 from ..scene.schema import Scene
 from ..scene.settings import Output
-from .estimate import FACETED, crossing, front_of, quantity_estimate
+from .estimate import FACETED, quantity_estimate, relative
 from .runs import (
     FEWEST_STEPS,
     Log,
@@ -55,7 +55,6 @@ _LEAST_REFINEMENT = 1.4
 _ROUNDS = 16
 _FINEST = 8.0  # refinement beyond which no next factor is searched
 _LEAST_GAIN = 1.15  # of a refinement by 2; a smaller one counts as no convergence
-_ALL_RUNS = 5.0  # CPU time of all runs, over the limit of one, after which no further refinement begins
 _MEMORY_SHARE = 0.8  # of the machine
 
 
@@ -66,7 +65,7 @@ class RefinementSequence:
     Attributes
     ----------
     scene : in short windows, with the tolerance to use. log : called with a line of text after each run.
-    limit : CPU seconds of one run, at which it is stopped. seconds : those of all runs so far.
+    limit : CPU seconds of all runs, at which the last one is stopped. seconds : those of all runs so far.
     solution : of the last run ``with_output``.
     """
 
@@ -145,7 +144,8 @@ class RefinementSequence:
         return self._runs[resolution]
 
     def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[MeasuredRun, Solution]:
-        run, solution = solved(self.scene, scene, resolution, max_cpu=self.limit)
+        left = None if self.limit is None else max(self.limit - self.seconds, 0.0)
+        run, solution = solved(self.scene, scene, resolution, max_cpu=left)
         self.seconds += run.cpu
         label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
         self.log(label if run.converged else f"{label}: {run.status}")
@@ -157,11 +157,10 @@ class RefinementSequence:
         lean = (run for at, run in self._runs.items() if at not in self._with_output)
         return sorted(lean, key=lambda run: run.cpu)
 
-    def estimate(self, factor: float, quantity: str, across: bool = True) -> QuantityEstimate:
+    def estimate(self, factor: float, quantity: str) -> QuantityEstimate:
         """Estimated error of a quantity at a factor; infinite without a coarser run.
 
-        From the run at ``factor``, the one with half its resolution, one with a quarter where it exists already, and,
-        with ``across`` (or where it exists), the one on the mesh of the second with four times its steps.
+        From the run at ``factor``, the one with half its resolution, and one with a quarter where it exists already.
         """
         runs: list[MeasuredRun] = []
         for f in self.chain(factor):
@@ -177,14 +176,7 @@ class RefinementSequence:
             value = runs[0].quantities.values[quantity] if runs else math.nan
             return QuantityEstimate(quantity, value, math.inf)
         scene = at_resolution(self.scene, self.at(factor))
-        cross = None
-        if self.refines_mesh:
-            at = crossing(self.scene, runs[1].resolution.mesh, runs[1].resolution.time)
-            run = self._if_converged(at) if across or at in self._runs else None
-            cross = None if run is None else run.quantities
-            if across and cross is None:
-                return QuantityEstimate(quantity, runs[0].quantities.values[quantity], math.inf)
-        return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs], cross)
+        return quantity_estimate(scene, quantity, [(run.resolution, run.quantities) for run in runs])
 
     def _if_converged(self, at: Resolution) -> MeasuredRun | None:
         """The run at a resolution; None where it cannot be made or does not converge."""
@@ -251,16 +243,16 @@ class Choice:
 def choose(scene: Scene, target: float, limit: float, log: Callable[[str], None]) -> Choice:
     """Mesh, time step and tolerance for a relative error ``target`` of ``scene.accuracy.quantity``.
 
-    A coarse run and one twice as fine (a sixth and a third of the scene's resolution) give an estimated error, and its
-    order the next refinement; where the estimate is below the target, a run on the coarser mesh with shorter steps
-    confirms it or not. Runs grow geometrically, so that all coarser ones cost a fraction of the last; they are made
-    without output, the last one is repeated where the scene requests more output than the quantities need. The target
-    holds for the largest error where the quantity belongs to several interfaces. The iteration error is a tenth of the
-    target.
+    A coarse run and one twice as fine (a sixth and a third of the scene's resolution) give an estimated error, and
+    its order the next refinement. A target that the estimate meets is promised where the estimate of the run with
+    half the resolution is confirmed by this one (``_Search._confirmed``). Runs grow geometrically, so that all
+    coarser ones cost a fraction of the last; they are made without output, the last one is repeated where the scene
+    requests more output than the quantities need. The target holds for the largest error where the quantity belongs
+    to several interfaces. The iteration error is a tenth of the target.
 
     Parameters
     ----------
-    limit : CPU seconds of one run; no further refinement begins once all together have used five times that.
+    limit : CPU seconds of all runs together; a run that is predicted to exceed them does not begin.
     log : called with lines of text about runs, predicted and used time.
 
     Raises
@@ -288,12 +280,15 @@ class _Search:
             if why:
                 return self._refused(why)
             estimate = self.estimates[factor]
-            if estimate.error <= self.target:
-                return self._chosen(factor, estimate)
+            if estimate.error <= self.target and self._confirmed(factor):
+                estimate = self._estimated(factor)  # with the third run, which the confirmation has made
+                if estimate.error <= self.target and self._regular(estimate):
+                    return self._chosen(factor, estimate)
             if self._stagnates():
-                return self._refused(
-                    f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
-                )
+                raw = definition_of(estimate.quantity) is PEAK_FORCE_RAW
+                remedy = "; take peak_force, a mean over a stated time" if raw else ""
+                what = f"{estimate.quantity} does not converge, the smallest bound is {percent(estimate.error)}"
+                return self._refused(what + remedy)
             following, expected_last = self._next(factor, estimate)
             if following <= factor:
                 return self._refused("the mesh cannot be refined further")
@@ -334,19 +329,9 @@ class _Search:
             run = self.sequence.with_output(at, self.scene.output) if expected_last else self.sequence.run(at)
             if not run.converged:
                 return f"mesh x {at.mesh:.3g}: {run.status}"
-            names = [q for q in run.quantities.values if is_target(self.scene, q)]
-            if not names:
+            if not any(is_target(self.scene, q) for q in run.quantities.values):
                 return f"the scene has no quantity {self.scene.accuracy.quantity}"
-            for across in (False, True):  # the run across only where those along the diagonal are fine enough
-                estimates = [self.sequence.estimate(factor, quantity, across) for quantity in names]
-                self.estimates[factor] = max(estimates, key=lambda estimate: estimate.error)
-                if self.estimates[factor].error > self.target:
-                    break
-            lasting = max(_lasting_error(q, self.sequence.scene, run) for q in names)
-            if lasting > self.target:
-                size = f"up to {percent(lasting)} at every mesh and step" if lasting < math.inf else "not bounded"
-                what = f"the error of the raw peak of a force that jumps is {size}"
-                return f"{what}; take peak_force, a mean over a stated time"
+            self._estimated(factor)
         except LatinError as error:
             return message_of(error)
         estimate = self.estimates[factor]
@@ -360,16 +345,52 @@ class _Search:
         if not self.sequence.runs:
             return ""
         seconds = RunTimeFit.of(self.scene, self.sequence.runs).seconds(at.mesh, at.time)
-        if seconds > self.limit:
-            return f"the next run would take about {seconds:.0f} CPU s, above the limit of {self.limit:g} s"
-        if self.sequence.seconds > _ALL_RUNS * self.limit:
-            used = f"the runs have used {self.sequence.seconds:.0f} CPU s"
-            return f"{used}, more than {_ALL_RUNS:g} times the limit of {self.limit:g} s of one run"
+        left = self.limit - self.sequence.seconds
+        if seconds > left:
+            used = f"of the limit of {self.limit:g} s for all runs {max(left, 0.0):.2g} s are left"
+            return f"the next run would take about {seconds:.2g} CPU s; {used}"
         memory = memory_at(self.scene, at)
         if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
             return f"the next run would need about {memory / 1e9:.0f} GB of memory"
         self.log(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
         return ""
+
+    def _estimated(self, factor: float) -> QuantityEstimate:
+        """The largest estimated error of the target quantities of a run, kept in ``estimates``."""
+        names = [q for q in self.sequence.run(self.sequence.at(factor)).quantities.values if is_target(self.scene, q)]
+        estimates = [self.sequence.estimate(factor, quantity) for quantity in names]
+        self.estimates[factor] = max(estimates, key=lambda estimate: estimate.error)
+        return self.estimates[factor]
+
+    def _regular(self, estimate: QuantityEstimate) -> bool:
+        """Whether a quantity is past its pre-asymptotic regime.
+
+        On meshes that do not resolve where a face slips the work of friction changes by as much from one refinement to
+        the next, and told errors can be half the true ones: it is promised where its changes decrease at an observed
+        order of at least half the expected one.
+        """
+        if definition_of(estimate.quantity) is not FRICTION_WORK:
+            return True
+        regular = not estimate.bound_only and estimate.order >= 0.5 * estimate.expected_order
+        if not regular:
+            self.log(f"         not promised: {estimate.quantity} does not converge steadily yet")
+        return regular
+
+    def _confirmed(self, factor: float) -> bool:
+        """Whether the run with half the resolution was promised well: no target quantity has changed from there by more
+        than was estimated there. Else two values agree by chance, or before the mesh resolves what happens."""
+        half = next(iter(self.sequence.chain(factor)[1:]), None)
+        if half is None:
+            return False
+        fine, coarse = (self.sequence.run(self.sequence.at(f)).quantities for f in (factor, half))
+        for quantity in (q for q in fine.values if is_target(self.scene, q)):
+            told = self.sequence.estimate(half, quantity)
+            changed = relative(quantity, fine, fine, coarse)
+            if not changed <= max(told.error, FLOOR):
+                within, by = percent(told.error), percent(changed)
+                self.log(f"         not confirmed: {quantity} was estimated within {within} and has changed by {by}")
+                return False
+        return True
 
     def _stagnates(self) -> bool:
         """Whether the last refinements, by four together, hardly reduce the estimated error."""
@@ -391,7 +412,7 @@ class _Search:
         if best is None:
             quantity, seconds = self.scene.accuracy.quantity, self.sequence.seconds
             return Choice(None, Resolution(), quantity, math.inf, False, math.nan, seconds, sentence)
-        estimate = self.sequence.estimate(best, self.estimates[best].quantity)  # with the run across
+        estimate = self.sequence.estimate(best, self.estimates[best].quantity)
         at = self.sequence.at(best)
         sentence += f". Best: {estimate.quantity} {percent(estimate.error)} at mesh x {at.mesh:.3g}, "
         return self._choice(best, estimate, f"{sentence}steps x {at.time:.3g}", reached=False)
@@ -407,11 +428,6 @@ class _Search:
             solution = replace(solution, estimate=ErrorEstimate(estimates, remarks, cpu))
         seconds = self.sequence.seconds
         return Choice(solution, at, estimate.quantity, estimate.error, reached, run.cpu, seconds, sentence)
-
-
-def _lasting_error(quantity: str, scene: Scene, run: MeasuredRun) -> float:
-    """Error that no refinement reduces: of the raw peak of a force that jumps."""
-    return front_of(quantity, scene, run.quantities)[1] if definition_of(quantity) is PEAK_FORCE_RAW else 0.0
 
 
 def is_target(scene: Scene, quantity: str) -> bool:

@@ -29,10 +29,10 @@ from ..scene.describe import tables_in, tag_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, Solver, Time
 from .estimate import coarser_runs_of, observed_order, relative, same_way
+from .quantities import Quantities, of_force
 from .runs import (
     Log,
     MeasuredRun,
-    Quantities,
     Resolution,
     RunTimeFit,
     aligned,
@@ -41,7 +41,6 @@ from .runs import (
     in_short_windows,
     mesh_factor,
     message_of,
-    of_force,
     run_at,
     solved,
 )

@@ -35,6 +35,7 @@ def build(folder: Path, targets: Sequence[str]) -> list[Path]:
     missing = {t: path for t, path in wanted.items() if not _is_of(path, key)}
     if missing:
         for path in missing.values():
+            # gone before the link: a build that is broken off leaves no library that seems to fit
             _note(path).unlink(missing_ok=True)
         for target, content in _objects(folder, list(missing), _key(manifest, "*.py")).items():
             linking.link(content, manifest, linking.TARGETS[target], wanted[target])
@@ -71,6 +72,7 @@ def _objects(folder: Path, targets: Sequence[str], key: str) -> dict[str, bytes]
     """Object files of the kernels; those of a key that are in the folder are read, others made and kept there."""
     paths = {target: folder / f"_kernels-{target}.o" for target in targets}
     known = {target: path.read_bytes() for target, path in paths.items() if path.is_file()}
+    # the key stands before the content: an object file of other sources is read as none
     there = {target: content[len(key) :] for target, content in known.items() if content.startswith(key.encode())}
     made = _make([target for target in targets if target not in there])
     folder.mkdir(parents=True, exist_ok=True)
@@ -137,5 +139,5 @@ def host() -> str | None:
     from .linking import TARGETS
 
     own = library.target()
-    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")
+    musl = own.startswith("linux") and not os.confstr("CS_GNU_LIBC_VERSION")  # linked to glibc
     return own if own in TARGETS and not musl else None

@@ -40,6 +40,9 @@ TARGETS: Final[Mapping[str, Target]] = MappingProxyType(
         "linux-aarch64": Target("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
         "windows-x86_64": Target("x86_64-w64-windows-gnu", "x86-64-v3", "x86_64-windows-gnu"),
         "darwin-aarch64": Target("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos.11.0"),
+        # for compiled FMUs (``latin-fmu fmu --portable``): x86-64 processors from 2009 on
+        "linux-x86_64-portable": Target("x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
+        "windows-x86_64-portable": Target("x86_64-w64-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
     }
 )
 
@@ -108,13 +111,16 @@ def undefined(content: bytes) -> Iterator[str]:
     """
     if content[:6] != b"\x7fELF\x02\x01":
         raise ValueError("no 64-bit little-endian ELF object")
+    # e_shoff; e_shentsize and e_shnum
     start, size, count = struct.unpack_from("<Q", content, 40)[0], *struct.unpack_from("<HH", content, 58)
+    # name, type, flags, address, offset, size, link, ...: a table of symbols is linked to its names
     sections = [struct.unpack_from("<IIQQQQIIQQ", content, start + i * size) for i in range(count)]
     for section in sections:
         if section[1] not in _SYMBOL_TABLES:
             continue
         offset, length, names = section[4], section[5], sections[section[6]]
         for at in range(offset, offset + length, 24):
+            # Elf64_Sym: st_name, st_info with the binding in its upper half, st_other, st_shndx with 0 for undefined
             name, kind, _, index = struct.unpack_from("<IBBH", content, at)
             if index == 0 and name and kind >> 4 != _WEAK:
                 first = names[4] + name
@@ -175,6 +181,7 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
             "-fno-math-errno",
             "-fvisibility=hidden",
             "-s",
+            *(("-DLATIN_FMU_WIDE",) if target.cpu == "x86-64-v3" else ()),
             "-o",
             str(made),
             str(Path(folder) / "kernels.o"),
@@ -192,5 +199,6 @@ def link(content: bytes, manifest: str, target: Target, library: Path) -> None:
         if done.returncode:
             raise LinkError(f"{' '.join(command[1:4])} for {target.zig}: {done.stderr.strip()}")
         if "linux" in target.zig:
+            # those of the stub are defined now
             check(made.read_bytes(), C_LIBRARY | FUNCTIONS)
-        os.replace(made, library)
+        os.replace(made, library)  # whole or not at all

@@ -125,6 +125,7 @@ def lower(context: Any, declared: Iterable[Entry]) -> tuple[list[Any], list[str]
             wrappers.append(_entry_wrapper(context, symbol, signature, result))
             exported.append(symbol)
     if not any(library.name == "nrt" for library in libraries.values()):
+        # 0 is no identity of an object
         libraries[0] = compile_nrt_functions(context)
     return [*(library.code for library in libraries.values()), *wrappers], exported
 
@@ -150,6 +151,7 @@ def _entry_wrapper(context: Any, symbol: str, signature: Signature, result: Any)
         declared = _NUMBERS[signature.result]
         out = context.cast(builder, out, result.signature.return_type, declared)
         if signature.result == "b1":
+            # one byte, as ctypes reads it
             out = builder.zext(out, ir.IntType(8))
         builder.store(out, builder.bitcast(function.args[1], out.type.as_pointer()))
     elif result.signature.return_type != types.none:
@@ -192,7 +194,7 @@ class _Slots:
         array = make_array(kind)(self._context, builder)
         data = builder.inttoptr(self._word(), array.data.type)
         shape = [self._word() for _ in range(argument.ndim)]
-        strides = [ir.Constant(_WORD, argument.dtype.itemsize)]
+        strides = [ir.Constant(_WORD, argument.dtype.itemsize)]  # C order: the last index moves by one item
         for length in reversed(shape[1:]):
             strides.insert(0, builder.mul(strides[0], length))
         populate_array(array, data, shape, strides, ir.Constant(_WORD, argument.dtype.itemsize), None)
@@ -223,10 +225,10 @@ def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str
             function.add_function_attribute("alwaysinline")
     for item in (*whole.functions, *whole.global_variables):
         if not item.is_declaration and item.name not in names:
-            # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
-            # a kernel that uses Python would become one that fails
             if kept and item.name.startswith(kept):
                 item.add_function_attribute("noinline")
+            # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
+            # a kernel that uses Python would become one that fails
             item.linkage = "linkonce_any" if item.name.startswith(_ENVIRONMENT) else "internal"
     return whole
 

@@ -19,10 +19,10 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-/* 1 where the processor and the operating system have what x86-64-v3 needs. */
+/* 1 where the processor and the operating system have what the kernels were compiled for: x86-64-v3, or x86-64-v2. */
 EXPORT int latin_fmu_fits(void)
 {
-#if defined(__x86_64__)
+#if defined(LATIN_FMU_WIDE)
     uint32_t a, b, c, d;
     __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(0), "c"(0));
     if (a < 7)
@@ -41,8 +41,13 @@ EXPORT int latin_fmu_fits(void)
         return 0;
     __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(0x80000001u), "c"(0));
     return (c >> 5 & 1) != 0; /* LZCNT */
+#elif defined(__x86_64__)
+    uint32_t a, b, c, d;
+    __asm__ volatile("cpuid" : "=a"(a), "=b"(b), "=c"(c), "=d"(d) : "a"(1), "c"(0));
+    const uint32_t needed = 1u << 9 | 1u << 19 | 1u << 20 | 1u << 23; /* SSSE3, SSE4.1, SSE4.2, POPCNT */
+    return (c & needed) == needed;
 #else
-    return 1; /* the code is for every AArch64, on macOS for the first of its processors */
+    return 1; /* the code is for every processor of its kind, on macOS for the first of them */
 #endif
 }
 

@@ -39,7 +39,7 @@ from ..latin.assembly import InterfaceUnit
 from ..latin.probes import SensorPlace
 from ..propagator.model import diagonal_matrix
 from ..scene.attachments import End, PointMass
-from ..scene.fields import split_face
+from ..scene.fields import ALL_OF_IT, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
 from .body import AddedMass, Body
@@ -67,7 +67,7 @@ class PlaceOnBody:
             return np.inf
         if self.face is not None:
             return float(self.face.areas.sum())
-        side: float = float(self.body.shape.elements.volume.mean()) ** (2 / 3)
+        side: float = float(self.body.shape.elements.volume.mean()) ** (2 / 3)  # of a cube
         return side
 
 
@@ -109,7 +109,7 @@ def _located(body: Body, point: Array, where: str, problems: Problems) -> Locati
     location = locate(body.mesh, point)
     if location is not None:
         return location
-    distance, near = nearest_surface_point(body.mesh, point)
+    distance, near = nearest_surface_point(body.surface(ALL_OF_IT), point)
     at = ", ".join(f"{x:.6g}" for x in near)
     problems.add(
         where,
@@ -176,6 +176,7 @@ def _at_place(body: Body, mass: PointMass, where: str, problems: Problems) -> Ad
     lumped, rotation = np.zeros(body.full_size()), place.motion.rotation
     if rotation is None:
         weights = np.maximum(at.sum(axis=0), 0.0)  # functions of quadratic cells have negative values
+        # weights of all three components add up to 3: each component has the whole mass
         return AddedMass(matrix, 3.0 * mass.mass * weights / weights.sum(), _NONE)
     if mass.inertia is not None:
         matrix = sp.csr_array(matrix + rotation.T @ sp.diags_array(np.asarray(mass.inertia)) @ rotation)
@@ -206,6 +207,7 @@ def spring_units(scene: Scene, bodies: dict[str, Body], problems: Problems) -> l
             what = "the ends are at the same place, so that the spring has no direction"
             problems.add(where, what, f"{length:.4g} {scene.unit_system['m']} apart", remedy="give direction")
             continue
+        # the ground is infinite: the area is that of the body
         area = min(end.area for end in ends if end is not None)
         frames = local_frames((line / length)[None])
         traces = tuple(None if end.motion is None else end.motion.at(end.point) for end in (first, second))
@@ -254,6 +256,7 @@ def _rods(ends: list[PlaceOnBody], point: Array, length: float, area: float) -> 
     """Six rods about a point (3,), m (module docstring)."""
     axes = np.eye(3)
     directions = np.repeat(axes, 2, axis=0)
+    # two points for each axis i, on either side of p along the next axis
     points = point + length * np.stack([s * axes[(i + 1) % 3] for i in range(3) for s in (1.0, -1.0)])
     traces: list[sp.csr_array | None] = [
         None if end.motion is None else sp.csr_array(sp.vstack([end.motion.at(p) for p in points])) for end in ends

@@ -176,6 +176,7 @@ class Body:
         own = self.shape.lumped_mass
         if self.added is None:
             return own
+        # row sums of the mass, whose components do not couple
         own = self.shape.mass @ np.ones(self.full_size()) if own is None else own
         return np.asarray(own + self.added.lumped)
 
@@ -205,12 +206,14 @@ class Body:
     def of(self, description: Substructure, material: MaterialTable) -> bool:
         """Whether a substructure of this description and material has this mesh and these matrices."""
         own = self.description
+        # with what motion alone reads taken from the other: equal descriptions are equal meshes and matrices
         alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
         return self.shape.material == material and alike == own
 
     @property
     def rigid_nodes(self) -> Index:
         """Nodes of the faces that move as rigid bodies."""
+        # an empty array first: bodies without rigid faces have none to join
         return np.unique(np.concatenate([np.zeros(0, np.int64), *(self.facets(f).nodes for f in self.rigid_faces)]))
 
     @property
@@ -223,6 +226,7 @@ class Body:
         description = self.description
         velocity = np.tile(np.asarray(description.initial_velocity, dtype=float), (self.mesh.n_node, 1))
         if any(description.initial_spin):
+            # about the mass centre, point masses included
             arm = self.mesh.nodes - self.rigid_motions.centre
             velocity += np.cross(np.asarray(description.initial_spin), arm)
         return velocity.ravel() if self.velocity_field is None else (velocity + self.velocity_field).ravel()
@@ -249,6 +253,7 @@ class Body:
             return None
         field = np.zeros((self.mesh.n_node, 3))
         if gradient is not None:
+            # rows of G by rows of places
             field += (self.mesh.nodes - self.rigid_motions.centre) @ np.asarray(gradient, dtype=float).T
         if file is not None:
             _, number = nearest(self.mesh.nodes, np.asarray(file.points, dtype=float))
@@ -320,6 +325,7 @@ def flexibility(bodies: dict[str, Body], units: list[InterfaceUnit], layout: Lay
     stiffness, made = side_stiffness(bodies, units, layout), {unit.name: 0.0 for unit in units}
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
+            # stiffness along the normal: E over the length
             made[units[i].name] += 1.0 / float(stiffness[layout.channels(i, side)[0, 0]])
     return made
 
@@ -329,7 +335,7 @@ def _length(body: Body, unit: InterfaceUnit) -> float:
     width, for the bending and the shear lag of thin bodies."""
     normal = unit.geometry.frames[:, 0].mean(axis=0)
     along = float(np.ptp(body.mesh.nodes @ normal))
-    along = max(along, 1e-3 * body.mesh.size)
+    along = max(along, 1e-3 * body.mesh.size)  # a face seen edge on
     return float(np.sqrt(along * max(along, np.sqrt(unit.geometry.areas.sum()))))
 
 
@@ -348,6 +354,7 @@ class _MeshFiles:
         path = base_dir / table.file
         try:
             if path not in self.contents:
+                # None first: a file that cannot be read is not read again
                 self.contents[path] = None
                 self.contents[path] = read_content(path)
             content = self.contents[path]
@@ -398,6 +405,7 @@ def build_bodies(
             key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
             placed = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
             if key not in shapes:
+                # at the origin: equal boxes at other places share matrices to the last bit
                 unit = box_mesh(np.zeros(3), np.asarray(box.size), box.elements)
                 shapes[key] = Shape(unit, material, description.bending_modes)
             bodies[name] = Body(name, placed, shapes[key], description, units=scene.unit_system)

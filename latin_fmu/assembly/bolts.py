@@ -21,10 +21,11 @@ within F_y of H q,
 
     |F - H q| <= F_y,    dq/dt (F - H q) = F_y |dq/dt|
 
-q is a history of the whole run, found by repeated runs (``Yielding``). The joint answers q at the instant i by a loss
-of tension kappa_i q_i + sum_(j < i) h_(i-j) q_j; the tension of a run and its loss give the tension without q, and the
-law gives the next q. In statics h = 0, and kappa is the tension over the shortening of the tightening, then the slope
-between two runs at every instant. In motion both are differences of the answer to a step, for which one run is made.
+q is a history of the whole run, found by repeated runs (``Yielding``). The joint loses at the instant i the tension
+kappa_i q_i + sum_(j < i) h_(i-j) q_j; the tension of a run and its loss give the tension without q, and the law gives
+the next q. In statics h = 0, and kappa is the tension over the shortening of the tightening, then the slope between two
+runs at every instant. In motion both are differences of the response to a step, for which one run is made. A run after
+which the elongations would still change is not trustworthy.
 Runs that do not yield are not repeated.
 
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
@@ -230,6 +231,7 @@ class OpenedMesh:
             added.append(cut.nodes)
             shifts.append(np.tile(-shortening.get(cut.name, 0.0) * cut.axis, (len(cut.nodes), 1)))
         self._twins, self._shift = np.concatenate(added), np.concatenate(shifts)
+        # twins stand where their nodes do: the mesh is open in its connectivity alone
         nodes = np.concatenate([mesh.nodes, mesh.nodes[self._twins]])
         types = mesh.cell_types
         self.mesh = Mesh(nodes, tuple(CellBlock(t, c) for t, c in zip(types, blocks, strict=True)), {})
@@ -246,7 +248,7 @@ class OpenedMesh:
 
     def displacement(self, displacement: Array) -> Array:
         """Displacements (..., n_node and nodes beyond the cuts, 3), m, from those of the nodes (..., n_node, 3)."""
-        twins = displacement[..., self._twins, :] + self._shift
+        twins = displacement[..., self._twins, :] + self._shift  # u - delta a beyond the cut
         return np.concatenate([displacement, twins], axis=-2)
 
 
@@ -353,6 +355,7 @@ class _Section:
                 nodes = np.full((len(block.cells), _WIDEST), -1, dtype=np.int64)
                 nodes[:, : len(local)] = block.cells[:, list(local)]
                 tables.append(nodes)
+                # the number of an element counts through all blocks
                 owners.append(first + np.arange(len(block.cells)))
             first += len(block.cells)
         facets, owner = np.concatenate(tables), np.concatenate(owners)
@@ -382,6 +385,7 @@ class _Section:
                 "check the axis, or refine the mesh of the shank along it",
             )
             return None
+        # half open: a plane through the centre of an element is behind it
         chosen = np.flatnonzero((self._low <= level) & (level < self._high))
         if not len(chosen):
             low, high = self._heights.min(), self._heights.max()
@@ -404,6 +408,7 @@ class _Section:
         areas = self._projected_areas()
         shut = np.where(self._facets >= 0, blocked[self._facets], False).any(axis=1)
         stops = np.unique(self._levels)
+        # differences at the levels; their running sums hold between a level and the next
         first, last = np.searchsorted(stops, self._low), np.searchsorted(stops, self._high)
         area, closed = np.zeros(len(stops) + 1), np.zeros(len(stops) + 1)
         # sums over the facets that a plane meets, from the levels at which they begin and end
@@ -422,6 +427,7 @@ class _Section:
         if not usable.any():
             return None
         thin = usable & (area <= _THIN * area[usable].min())
+        # edges of runs of True, in pairs: first and behind the last
         edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
         starts, ends = stops[edges[::2]], stops[edges[1::2]]
         longest = int(np.argmax(ends - starts))
@@ -435,17 +441,21 @@ class _Section:
             own = np.flatnonzero(width == n)
             places = self._body.mesh.nodes[self._facets[own][:, : FACET_CORNERS[FACET_KIND[int(n)]]]]
             arms = places - places[:, :1]
+            # a fan of triangles from the first corner
             areas[own] = 0.5 * np.cross(arms[:, 1:-1], arms[:, 2:]).sum(axis=1) @ self._axis
         return areas
 
     def _one_section(self, chosen: Index, problems: Problems) -> Index | None:
         """Facets of the connected section that is nearest to the point of the bolt, or the only one."""
         nodes = self._facets[chosen]
+        # facets of all kinds in one table, -1 where one has fewer nodes
         rows, columns = np.nonzero(nodes >= 0)
         n_node = self._body.mesh.n_node
+        # connected where facets share nodes: facets and nodes are the two kinds of vertices of the graph
         links = sp.coo_array(
             (np.ones(len(rows)), (rows, len(chosen) + nodes[rows, columns])), shape=2 * (len(chosen) + n_node,)
         )
+        # labels of the facets come first
         label = connected_components(links, directed=False)[1][: len(chosen)]
         where, point = f"bolt.{self._name}.point", self._bolt.point
         centres = np.stack([self._body.mesh.nodes[row[row >= 0]].mean(axis=0) for row in nodes])
@@ -460,6 +470,7 @@ class _Section:
                 "give the point",
             )
             return None
+        # across the axis alone: the plane fixes the place along it
         distances = np.linalg.norm(_across(centres - np.asarray(point), self._axis), axis=1)
         nearest = int(np.argmin(distances))
         section: Index = chosen[label == label[nearest]]
@@ -482,6 +493,7 @@ class _Section:
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
         where, width = f"bolt.{self._name}", _width(self._body.mesh.nodes[nodes], self._axis)
+        # wider than long: the axis runs across a plate, or the body is no bolt
         if width > self._length:
             length = self._body.units["m"]
             problems.add(
@@ -513,6 +525,7 @@ class _Section:
         on_cut = np.zeros(body.mesh.n_node, dtype=bool)
         on_cut[nodes] = True
         touches = np.concatenate([on_cut[block.cells].any(axis=1) for block in body.mesh.blocks])
+        # the side that the jump moves: chi is 1 at the nodes of the cut, 0 elsewhere
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
@@ -542,6 +555,7 @@ class _Section:
         rows = self._facets[facets]
         width = (rows >= 0).sum(axis=1)
         section = FacetSet.of(*(rows[width == n][:, :n] for n in np.unique(width)))
+        # facets of a stepped cut: their projections on the plane add up to the section
         return float(abs((face_of(self._body.mesh.nodes, section).vector_areas @ self._axis).sum()))
 
     def _moving(self, facets: Index, beyond: np.ndarray) -> np.ndarray:
@@ -580,15 +594,15 @@ def _width(places: Array, axis: Array) -> float:
 
 
 # -- shanks that yield ------------------------------------------------------------------------------------------------
-_TOLD: Final = 1e-3  # of the largest change of an elongation: smaller ones tell no slope
-_BOUNDS: Final = 1e-4, 1e2  # of kappa over that of the tightening: an open joint answers with next to nothing
+_LEAST: Final = 1e-3  # of the largest change of an elongation: smaller ones give no slope
+_BOUNDS: Final = 1e-4, 1e2  # of kappa over that of the tightening: an open joint loses next to nothing
 _RUNS: Final = 20  # most runs until the plastic elongations stay
 _STAYS: Final = 1e-8  # of the yield force: change of a tension by that of the elongation between two runs
 _OF_TOLERANCE: Final = 0.1  # the same as a share of the tolerance of the runs
 
 
 @dataclass
-class Answer:
+class TensionLoss:
     """What the tension of a bolt loses by its plastic elongation (module docstring).
 
     Attributes
@@ -636,7 +650,7 @@ class Yielding:
         self._units, self._still = scene.unit_system, scene.time.quasi_static
         self.elongation: dict[str, Array] = {}
         self._before: dict[str, tuple[Array, Array]] = {}  # elongation and tension of the run before
-        self._answers: dict[str, Answer] = {}
+        self._losses: dict[str, TensionLoss] = {}
         self._runs, self._change = 0, 0.0
 
     def goes_on(self, bolts: Mapping[str, BoltHistory]) -> bool:
@@ -653,32 +667,34 @@ class Yielding:
             q, hardening = self.elongation.get(name, np.zeros(len(force))), table.hardening or 0.0
             if not self._still and force[0] > limit:
                 raise self._yields_at_once(name, float(force[0]), limit)
-            answer = self._answer(bolts[name], q)
-            new[name] = answer.elongation(force + answer.of(q), limit, hardening)
-            self._change = max(self._change, float((answer.kappa * np.abs(new[name] - q)).max() / limit))
+            lost = self._loss_of(bolts[name], q)
+            new[name] = lost.elongation(force + lost.of(q), limit, hardening)
+            self._change = max(self._change, float((lost.kappa * np.abs(new[name] - q)).max() / limit))
             if not self._still and name not in self._before and (yields := np.flatnonzero(new[name])).size:
-                new[name] = np.where(np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max())  # to be answered
+                new[name] = np.where(
+                    np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max()
+                )  # a step, for its loss
             self._before[name] = q, force
         if self._change <= self._stays or self._runs == _RUNS:
             return False
         self.elongation = new
         return True
 
-    def _answer(self, bolt: BoltHistory, q: Array) -> Answer:
-        """What is known of the answer after a run with q."""
+    def _loss_of(self, bolt: BoltHistory, q: Array) -> TensionLoss:
+        """The loss by q as far as the runs so far give it."""
         first = bolt.tightening[bolt.orders.index(bolt.order)] / bolt.shortening
         if bolt.name not in self._before:
-            return self._answers.setdefault(bolt.name, Answer(np.full(len(q), first), np.zeros(0)))
+            return self._losses.setdefault(bolt.name, TensionLoss(np.full(len(q), first), np.zeros(0)))
         step, loss = q - self._before[bolt.name][0], self._before[bolt.name][1] - bolt.force
-        answer, low, high = self._answers[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
+        lost, low, high = self._losses[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
         if self._still:
-            told = np.abs(step) > _TOLD * np.abs(step).max()
-            answer.kappa[told] = np.clip(loss[told] / step[told], low, high)
-        elif not len(answer.memory) and step.any():
+            changed = np.abs(step) > _LEAST * np.abs(step).max()
+            lost.kappa[changed] = np.clip(loss[changed] / step[changed], low, high)
+        elif not len(lost.memory) and step.any():
             begin = int(np.flatnonzero(step)[0])
             to_step = loss[begin:] / step[begin]
-            answer.kappa[:], answer.memory = max(to_step[0], low), np.diff(to_step)
-        return answer
+            lost.kappa[:], lost.memory = max(to_step[0], low), np.diff(to_step)
+        return lost
 
     def _yields_at_once(self, name: str, force: float, limit: float) -> SceneError:
         n = self._units["N"]
@@ -698,11 +714,11 @@ class Yielding:
         ]
         return {"bolts that yield": f"{', '.join(parts)}; {self._runs} runs"} if parts else {}
 
-    def remarks(self) -> list[str]:
-        """A sentence where the elongations still changed in the last run."""
+    def faults(self) -> tuple[str, ...]:
+        """Why the end of the last run is not trustworthy: the elongations still changed in it."""
         if self._change <= self._stays:
-            return []
-        return [
+            return ()
+        return (
             f"plastic elongations of bolts change their tension by {self._change:.2g} of the yield force in the last "
-            f"of {self._runs} runs"
-        ]
+            f"of {self._runs} runs (allowed: {self._stays:.2g})",
+        )

@@ -84,8 +84,10 @@ def discretise(
     store_of(scene).recount()
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
+    # faces that are not there would fail all that follows
     if problems:
         raise SceneError(problems, "the scene cannot be built")
+    # before any matrix: masses of points are part of a body
     if scene.point_mass:
         bodies = with_masses(scene, bodies, problems)
     if scene.coupling:
@@ -99,6 +101,7 @@ def discretise(
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
+    # central differences need diagonal dashpots
     explicit = scene.time.scheme.type == CENTRAL
     conditions = {
         name: conditions_on(body, scene.boundaries_of(name), problems, scene.ports_of(name), explicit)
@@ -113,6 +116,7 @@ def discretise(
         initial_problems(scene, bodies, units, problems, remarks)
     if fields:
         remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
+    # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
         instants = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
@@ -151,6 +155,7 @@ def _problem(
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))
     left, joined = _without(names, bodies, units)
+    # the body left out may have been the one that lands: without it another scheme would be chosen
     if names and chosen_scheme(scene, left, joined)[0].name != "hht":
         names = frozenset()
         left, joined = _without(names, bodies, units)

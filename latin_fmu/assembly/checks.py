@@ -79,7 +79,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
         substructure, face = split_face(side)
         if substructure not in bodies:
             continue
-        known = sorted(bodies[substructure].mesh.faces)
+        known = sorted(bodies[substructure].mesh.faces)  # those of the mesh
         if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
             problems.add(
@@ -154,6 +154,7 @@ def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
     reasons: dict[str, list[str]] = {}
     for sentence in sides:
         side, _, rest = sentence.partition(": ")
+        # the reason is what stands before the numbers
         reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
     remarks = []
     for reason, found in reasons.items():
@@ -182,7 +183,7 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
         for block in body.mesh.blocks:
             kinds[block.cell_type] += len(block.cells)
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())
+        added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())  # one component: all mass
         masses = f" ({added:.4g} {units['kg']} in point masses)" if added else ""
         sizes = f"{size} {units['m']}, {_mass(body):.4g} {units['kg']}{masses}"
         lines.append(f"  body {name}: {sizes}, {body.mesh.n_node} nodes, {cells}")
@@ -218,6 +219,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
                 f"substructure {name}: Poisson's ratio {nu:g} > {LOCKING_POISSON}: linear elements lock (too stiff)"
             )
         boundaries = scene.boundaries_of(name).values()
+        # walls of a periodic body end nowhere
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
         behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
@@ -332,6 +334,7 @@ def _walls(mesh: Mesh, surface: FacetSet, mirrors: list[tuple[FacetSet, NDArray[
     for face, axes in mirrors:
         nodes = face.nodes
         held = np.concatenate([np.isin(b.corners, nodes).all(axis=1) for b in surface.blocks])
+        # facets whose normal is along a held axis
         keep &= ~held | ((facets.normal[:, axes] ** 2).sum(axis=1) < 0.9)
     free = facets.picked(np.flatnonzero(keep))
     n = len(free.area)
@@ -354,6 +357,7 @@ def _facets(mesh: Mesh, surface: FacetSet) -> _Facets:
         x = mesh.nodes[block.corners]
         n = x.shape[1]
         edges = np.linalg.norm(x[:, [*range(1, n), 0]] - x, axis=2)
+        # diagonals of a quadrilateral; of a triangle, n - 1 being 2, two edges
         vector = 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, n - 1] - x[:, 1])
         area = np.linalg.norm(vector, axis=1)
         normal = vector / np.where(area > 0, area, 1.0)[:, None]

@@ -104,6 +104,7 @@ class _Dofs:
         ends = tuple(np.concatenate(side) for side in zip(*self.tied, strict=True))
         graph = sp.coo_array((np.ones(len(ends[0])), ends), shape=(n, n))
         _, label = connected_components(graph, directed=False)
+        # label numbers components, and the first dof of each stands for it
         first: Index = np.unique(label, return_index=True)[1][label]
         return first
 
@@ -143,6 +144,7 @@ def _nodal_conditions(
             _drive(body, name, boundary, nodes, dofs, problems)
     for name, port in ports.items():
         if port.causality == "wave":
+            # one matrix for both: that of explicit schemes is diagonal
             dashpots.append((port_dashpots(body, name, port, explicit, problems),) * 2)
         elif port.causality == "motion_in":
             _move(body, name, port, dofs, problems)
@@ -201,7 +203,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
         moved = dofs.with_tied(3 * nodes + AXES.index(component))
         coasts = boundary.type == "acceleration" and body.initial_velocity().any()
         if value == 0.0 and not coasts:  # at rest, as held nodes are and those driven by zero: a common edge agrees
-            still = np.array([*(motion.value == 0.0 for motion in dofs.motions), False])
+            still = np.array([*(motion.value == 0.0 for motion in dofs.motions), False])  # driver -1 reads the last one
             moved = moved[~dofs.held[moved] & ~still[dofs.driver[moved]]]
         if (dofs.driver[moved] >= 0).any() or dofs.held[moved].any():
             problems.add(
@@ -219,6 +221,7 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
 def _move(body: Body, name: str, port: Port, dofs: _Dofs, problems: Problems) -> None:
     """Drive a face as a rigid body by the velocities of a port."""
     driven, shapes = port_shapes(body, name, port, problems)
+    # a rigid motion of the face cannot be combined with other conditions on its nodes
     tied = len(dofs.with_tied(driven)) > len(driven) or not dofs.turned.rows.keys().isdisjoint((driven // 3).tolist())
     if tied or (dofs.driver[driven] >= 0).any() or dofs.held[driven].any():
         problems.add(
@@ -237,9 +240,10 @@ def _move(body: Body, name: str, port: Port, dofs: _Dofs, problems: Problems) ->
 def _tie(body: Body, name: str, boundary: Periodic, dofs: _Dofs, problems: Problems) -> None:
     first, second = (body.face(split_face(f)[1]) for f in boundary.faces)
     shift = body.mesh.nodes[second.nodes].mean(axis=0) - body.mesh.nodes[first.nodes].mean(axis=0)
-    spacing = np.sqrt(np.median(first.areas))
+    spacing = np.sqrt(np.median(first.areas))  # length of a facet
     if len(first.nodes) == len(second.nodes):
         distance, partner = nearest(body.mesh.nodes[first.nodes] + shift, body.mesh.nodes[second.nodes])
+        # one to one: each node has a partner, and no two the same
         if distance.max() <= _PAIRING * spacing and len(np.unique(partner)) == len(partner):
             for component in range(3):
                 dofs.tied.append((3 * first.nodes + component, 3 * second.nodes[partner] + component))
@@ -269,6 +273,7 @@ def _finish(dofs: _Dofs, dashpots: list[tuple[sp.csr_array, sp.csr_array]]) -> C
     driven = np.flatnonzero((driver >= 0) & ~held)
     pattern[driven, driver[driven]] = 1.0
     for moved, shapes, first in dofs.moved:
+        # the column of the first motion has the ones of ``driver``: shapes take their place
         pattern[moved] = 0.0
         pattern[moved, first : first + shapes.shape[1]] = shapes
     consistent, lumped = (total(*(pair[i] for pair in dashpots)) for i in (0, 1))
@@ -302,6 +307,7 @@ class RigidConditions(Conditions):
         n_free = self.expansion.shape[1]
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
+        # closest in the mass of the body
         own = la.solve(free.T @ mass @ free, free.T @ mass @ motion, assume_a="pos") if n_free else np.zeros(0)
         return np.concatenate([own, driven])
 
@@ -320,6 +326,7 @@ def conditions_on(
 def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Conditions:
     """The conditions with the nodes of each rigid face on the rigid motions that their held directions leave."""
     expansion = nodal.expansion
+    # dofs that stand for several ones: periodic faces
     copies = np.bincount(expansion.indices, minlength=expansion.shape[1])
     taken = np.zeros(body.full_size(), dtype=bool)
     blocks = []
@@ -336,6 +343,7 @@ def _with_rigid_faces(body: Body, nodal: Conditions, problems: Problems) -> Cond
         taken[dofs] = True
         places = body.mesh.nodes[nodes]
         centre = places.mean(axis=0)
+        # translations and rotations, these divided by the size: entries of order one
         modes = rigid_modes(places, centre, float(np.abs(places - centre).max()))
         columns = modes @ _null_space(modes[np.diff(rows.indptr) == 0])  # rows without entry: held
         columns[np.abs(columns) < _ROUND_OFF] = 0.0
@@ -363,6 +371,7 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     rigid = body.rigid_motions
     held, driven = nodal.held, np.asarray(nodal.pattern.any(axis=1))
     if nodal.turned is not None:
+        # turned nodes have rows of their own below, their axes among them
         for flags in (held, driven):
             flags[nodal.turned[2]] = False
     rows = np.concatenate([rigid.modes[held], rigid.modes[driven]])
@@ -370,6 +379,7 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     if nodal.turned is not None:
         rows = np.concatenate([rows, nodal.turned[0] @ rigid.modes])
         values = np.concatenate([values, nodal.turned[1]])
+    # least squares, as faces hold more dofs than a body has; what is left over is what a rigid body cannot do
     motions = la.lstsq(rows, values)[0] if values.size else np.zeros((6, len(nodal.motions)))
     if values.size and np.abs(rows @ motions - values).max() > _ROUND_OFF:
         problems.add(
@@ -382,6 +392,7 @@ def _rigid_conditions(body: Body, nodal: Conditions, boundaries: dict[str, Bound
     free = _null_space(rows)
     basis = np.concatenate([free, motions], axis=1)
     n_free, n_full = free.shape[1], basis.shape[1]
+    # free motions first, then the driven ones
     expansion = sp.csr_array(np.eye(n_full)[:, :n_free])
     shapes = rigid.modes @ basis
     dashpots = None if nodal.dashpots is None else sp.csr_array(shapes.T @ (nodal.dashpots @ shapes))
@@ -404,6 +415,7 @@ def _null_space(rows: Array) -> Array:
             continue
         reduced[[row, best]] = reduced[[best, row]]
         reduced[row] /= reduced[row, column]
+        # above and below: reduced, so that each free motion has one unit entry
         others = np.arange(len(reduced)) != row
         reduced[others] -= np.outer(reduced[others, column], reduced[row])
         pivots.append(column)
@@ -421,12 +433,14 @@ def rigid_model(
     nodal, description = held.nodal, body.description
     mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
     n_full = mass.shape[0]
+    # of Rayleigh damping the part of the mass alone: nothing is strained
     share = body.shape.material.rayleigh[0]
     still, start = np.zeros(3), held.start()
     return SubstructureModel(
         name=body.name,
         mass=mass,
         damping=total(sp.csr_array(share * mass) if share else None, held.dashpots),
+        # no strain in a rigid motion
         stiffness=sp.csr_array((n_full, n_full)),
         expansion=held.expansion,
         trace=sp.csr_array(trace @ nodal),

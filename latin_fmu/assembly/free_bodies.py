@@ -45,7 +45,7 @@ from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
 from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from ..scene.laws import InputLaw
-from ..scene.schema import Scene
+from ..scene.schema import TEMPERATURE, Scene
 from .body import Body, body_sides, consecutive
 from .conditions import Conditions, RigidConditions
 from .models import load_terms
@@ -114,10 +114,14 @@ class LimitLoad:
         """Loads of a substructure from the first increment on."""
         held, own = self._problem.conditions[member.name], self.motions[member.name]
         if isinstance(held, RigidConditions):  # its forces are on its own unknowns
+            # full dofs of a rigid body are its motions, the free ones first
             own = np.eye(held.expansion.shape[0])[:, : held.expansion.shape[1]]
         histories = self._problem.timeline.histories(member, self._problem.time)
         for load, amplitude in zip(member.loads, histories.amplitudes, strict=True):
+            if load.name.startswith(TEMPERATURE):  # it moves no rigid body, but for round-off
+                continue
             self.path[1:, self.where[member.name]] += np.outer(amplitude[1:], load.pattern @ own)
+            # loads that start from zero can be named as shares of their amplitudes
             self.raised &= amplitude[0] == 0.0 or not np.any(load.pattern @ own)
             if load.name:
                 self.varying[load.name] = amplitude
@@ -155,6 +159,7 @@ class LimitLoad:
         s, motion = -1.0, np.zeros_like(start)
         for _ in range(_ROUNDS):
             columns, free = self._columns(directions)
+            # scaled: multipliers and tolerances of the program are absolute
             matrix = np.column_stack([(end - start) / self._scale, *columns])
             bounds = [(None, 1.0), *((None, None) if f else (0.0, None) for f in free)]
             cost = np.zeros(matrix.shape[1])
@@ -172,6 +177,7 @@ class LimitLoad:
         """Generalised forces of the generators, and whether they may be negative."""
         columns, free = list[Array](), list[bool]()
         for point, chosen in zip(self.points, directions, strict=True):
+            # without a cone, mu = 0: the pressure alone
             own = [(point.pressure, point.tied)] if not chosen else []
             own += [(point.pressure + point.mu * (d @ point.friction), False) for d in chosen]
             if np.isinf(point.mu):
@@ -184,6 +190,7 @@ class LimitLoad:
     def slides(self, point: _ContactPoint, motion: Array) -> bool:
         """Whether a point that may open opens no more than the sliding of the mechanism requires."""
         size = max(float(np.abs(p.friction @ motion).max()) for p in self.points)
+        # of a point without slip the friction does no work
         sliding = 0.0 if np.isinf(point.mu) else point.mu * float(np.linalg.norm(point.friction @ motion))
         return not point.tied and bool(point.pressure @ motion - sliding < 1e-6 * max(size, 1e-300))
 
@@ -255,6 +262,7 @@ def _located(problem: DiscretisedProblem, limit: LimitLoad, before: int, corner:
     """The increment between two states in which the equilibrium is lost."""
     path = limit.path
     low, high = before, corner
+    # what can be held is convex: held up to an instant and not beyond
     while high - low > 1:
         middle = (low + high) // 2
         held = limit.largest(path[before], path[middle])[0] >= 1.0 - _EXACT
@@ -281,6 +289,7 @@ def _share(limit: LimitLoad, low: int, s: float) -> str:
 def _mechanism(problem: DiscretisedProblem, limit: LimitLoad, motion: Array) -> str:
     """Which bodies move, and how: without the opening that the friction of the mechanism brings with it."""
     closed = np.array([p.pressure for p in limit.points if limit.slides(p, motion)])
+    # the part of the motion that opens no point that slides
     sliding = motion - np.linalg.pinv(closed, rcond=_PLANE) @ (closed @ motion) if closed.size else motion
     if np.abs(sliding).max() > 1e-3 * np.abs(motion).max():
         motion = sliding
@@ -345,12 +354,14 @@ class FreeGroup:
         for name, pattern, amplitude in forces:
             if name in self.motions:
                 size = float(np.linalg.norm(pattern.reshape(-1, 3), axis=1).sum())
+                # work of this force on the widest motion, whatever its direction: what net is measured by
                 net = net + np.outer(amplitude, pattern @ self.motions[name])
                 gross = gross + np.outer(np.abs(amplitude), size * widest)
                 resultant = resultant + np.outer(amplitude, pattern.reshape(-1, 3).sum(axis=0))
         worst = int(np.abs(net).max(axis=1).argmax())
         largest = np.maximum(gross.max(axis=0), 1e-300)
         own = next(iter(self.motions.values()))
+        # axes that the group cannot follow along have a support: their resultant is no cause
         moves = np.array([float(_contains(own, axis)) for axis in range(3)])
         left = moves * resultant[worst]
         return float((np.abs(net) / largest).max()), np.where(np.abs(left) > 1e-6 * np.abs(left).max(), left, 0.0)
@@ -375,6 +386,7 @@ def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -
     motion at any interface."""
     where, total = consecutive({n: m.shape[1] for n, m in motions.items()})
     if not total:
+        # squares of relative motion: their null space is free
         return {n: np.zeros((0, 0)) for n in motions}
     squares = np.zeros((total, total))
     for unit in units:
@@ -386,6 +398,7 @@ def free_motions(motions: Mapping[str, Array], units: Sequence[InterfaceUnit]) -
         # a mean: fine faces count no more than coarse ones
         squares += relative.T @ relative / unit.geometry.n_point
     values, vectors = la.eigh(squares)
+    # values[-1] is 0 where no interface takes part: all motions are free
     free = vectors[:, values < HELD * max(float(values[-1]), 1e-300)] if values[-1] > 0 else vectors
     return {name: free[rows] for name, rows in where.items()}
 
@@ -443,6 +456,7 @@ def unheld(
         share, resultant = group.work(forces)
         if share <= BALANCED and not all(isinstance(conditions[n], RigidConditions) for n in group.motions):
             continue
+        # + 0.0: no negative zeros in a sentence
         by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
         loads = f"; its loads are out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
         for name, own in group.motions.items():

@@ -54,12 +54,13 @@ def arrival_times(
     reached: dict[Port, float] = {}
     while queue:
         now, port = heapq.heappop(queue)
-        if port in reached:
+        if port in reached:  # times ascend: the first is the least
             continue
         reached[port] = now
         name = port[0]
         first[name] = min(first[name], now)
         for pair in ports:
+            # through an interface at once
             for here, there in (pair, pair[::-1]) if len(pair) == 2 else ():
                 if here == port:
                     heapq.heappush(queue, (now, there))
@@ -95,6 +96,7 @@ def _face_sources(scene: Scene, units: Sequence[InterfaceUnit], time: Array) -> 
     for load in scene.loads.values():
         source(load.face, _onset(load.law, time))
     for boundary in scene.boundary.values():
+        # a driven face whose value is zero is a held one
         if isinstance(boundary, Driven) and any(boundary.value):
             source(boundary.face, _onset(boundary.law, time))
     for port in scene.port.values():
@@ -111,6 +113,7 @@ def _onset(law: TimeLaw, time: Array) -> float:
     """Last instant at which a law is still zero (linear between instants); an input may start at once."""
     if isinstance(law, InputLaw):
         return 0.0
+    # linear between instants: it begins to act behind the last zero
     acting = np.flatnonzero(law.sample(time))
     return float(time[max(int(acting[0]) - 1, 0)]) if acting.size else np.inf
 
@@ -144,6 +147,7 @@ def _parts(shares: Sequence[float]) -> list[tuple[int, int]]:
     best: list[tuple[float, int]] = [(0.0, 0)]  # cost of the first j members, start of their last part
     for stop in range(1, len(shares) + 1):
         options = [
+            # a small price per part, so that equal shares stay together
             (best[start][0] + shares[start] * (1 + _TOGETHER * (stop - start - 1)) + 1e-9, -start)
             for start in range(stop)
         ]

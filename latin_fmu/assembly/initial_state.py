@@ -39,13 +39,15 @@ def check_fields(bodies: Mapping[str, Body], problems: Problems, remarks: list[R
             file = getattr(body.description, key)
             if file is None:
                 continue
+            # a results file: its nodes are those of a mesh
             if file.time is not None and len(file.points) != body.mesh.n_node:
                 counts = f"the mesh of {name} in {file.file} has {len(file.points)} nodes, that of the scene "
                 counts += f"{body.mesh.n_node}"
                 if len(file.points) < body.mesh.n_node:
                     remedy = "take the results of a run with the same mesh, or write the field at the nodes of this one"
                     problems.append(Problem("initial_state.file", counts, None, "the same mesh", remedy))
-                    break
+                    break  # the other field is of the same file
+                # said once, not for both fields
                 if key == "initial_velocity_field":
                     text = f"initial state: {counts}: the values at common nodes are taken"
                     remarks.append(Remark("initial_state", text))
@@ -70,6 +72,7 @@ def _smallest_distance(nodes: Array) -> float:
     """Smallest distance between two nodes at different places, m."""
     from scipy.spatial import cKDTree
 
+    # nodes of the same place, as of a torn mesh, have distance 0
     unique = np.unique(nodes, axis=0)
     distance = np.asarray(cKDTree(unique).query(unique, k=2)[0])
     return float(distance[:, 1].min())
@@ -86,15 +89,18 @@ def field_remarks(scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[
         held = conditions[name]
         if isinstance(held, RigidConditions):
             continue
+        # how far each dof moves with the driven faces
         moved = np.zeros(body.full_size()) if held.pattern.size == 0 else np.abs(held.pattern).sum(axis=1)
         start = held.pattern @ held.start() if held.pattern.size else np.zeros(body.full_size())
         for kind, own, whole, given, counts in (
             ("displacement", body.displacement_field, body.initial_displacement, start, np.ones(len(moved), bool)),
+            # velocities of driven dofs are those of the motion, and are not compared
             ("velocity", body.velocity_field, body.initial_velocity, np.zeros(len(moved)), moved == 0),
         ):
             if own is None:
                 continue
             free = (whole() - given)[:, None]
+            # what the conditions cannot represent; at driven nodes velocities are those of the motion
             left = np.where(counts, (free - held.expansion @ closest_reduced(held.expansion, free))[:, 0], 0.0)
             changed = np.abs(left) > _CHANGED * np.abs(free).max()
             if changed.any():
@@ -129,9 +135,10 @@ def initial_problems(
         first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
         assert first is not None
         where = f"interface.{unit.name}"
-        if unit.behaviour.compliant:
+        if unit.behaviour.compliant:  # a layer takes any jump
             continue
         zero = (0.0, 0.0, 0.0)
+        # of E' over E
         uniform = np.subtract(zero if second is None else second.initial_displacement, first.initial_displacement)
         by_field, level = _jump(unit, bodies, "displacement_field")
         jump = uniform + by_field
@@ -152,6 +159,7 @@ def initial_problems(
                 )
                 remarks.append(Remark("initial_state", f"interface {unit.name}: {text}"))
             continue
+        # N points from E to E': moving apart along it opens
         gap = unit.geometry.gap + np.einsum("pi,pi->p", unit.geometry.frames[:, 0], jump)
         size = float(np.ptp(unit.geometry.points, axis=0).max())
         if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
@@ -162,6 +170,7 @@ def initial_problems(
                 remedy="change the initial displacements (with [initial_state], choose an instant at which the "
                 "contact is open), or move the meshes apart",
             )
+        # a gap of the scene itself has been reported with the interface
         elif unit.preload > 0 and gap.max() > 1e-9 * size and not unit.geometry.gap.any():
             problems.add(
                 f"{where}.preload",
@@ -180,6 +189,7 @@ def _jump(unit: InterfaceUnit, bodies: Mapping[str, Body], field: str) -> tuple[
         if values is not None and trace is not None:
             own = np.asarray(trace @ values.ravel()).reshape(-1, 3)
             level = max(level, float(np.abs(own).max(initial=0.0)))
+            # E' less E
             jump += (2 * side - 1) * own
     return jump, level
 

@@ -89,6 +89,7 @@ def by_mortar(
     rigid = [body.rigid for body, _ in (first, second)]
     if rigid[0] != rigid[1]:
         return pair.from_side(int(rigid[0]))
+    # a little smaller counts as equal: round-off must not choose the side
     finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
@@ -178,6 +179,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     normals = np.tile(-normal, (len(points), 1))
     return FacePair(
         points,
+        # area in projection on the plane, as the ground has its normal everywhere
         -vector @ normal,
         normals,
         (points - point) @ normal,
@@ -235,6 +237,7 @@ def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
     size = float(np.ptp(np.concatenate([points, ends.reshape(-1, 3)]), axis=0).max())
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
         start, along = ends[:, 0] - point, ends[:, 1] - ends[:, 0]
+        # as seen along the normal
         start = start - np.outer(start @ normal, normal)
         along = along - np.outer(along @ normal, normal)
         length = np.maximum(np.einsum("ei,ei->e", along, along), 1e-300)
@@ -266,6 +269,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
     if not scene.contact:
         return scene
     edges: list[str] = []
+    # pairs joined by hand are left alone
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
     surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
     interfaces: dict[str, Interface] = {}
@@ -277,11 +281,13 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             if pair in taken or pair in table.exceptions:
                 continue
             one, other = surfaces[first], surfaces[second]
+            # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
+                # names of interfaces found before count, too
                 free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
                 interfaces[free] = table.interface(first, second)
             elif depth > 0.0:
@@ -292,7 +298,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
                     f"at most {table.search:g} {scene.unit_system['m']}",
                     "move the meshes apart, or leave the pair out by except",
                 )
-            elif remarks is not None and _meet((bodies[first], one), (bodies[second], other), table.search):
+            elif remarks is not None and _meet(one, other, table.search):
                 edges.append(f"{first} and {second}")
     if remarks is not None and edges:
         more = f", {len(edges) - _NAMED} more pairs" if len(edges) > _NAMED else ""
@@ -334,18 +340,18 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
         middles = middles[((low < middles) & (middles < high)).all(axis=1)]
         for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
             if locate(body.mesh, middle) is not None:
-                deepest = max(deepest, nearest_surface_point(body.mesh, middle)[0])
+                deepest = max(deepest, nearest_surface_point(other, middle)[0])
     return deepest if deepest > search else 0.0
 
 
-def _meet(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> bool:
+def _meet(first: Surface, second: Surface, search: float) -> bool:
     """Whether nodes of one surface (``_MOST_MIDDLES`` of each) are within ``search`` of the other."""
-    for (_, surface), (body, other) in ((first, second), (second, first)):
+    for surface, other in ((first, second), (second, first)):
         low, high = _box(other)
         nodes = surface.nodes[surface.facets.nodes]
         nodes = nodes[((low - search <= nodes) & (nodes <= high + search)).all(axis=1)]
         for node in nodes[:: max(1, -(-len(nodes) // _MOST_MIDDLES))]:
-            if nearest_surface_point(body.mesh, node)[0] <= search:
+            if nearest_surface_point(other, node, search)[0] <= search:
                 return True
     return False
 
@@ -367,6 +373,7 @@ def unconnected_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
     for name in bodies:
         if name in joined:
             continue
+        # nodes alone, which is enough for a message
         distance = {n: between(bodies[name], b) for n, b in bodies.items() if n != name}
         closest = min(distance, key=lambda n: distance[n])
         remarks.append(
@@ -418,6 +425,7 @@ def build_interface(
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
+        # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
     frames = local_frames(pair.normals)
     trace = pair.traces[pair.owner]
@@ -478,6 +486,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
     body, facets = side
     face = face_of(body.mesh.nodes, facets)
     normals = face.normals
+    # of faces that stay bonded the shape does not matter
     bent = float(np.abs(normals @ normals[0] - 1).max())
     if interface.behaves_open and bent > MATCHING:
         angle = np.degrees(np.arccos(np.clip((normals @ normals[0]).min(), -1, 1)))
@@ -490,6 +499,7 @@ def _on_ground(name: str, interface: Interface, side: Side, problems: Problems) 
         )
         return None
     points, trace = own_points(body, facets, face)
+    # gap 0: the ground lies behind each point
     return FacePair(points, face.positive_areas, normals, np.zeros(len(points)), (trace, None), np.zeros(len(points)))
 
 
@@ -544,6 +554,7 @@ def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | N
     jump = there[partner] - points
     normal = np.einsum("pi,pi->p", jump, normals)
     lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    # no node twice; apart along the face by less than the spacing allows
     if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
         return None
     opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
@@ -565,6 +576,7 @@ def _apart(name: str, interface: Interface, first: Side, second: Side) -> Proble
     places = [body.mesh.nodes[facets.nodes] for body, facets in (first, second)]
     distance, partner = nearest(*places)
     normals = [face_of(body.mesh.nodes, facets).normals for body, facets in (first, second)]
+    # both outward normals point the same way
     alike = np.einsum("pi,pi->p", normals[0], normals[1][partner]) > 0.5
     where, sides = f"interface.{name}.sides", ", ".join(interface.sides)
     if alike.mean() > 0.5:
@@ -595,6 +607,7 @@ def _gap(
     size = max(size, float(np.sqrt(pair.areas.sum())))
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
+    # all of it within the deviation of flat facets: touching faces
     if chordal.all():
         if (
             interface.behaves_open
@@ -608,6 +621,7 @@ def _gap(
             )
             remarks.append(Remark("gap", f"interface {name}: {text}mesh the faces finer if it is a clearance"))
         distance = np.where(np.abs(distance) > negligible, 0.0, distance)
+    # an overlap of chords, as of two meshes of one cylinder, is none
     distance = np.where(chordal & (distance < 0), 0.0, distance)
     if interface.behaviour == "perfect":
         return _bonded(name, distance, size, length, problems)
@@ -658,6 +672,7 @@ def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) 
 def _on_a_line(points: Array, size: float) -> bool:
     """Whether points (n, 3) lie on one line."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    # second singular value: how far they leave a line
     return len(points) < 3 or float(spread[1]) <= _STRAIGHT * size
 
 

@@ -82,6 +82,7 @@ def merge(
     paired = [unit for unit in interfaces if is_selection(unit)]
     same = _same_dofs(paired, where, total)
     expansion = _merged_expansion(models, where, same)
+    # motions of one body drive only its own dofs
     imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
     # a tied dof that is driven in one body is driven in all
     driven = np.zeros((same.max() + 1, imposed.shape[1]))
@@ -142,6 +143,7 @@ def _merged_expansion(models: dict[str, SubstructureModel], where: dict[str, sli
     held_rows = np.flatnonzero(np.diff(apart.indptr) == 0)
     rows = np.flatnonzero(np.diff(apart.indptr))
     count = int(same.max()) + 1
+    # bipartite: merged dofs, then reduced dofs, joined where a full dof is both
     graph = sp.coo_array((np.ones(len(rows)), (same[rows], count + apart.indices)), shape=(count + n, count + n))
     _, label = connected_components(graph, directed=False)
     held = np.zeros(int(label.max()) + 1, dtype=bool)
@@ -242,8 +244,10 @@ def tied(bonds: sp.csr_array, expansion: sp.csr_array, pattern: Array) -> tuple[
     block = sp.csc_array(rows[:, chosen])
     try:
         factor = spla.splu(block)
+    # a pivot of exactly zero
     except RuntimeError as error:
         raise ValueError("bonds that hold the same nodes twice") from error
+    # C_c r_c = -C_f r_f - C m: the chosen dofs by the free ones and by the motions
     solved = -factor.solve(np.column_stack([rows[:, free].toarray(), moved]))
     if not np.isfinite(solved).all() or np.abs(solved).max(initial=0.0) > _LARGEST:
         raise ValueError("bonds that hold the same nodes twice")
@@ -294,6 +298,7 @@ def kept_together(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_a
 def _eliminated(rows: Array) -> sp.csr_array:
     """Expansion (n, n - rank) that keeps dense rows (n_row, n) at zero, however they depend on each other: dofs chosen
     by QR with pivoting follow the others."""
+    # the largest columns first: what follows the rank is round-off of dependent rows
     _, r, order = la.qr(rows, mode="economic", pivoting=True)
     size = np.abs(np.diagonal(r))
     rank = int((size > _NOTHING * size[0]).sum())
@@ -318,6 +323,7 @@ def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, 
     entries, starts = np.diff(rows.indptr), rows.indptr[:-1]
     single = np.flatnonzero(entries == 1)
     pairs = np.flatnonzero(entries == 2)
+    # (1, -1): equal dofs; other two-entry rows, as (1, 1), are left to elimination
     balanced = np.abs(rows.data[starts[pairs]] + rows.data[starts[pairs] + 1]) < _NOTHING
     pairs = pairs[balanced]
     held = rows.indices[starts[single]]

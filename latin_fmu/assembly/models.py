@@ -167,9 +167,11 @@ def _contact_layer(
     """That of one elastic body; elements at interfaces that do not land are viscous by the share _AT_REST."""
     shape, material = body.shape, body.shape.elasticity
     if not scheme.massless_contact:
+        # every node keeps its mass
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
     share = scheme.consistent_share(material.bar_speed * dt / longest_edge(shape.mesh))
     mass = blended_mass(shape.mass, shape.lumped_mass, share)
+    # nodes of a rigid face keep their mass: they move with it
     nodes = np.setdiff1d(_contact_nodes(name, units), body.rigid_nodes)
     q, blends = scheme.landing_damping, scheme.consistent_share(0.0) < 1.0
     own, left = without_contact_mass(mass, shape.mesh, nodes, several_layers=blends and q == 0.0)
@@ -185,6 +187,7 @@ def _contact_layer(
             remedy="give it two elements between its contacts, or choose another scheme",
         )
     viscous = np.zeros(shape.mesh.n_node)
+    # faces that stay closed are viscous a little, those that land fully
     viscous[nodes] = _AT_REST
     viscous[np.setdiff1d(_contact_nodes(name, landing), body.rigid_nodes)] = 1.0
     viscosity = landing_viscosity(shape.mesh, q * viscous, material, shape.bending_modes)
@@ -277,10 +280,12 @@ def _steepest(law: TimeLaw, end: float, within: float, static: bool) -> float:
             largest, jump = float(np.abs(values).max()), 0.0 if static else abs(float(values[0]))
         if largest == 0.0:
             return 0.0
+        # shorter than a sample: once more, between the two samples with the largest change
         width = int(within / (times[1] - times[0]))
         if width > 0:
             width = min(width, _SAMPLES - 1)
             return max(jump, float(np.abs(values[width:] - values[:-width]).max())) / largest
+        # the next round takes the span between two samples
         at = int(np.abs(np.diff(values)).argmax())
         first, last = times[at], times[at + 1]
 
@@ -302,6 +307,7 @@ def scheme_remarks(
     if not opening or isinstance(scheme, QuasiStatic):
         return []
     landing = {name for u in opening if _lands(bodies, u) for _, _, name in body_sides([u])}
+    # no body lands, and nothing is viscous: the elements at contacts do not matter
     if not landing and not scheme.massless_contact and scheme.landing_damping == 0.0:
         return _unfit(scheme, {}, landing)
     courant, remarks = {}, []
@@ -337,6 +343,7 @@ def _lands(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
         trace = unit.geometry.traces[side]
         if trace is not None:
             own = (trace @ bodies[name].initial_velocity()).reshape(-1, 3)
+            # E less E': closing where it is along N
             speeds, largest = speeds + (1 - 2 * side) * own, max(largest, float(np.abs(own).max(initial=0.0)))
     closing = np.einsum("pi,pi->p", speeds, unit.geometry.frames[:, 0])
     return bool((closing > _CLOSED * largest).any())
@@ -346,6 +353,7 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
     """A sentence where the scheme gains energy, or makes the force of a landing depend on the step."""
     remedy = 'choose time.scheme = "generalized_alpha"'
     largest = max(courant.values(), default=0.0)
+    # gamma = 1/2 undamped: velocity_gain(1) is gamma
     if scheme.name == "newmark" and scheme.force_weight == 1.0 and scheme.velocity_gain(1.0) == 0.5:
         return [f"time.scheme newmark with gamma = 0.5 gains energy at contacts that open and close: {remedy}"]
     if scheme.name == "massless_contact" and largest > _MASSLESS:
@@ -353,6 +361,7 @@ def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) 
             f"time.scheme massless_contact at Courant number {largest:.2g} of the contact faces (stable up to "
             f"{_MASSLESS:g}): it gains energy at impacts: {remedy}, or take smaller steps"
         ]
+    # the smallest: the peak of a landing grows as the step shrinks
     lowest = min((c for n, c in courant.items() if n in landing), default=np.inf)
     if scheme.name in ("hht", "newmark") and lowest < _RESOLVED:
         return [
@@ -378,7 +387,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
         face = body.face(face_name)
         traction = load.uniform_traction(float(face.areas.sum()))
         if traction is None:
-            nodal = -(load.pressure or 0.0) * face.vector_areas
+            nodal = -(load.pressure or 0.0) * face.vector_areas  # against the outward normal
         else:
             nodal = face.areas[:, None] * np.asarray(traction)
         pattern = np.zeros((body.mesh.n_node, 3))
@@ -387,6 +396,7 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
             motion = MeanMotion.of_face(body.mesh.nodes, face)
             assert motion.rotation is not None
             x, y, z = motion.centre.tolist()
+            # the forces of the mean motion that give the moment and no resultant
             pattern += (motion.rotation.T @ np.asarray(load.moment_about((x, y, z)))).reshape(-1, 3)
         terms.append(LoadTerm(load_name, pattern.ravel()))
     return terms

@@ -181,6 +181,7 @@ def amplification_matrix(scheme: TimeScheme, omega: float, dt: float, ratio: flo
     load = c["force_weight"] * free + (c["force_old"] - c["memory_weight"]) * old - c["mass_old"] * a
     a_new = load / (c["mass_weight"] + operator[1] * damping + operator[2] * omega**2)
     u_new = u_free + c["u_late"] * v_free + c["displacement_gain"] * a_new
+    # u_late: explicit steps end their displacement with the new velocity
     v_new = v_free + c["velocity_gain"] * a_new
     matrix: Array = np.stack([u_new, v_new, a_new]) / size[:, None]
     return matrix
@@ -259,6 +260,7 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     vibration, given, n_rigid = modes.vibration, modes.vectors, modes.n_rigid
     moved = sp.csr_array(modes.expansion.T @ mass @ modes.expansion)
     change = (moved - vibration.mass) @ given
+    # no node has lost its mass: the modes are those of the scheme
     if np.abs(change).max(initial=0.0) <= _SAME * np.abs(vibration.mass @ given).max(initial=0.0):
         return modes.omega, given
     basis, last = given, given[:, n_rigid:]
@@ -274,6 +276,7 @@ def _marched(modes: Modes, mass: sp.csr_array) -> tuple[Array, Array]:
     inverse, inside = la.eigh(mass_of, stiffness_of + vibration.shift * mass_of)
     moves = inverse > _SAME * inverse.max(initial=0.0)
     inverse, inside = inverse[moves], inside[:, moves]
+    # of the combinations found that which each given mode is most like
     shares = (given.T @ (vibration.mass @ (basis @ inside))) ** 2 / np.square(inside).sum(axis=0)
     closest = np.argmax(shares, axis=1)
     omega = np.sqrt(np.maximum(1 / inverse[closest] - vibration.shift, 0.0))
@@ -295,6 +298,7 @@ def _remedy(scene: Scene, scheme: TimeScheme, dt: float, omega: Array, of_scheme
         return ""
     worst = int(np.argmax(total))
     parts, largest = [], min(LIMIT, float(max(of_scheme.max(), of_layer.max())))
+    # the larger part is named, and the other one where it is above the limit by itself
     if of_scheme.max() >= largest:
         parts.append(_lower_scheme(scene, scheme, dt, float(omega[np.argmax(of_scheme)])))
     if of_layer.max() >= largest:
@@ -393,16 +397,18 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
         springs += [] if stiffness is None else [stiffness]
         remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
     if joints == "open":
+        # g g^T / k: bolts without tension let their shanks slide
         springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
     stiffness = sum(springs, parts.stiffness)
     expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
     k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
+    # constraints that could not be eliminated are springs, far stiffer than the bodies
     if left.shape[0]:
         weight = _STIFF * float(k.diagonal().max())
         k = sp.csr_array(k + weight * (left.T @ left))
     vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
     values, vectors, n_rigid = _lowest(vibration, k, count)
-    omega = np.sqrt(np.maximum(values, 0.0))
+    omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
     matrices = run_matrices(scene, discretised, parts.models)
     modes = Modes(vibration, expansion, vectors, omega, n_rigid)
     damping = None if matrices is None else modal_damping(matrices, modes)
@@ -465,6 +471,7 @@ def _joint(
     """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words; ``pressed``: points that
     are closed by bolts, None without bolts."""
     kind, geometry = unit.behaviour.name, unit.geometry
+    # along the rods: the normal components
     if isinstance(unit.behaviour, Rods):
         return parts.jump(unit, local=True)[::3], None, "joined"
     if kind == "perfect" or (unit.behaviour.opens and joints == "bonded"):
@@ -476,6 +483,7 @@ def _joint(
         return None, None, "open: it has no stiffness"
     if joints == "open":
         return None, None, "open"
+    # of the bolts: closed is what is under pressure when they are tight, whatever gap meshes have
     closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean()) if pressed is None else pressed
     sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
     share = f"{int(closed.sum())} of {geometry.n_point} points closed"
@@ -511,6 +519,7 @@ def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[
     separate = connected_components(stiffness, directed=False)[0]
     wanted = count + 6 * min(separate, 50)  # each separate part may have six rigid motions
     while True:
+        # Lanczos finds n - 1 at most
         wanted = min(wanted, vibration.n - 1)
         rigid, values, vectors = vibration.modes(wanted)
         if len(values) >= count or wanted >= vibration.n - 1:
@@ -535,6 +544,7 @@ def _named(
         own = own if model.nodal is None else model.nodal @ own
         shapes[name] = own.T.reshape(len(omega), len(own) // 3, 3)
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
+    # the modal mass belongs to the scaled shape
     modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2
     return VibrationModes(
         scene=discretised.scene.text(),

@@ -96,6 +96,7 @@ def _material_remarks(scene: Scene) -> Iterator[Remark]:
             yield Remark("material", f"{where} no solid has a Young's modulus of {question}")
         if doubt := _doubt(rho, DENSITY, "kg m-3", units):
             yield Remark("material", f"{where} no solid has a density of {doubt}")
+        # E and rho may each be possible, and wrong together
         elif not question and not SPEED[0] <= units.size("m s-1") * speed <= SPEED[1]:
             text = (
                 f"a speed of waves sqrt(E / rho) of {speed:.3g} {units['m s-1']} is that of no solid: check both units"
@@ -160,6 +161,7 @@ def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
     driven = driven or any(b.initial_keys for b in bodies)
     joints = scene.joints.values()
+    # 1 m2: whether there is any
     driven = driven or any(i.initial_pressure(1.0) or i.ground_velocity is not None for i in joints)
     if not driven:
         text = "nothing loads or moves a body: every result is zero; add a [load], an initial velocity or a driven"
@@ -206,6 +208,7 @@ def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     if not courant:
         return
     low, high = min(courant, key=courant.__getitem__), max(courant, key=courant.__getitem__)
+    # even the body with the longest way in a step
     if courant[high] < _COURANT[0]:
         text = f"a wave takes {1 / courant[high]:.2g} steps through an element of {high}: longer steps cost less and"
         yield Remark("step", f"time step {problem.dt:.3g} s: {text} lose nothing, the mesh sets the error")
@@ -219,6 +222,7 @@ def _pieces(name: str, body: Body) -> Iterator[Remark]:
     n = body.mesh.n_node
     if body.description.box is not None:
         return
+    # each cell as a star about its first node
     first = np.concatenate([np.repeat(b.cells[:, 0], b.cells.shape[1]) for b in body.mesh.blocks])
     others = np.concatenate([b.cells.ravel() for b in body.mesh.blocks])
     graph = sp.coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(n, n))

@@ -316,13 +316,16 @@ class DiscretisedProblem:
             propagators, [c.channels for c in classes], units, layout, impedance, self.characteristic_traction, scheme
         )
         assembly.owner, assembly.part_of = distribution
+        # in shares of the largest traction that loads can bring; below 0: no class rests
         levels = {"off": -1.0, "exact": 0.0, "round_off": ROUND_OFF, "tolerance": REST * scene.solver.tolerance}
         level = levels[scene.solver.skip_at_rest]
+        # 0 and -1 are no tractions
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
         timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground.start)
+        # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
         unresolved = [] if static else unresolved_sides(assembly)
@@ -399,12 +402,14 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         loads = load_terms(scene, name, body, loading)
         own = [cut for cut in problem.cuts.values() if cut.table.substructure == name]
         loads += [cut.loads() for cut in own]
+        # before the key: the store is no part of it
         model, channels = _model(problem, name, loads)
         model = replace(model, store=store)
         key = _signature(model, body) if scene.solver.share_identical else name.encode()
         key += _dashpots_key(scene, name)
         if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
+        # shape of the cut: bodies that are else alike have stiffnesses of their own
         classes.setdefault(key, []).append((model, channels))
     groups = []
     for key, members in classes.items():
@@ -430,6 +435,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         traces.append(trace)
         areas.append(np.repeat(unit.geometry.areas, n_component))
         pressed = np.zeros((unit.geometry.n_point, n_component))
+        # F.N = -P on side E
         pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
         preloads.append(pressed.ravel())
         channels.append(layout.channels(i, side).ravel())
@@ -437,6 +443,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
     area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
+        # the load that holds the preload: opposite to it
         balance = np.asarray(-(trace.T @ (area * np.concatenate(preloads))))
         loads.append(LoadTerm("", balance))
     flat = np.concatenate(channels) if channels else np.zeros(0, dtype=np.int64)
@@ -501,6 +508,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     digest = hashlib.sha256()
     size = body.mesh.size
     digest.update(
+        # rounded: equal bodies at different places differ in the last bits of their coordinates
         repr((model.modal, body.shape.material, body.shape.bending_modes, body.mesh.cell_types, f"{size:.9e}")).encode()
     )
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
@@ -509,6 +517,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))
+        # + 0.0: no negative zeros, whose bits differ
         for part in (*index, np.round(matrix.data, 9) + 0.0):
             digest.update(np.ascontiguousarray(part).tobytes())
     digest.update((np.round(model.channel_area / size**2, 12) + 0.0).tobytes())
@@ -516,6 +525,7 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
         sizes = float(model.damping.trace()), float(abs(model.damping).sum())
         digest.update(f"{model.damping.nnz} {sizes[0]:.9e} {sizes[1]:.9e}".encode())
         digest.update(model.damping.indices.astype(np.int64).tobytes())
+    # which nodes have no mass depends on the contacts of a body, not on its shape
     if model.mass is not None and model.nodal is None:
         digest.update(np.flatnonzero(model.mass.diagonal() <= 0.0).tobytes())
     if body.added is not None:
@@ -539,12 +549,14 @@ def settings_of(scene: Scene) -> SolverSettings:
         search_direction=SearchDirection(direction.type, direction.factor, *uniform),
         anderson_depth=solver.acceleration.depth if isinstance(solver.acceleration, AndersonTable) else 0,
         relaxation=solver.relaxation,
+        # 0: one window over the interval
         window=0 if solver.window == WHOLE else min(int(solver.window), scene.time.n_step),
         quasi_static=scene.time.quasi_static,
         direct_bonds=solver.bonds == "direct",
         threads=solver.threads,
         skip_unchanged=solver.skip_unchanged,
         newton=solver.newton,
+        # share of the dense matrices up to which tables are taken
         tables={"automatic": SHARE, "sparse": 1.0}.get(solver.interface_operator, 0.0),
         sequential_start=solver.start == "sequential",
     )
@@ -563,11 +575,10 @@ def characteristic_traction(scene: Scene, bodies: dict[str, Body], time: Array) 
         sizes += _body_tractions(scene, body, time)
         sizes += [z_p * motion.largest_speed(time) for motion in _motions(scene, body)]
     stiffest = max(impedances.values())
+    sizes += _preloads(scene, bodies)
     for interface in scene.interface.values():
-        substructure, face = split_face(interface.sides[0])
-        if substructure not in bodies:  # one that is left out, without preload
+        if split_face(interface.sides[0])[0] not in bodies:  # one that is left out
             continue
-        sizes.append(interface.initial_pressure(float(bodies[substructure].face(face).areas.sum())))
         if interface.ground_velocity is not None:
             ground = interface.ground_velocity
             speed = float(np.linalg.norm(ground.vector)) * _largest(ground.law, time)
@@ -582,6 +593,7 @@ def _impact_impedances(bodies: dict[str, Body], dt: float) -> dict[str, float]:
     impedances = {}
     for name, body in bodies.items():
         stop = body.shape.material.density * body.mesh.size / dt
+        # a rigid body is stopped by what it hits, if that is softer than itself stopped in one step
         impedances[name] = min(stop, max(elastic, default=stop)) if body.rigid else body.shape.impedances[0]
     return impedances
 
@@ -591,6 +603,14 @@ def _load_tractions(scene: Scene, bodies: Mapping[str, Body], time: Array) -> It
     for load in scene.loads.values():
         substructure, face = split_face(load.face)
         yield load.size(float(bodies[substructure].face(face).areas.sum())) * _largest(load.law, time)
+
+
+def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:
+    """Pressure of each interface at t = 0, Pa; without those of bodies that are left out, which have no preload."""
+    for interface in scene.interface.values():
+        substructure, face = split_face(interface.sides[0])
+        if substructure in bodies:
+            yield interface.initial_pressure(float(bodies[substructure].face(face).areas.sum()))
 
 
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
@@ -625,9 +645,9 @@ def _motions(scene: Scene, body: Body) -> Iterator[PrescribedMotion]:
 
 
 def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float:
-    """Largest traction that loads and prescribed motions can bring, Pa: a motion counts as if it strained the softest
-    body along its whole length."""
-    sizes = [*(i.preload for i in scene.interface.values()), *_load_tractions(scene, bodies, time)]
+    """Largest traction that preloads, loads and prescribed motions can bring, Pa: a motion counts as if it strained the
+    softest body along its whole length."""
+    sizes = [*_preloads(scene, bodies), *_load_tractions(scene, bodies, time)]
     softest = min(body.shape.elasticity.young_moduli[0] / body.mesh.size for body in bodies.values())
     travels = [0.0]
     for body in bodies.values():
@@ -635,6 +655,7 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
         for motion in _motions(scene, body):
             steps = motion.step_velocity(time)[1:] * np.diff(time)
             travels.append(float(np.abs(np.cumsum(steps)).max()))
+            # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):
                 travels.append(motion.largest_speed(time) * float(time[-1]))
     for interface in scene.interface.values():

@@ -155,6 +155,7 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         mass, damping = reduced_mass.nnz, 0 if reduced_damping is None else reduced_damping.nnz
     n = stiffness.shape[0]
     last, trace, rank = model.at_interface
+    # without compiled code no pattern is analysed: the laws of the module stand for it
     factor, multiplications = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
     swept = 0.0
     if takes_sweeps(model, interfaces):
@@ -166,6 +167,7 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         pattern = shared_analysis(Pattern(stiffness, last, rank))
         factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
     sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
+    # a product by substitution reads the face forward and backward
     return ClassSize(*sizes, factor, multiplications, swept, 2.0 * swept)
 
 
@@ -185,6 +187,7 @@ def divided(
         for rank in np.unique(own):
             picked = np.flatnonzero(own == rank)
             twin = None if c.twin is None else first[c.twin]
+            # parts of one class share the operators of its first part
             twin = first[-1] if len(parts) > first[-1] else twin
             parts.append(replace(c, members=[c.members[m] for m in picked], channels=c.channels[:, picked], twin=twin))
             owner.append(int(rank))
@@ -209,6 +212,7 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
     factor = (4.0 if settings.precision == "float32" else 8.0) * size.factor
     interface, condensed = 8.0 * size.interface**2, 8.0 * size.channels**2
     if size.swept and settings.kind == "direct":
+        # the dashpots are in a second factor, in single precision: dense matrices there are none
         interface, condensed = 0.5 * factor, 0.0
     own = {
         "direct": factor + 2 * interface,
@@ -268,6 +272,7 @@ def made_propagators(
             twin = kept.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
             made.append(PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin))
+            # the work of the loads is needed to judge the errors (``indicator.work_of_error``)
             made[-1].loads_only = not scene.output.energy and _loads_suffice(made[-1], scheme, dt)
             continue
         own = springs[c.channels[:, 0]]
@@ -325,6 +330,7 @@ def box_memory(scene: Scene) -> list[Problem]:
     if not limit or needed <= room:
         return []
     name = max(cells, key=cells.__getitem__)
+    # cells per body if all were alike
     largest = max(1, int((room / _CELL_BYTES / len(cells)) ** (1 / 3)))
     return [
         Problem(

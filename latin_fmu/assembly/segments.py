@@ -140,6 +140,7 @@ class SegmentState:
     def instants(self, made: int, n: int) -> Array:
         """The instant after so many time steps, and the n following ones, (n + 1,), s."""
         end = made + n + 1
+        # beyond the interval of the scene by the step: a session may go on
         return self._grid[made:end] if end <= len(self._grid) else self.dt * np.arange(made, float(end))
 
     def settle(self, amplitudes: Mapping[str, float]) -> None:
@@ -256,6 +257,7 @@ class SegmentState:
 
         The image of a run and its propagators hold one another: without this they wait for the collector of cycles.
         """
+        # by hand: image and propagators refer to each other
         for propagator in self.problem.assembly.propagators:
             vars(propagator).clear()
         self.run = None
@@ -295,6 +297,7 @@ class SegmentedRun(SegmentState):
         if n < 1 or not abs(end - last) <= _ON_GRID * self.dt:
             what = f"is not {n} time steps of {self.dt:g} s after {self.time:g} s"
             raise InputError([Problem("end of a segment", what, f"{end!r} s", f"{last!r} s")])
+        # for the case that the segment fails
         before = self.get_state()
         try:
             with one_thread():
@@ -318,6 +321,7 @@ class SegmentedRun(SegmentState):
     def _solve(
         self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None], make: Callable[..., Recorder]
     ) -> Segment:
+        # the first segment: a start that depends on the loads is found with them
         if self.run is None:
             self.settle({name: float(values[0]) for name, values in loads.items()})
         run = self.begin(n, loads, make)
@@ -330,6 +334,7 @@ class SegmentedRun(SegmentState):
                     energy[term] = energy[term] + self.running.get(term, 0.0)
             first = float(energy["kinetic"][0] + energy["elastic"][0])
             self.stored = first if self.stored is None else self.stored
+            # the balance of a segment counts from its first instant, that of the session from t = 0
             energy["balance"] = energy["balance"] + (first - self.stored)
         converged, sentence = run.status(energy, self.stored)
         return Segment(

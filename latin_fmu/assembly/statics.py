@@ -77,11 +77,23 @@ def start_problems(
             "every substructure has an initial velocity: nothing is at rest",
             "static",
             "given",
-            "leave time.start out",
+            'set time.start = "given"',
         )
         return
+    for name, temperature in scene.temperature.items():
+        heated = [n for n, body in bodies.items() if n not in still and not body.rigid and temperature.heats(n)]
+        if heated and _at_start(name, temperature.law, {}) != 0.0:
+            yield Problem(
+                f"temperature.{name}",
+                "heats a substructure that has an initial velocity from the start on: the static start leaves it "
+                "out, so that it would begin without its expansion, and ring",
+                heated[0],
+                "substructures at rest, or a law that begins with 0",
+                "name the others in substructures",
+            )
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
+        # pushed or held by a body that is not in equilibrium itself
         tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
         if moving and tied:
             yield Problem(
@@ -90,7 +102,7 @@ def start_problems(
                 "not in equilibrium at the start",
                 moving[0],
                 None,
-                f"remove the velocity of {moving[0]}, or leave time.start out",
+                f'remove the velocity of {moving[0]}, or set time.start = "given"',
             )
     forces = acting(scene, {n: bodies[n] for n in still}, np.zeros(1))
     yield from unheld(start_groups(scene, bodies, conditions, units), forces, conditions, "time.start")
@@ -153,6 +165,7 @@ def equilibrium(
             break
         # Soft supports of stiff bodies leave round-off above the tight tolerances.
         reached = 2.0 * max((max(w.final_error, w.final_mismatch) for w in run.windows), default=np.inf)
+        # what round-off left allows, doubled: the next run must be able to meet it
         next_one = max(TIGHT[1], reached)
         if tolerance == TIGHT[0] and next_one < own.tolerance:
             tolerance = force = next_one
@@ -168,7 +181,7 @@ def _no_start(why: str) -> SceneError:
         f"no static equilibrium under the loads of t = 0 was found: {why}",
         "static",
         "given",
-        "hold what slides or topples, or leave time.start out",
+        'hold what slides or topples, or set time.start = "given"',
     )
 
 
@@ -189,6 +202,7 @@ def state_at_end(
         points = group.members[i]
         traction[unit.name] = group.block(run.f_hat)[0, points]
         if unit.behaviour.opens and not unit.behaviour.elastic:
+            # pressed points are closed: what gap they have is a residual of the iteration
             closure[unit.name] = np.where(traction[unit.name][:, 0] < 0.0, gaps[id(group)][points], 0.0)
     windows = run.windows
     message = f"static equilibrium, {len(windows)} increment(s), {sum(w.iterations for w in windows)} iterations"
@@ -230,6 +244,7 @@ def loose_bolts(
     pulled = [cut for cut in cuts.values() if cut.table.tension is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
+        # rigid motions, of bolts with the shortening beside them
         motions, rigid = {}, {name: allowed_motions(bodies[name], conditions[name]) for name in still}
         for name in still:
             jumps = [cut.motion for cut in group if cut.table.substructure == name]
@@ -294,11 +309,13 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     assert isinstance(scene.time.start, StaticStart)
     data, still = scene.tables(), resting(scene)
     data["substructure"] = {n: data["substructure"][n] for n in still}
+    # damping acts on rates
     for table in data["substructure"].values():
         table.pop("modal_damping", None)
     data["point_mass"] = {n: data["point_mass"][n] for n, m in scene.point_mass.items() if m.body in still}
     kept = static_interfaces(scene)
     data["interface"] = {n: table for n, table in data["interface"].items() if n in kept}
+    # a dashpot beside the spring
     data["spring"] = {n: {**table, **_NO_VISCOSITY} for n, table in data["spring"].items() if n in kept}
     data["coupling"] = {
         n: data["coupling"][n] for n, c in scene.coupling.items() if all(e.body in {GROUND, *still} for e in c.ends)
@@ -317,11 +334,14 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
             body.pop("body_force", None)
             body.pop("body_force_law", None)
         for boundary in data["boundary"].values():
+            # faces stay driven, at zero
             boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
     for material in data["material"].values():
         for key in (*DAMPING_KEYS, "at_frequency"):
             material.pop(key, None)
+    # no time: a parameter of the loads
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
+    # tolerance and all else: the defaults without inertia
     data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
@@ -349,6 +369,7 @@ def _boundaries(scene: Scene, tables: _Tables, still: list[str]) -> Iterator[tup
         if split_face(face)[0] not in still or isinstance(boundary, Absorbing):
             continue
         if isinstance(boundary, PrescribedVelocity | PrescribedAcceleration):
+            # a face driven by a velocity stands still: its displacement at t = 0 is 0
             table = {**table, "type": "velocity", "value": [0.0] * len(boundary.value), "law": "constant"}
         elif isinstance(boundary, PrescribedDisplacement):
             table = {**table, "law": _raised(float(boundary.law.sample(np.zeros(1))[0]))}
@@ -440,6 +461,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
         converged, sentence = run.status()
         if not converged:
+            # increments that converged are the share of the way that was made
             share = sum(window.converged for window in run.windows) / scene.time.n_step
             raise _not_tight(group, ramps, share, sentence, scene.unit_system)
         increments += len(run.windows)

@@ -97,6 +97,7 @@ class PrescribedMotion:
         given : as for ``velocity``; the rate of a displacement is that over the steps.
         """
         if self.kind == "displacement" and self.source in given:
+            # histories of the displacement over steps; of the first instant there is none
             return np.concatenate([[0.0], self.value * given[self.source][1:]])
         if self.kind == "displacement":
             place = self.value * self.law.sample(time)
@@ -163,6 +164,7 @@ class Directions:
         known: dict[bytes, tuple[Array, Array] | None] = {}
         found: dict[int, tuple[Array, Array]] = {}
         for node, rows in self.rows.items():
+            # nodes with equal conditions are solved once
             key = np.concatenate([np.append(d, m) for d, m, _ in rows]).tobytes()
             solution = known[key] if key in known else known.setdefault(key, _solved(rows, n_motion))
             if solution is None:
@@ -174,6 +176,7 @@ class Directions:
                 return {}
             found[node] = solution
         if shared := set(found) & set(tied.tolist()):
+            # the least node, so that the message does not depend on the order of the set
             problems.add(
                 f"boundary.{self.rows[min(shared)][0][2]}",
                 "turns nodes of a periodic face",
@@ -205,6 +208,7 @@ def _solved(rows: list[tuple[Array, int, str]], n_motion: int) -> tuple[Array, A
         if motion != HELD:
             given[motion] = 1.0
         share = basis @ direction
+        # what is new in the direction, and what is left of its motion for that
         rest, left = direction - share @ basis, given - share @ values
         size = float(np.linalg.norm(rest))
         if size > _DEPENDENT:
@@ -260,6 +264,7 @@ def projections(
             if size > _DEPENDENT:
                 basis = np.vstack([basis, rest / size])
         taken[node] = basis
+        # projector on the directions that are this support's
         entries.append((node, basis[first:].T @ basis[first:]))
     own = np.array([part.any() for _, part in entries])
     rows = np.tile(np.repeat(np.arange(3), 3), len(entries))
@@ -294,6 +299,7 @@ def supports(
             problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
             raise SceneError([problem], "the scene cannot be built")
         if isinstance(boundary, Symmetry):
+            # the face of a symmetry lies across one axis
             components = [int(np.argmax(np.abs(body.face(face).normals[0])))]
         else:
             components = [AXES.index(component) for component in boundary.components]
@@ -304,9 +310,11 @@ def supports(
             parts, own = projections(nodes, directions, inclined[body.name], body.full_size())
             if own.any():
                 where = (3 * nodes[own][:, None] + np.arange(3)).ravel()
+                # nodes with a direction that no support before has taken
                 supported[name] = Support(body.name, boundary.face, where, models[body.name], parts)
             continue
         dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
+        # shared dofs belong to the first support
         dofs = dofs[~taken[body.name][dofs]]
         taken[body.name][dofs] = True
         if len(dofs):
@@ -381,11 +389,13 @@ def port_dashpots(body: Body, name: str, port: Port, diagonal: bool, problems: P
         return full
     for component, impedance in zip(port.components, port.impedance or (), strict=True):
         if diagonal:
+            # shared out by area: a diagonal matrix, which an explicit march can divide by
             shares[face.nodes, COMPONENTS.index(component)] = impedance * face.areas / face.areas.sum()
             continue
         rows = motion.translation if component in TRANSLATIONS else motion.rotation
         assert rows is not None
         row = sp.csr_array(rows[[COMPONENTS.index(component) % 3]])
+        # Z times the mean motion, spread as that is measured: r^T Z r
         full = sp.csr_array(full + impedance * (row.T @ row))
     return diagonal_matrix(shares.ravel()) if diagonal else full
 
@@ -402,6 +412,7 @@ def port_shapes(body: Body, name: str, port: Port, problems: Problems) -> tuple[
         shapes[:, :, j] = axis if component in TRANSLATIONS else np.cross(axis, arms)
     driven = [component in port.components for component in TRANSLATIONS]
     for j, component in enumerate(port.components):
+        # a rotation must not drag nodes along an axis that stays free
         stray = np.abs(shapes[:, :, j]).max(axis=0) > _MOVES * np.abs(arms).max()
         if missing := [axis for axis, moves, own in zip(TRANSLATIONS, stray, driven, strict=True) if moves and not own]:
             problems.add(
@@ -438,6 +449,7 @@ def port_supports(
                 continue
             columns = np.broadcast_to(3 * nodes[:, None, None] + np.arange(3), blocks.shape)
             rows = np.broadcast_to(np.arange(3)[:, None], blocks.shape)
+            # columns of components that the port does not drive have no part in its reaction
             entries = ((blocks * driven).ravel(), (rows.ravel(), columns.ravel()))
             parts = sp.csr_array(sp.coo_array(entries, shape=(3, place.body.full_size())))
             parts.eliminate_zeros()
@@ -454,5 +466,6 @@ def moved_face_forces(scene: Scene, assembly: Assembly, recorder: Recorder) -> A
         keys = [key for key in (port_key(name), port_key(name, True)) if key in reactions]
         if keys:
             both = np.concatenate([reactions[key].force for key in keys], axis=1)
+            # of the body on what moves it
             columns.append(-both[:, [COMPONENTS.index(component) for component in port.components]])
     return np.concatenate(columns, axis=1)

@@ -110,6 +110,7 @@ class Untouched:
         for name, (unit, side) in self.sides.items():
             n_time, geometry = len(paths[name]), unit.geometry
             motion = paths[name].reshape(n_time, 2, geometry.n_point, 3)
+            # the motion of E' opens the gap, that of E closes it
             along = np.einsum("tkpc,pc->ktp", motion, geometry.frames[:, 0]) * (2 * side - 1)
             velocity = np.zeros((n_time, 2, geometry.n_point, 3))
             velocity[:, side] = motion[:, 1]
@@ -148,6 +149,7 @@ def touched(histories: Sequence[InterfaceHistory], dt: float) -> bool:
         opening = np.diff(history.velocity, axis=1)[:, 0]
         along = np.einsum("tpc,pc->tp", opening, history.normals)
         before = np.concatenate([history.gap[:1], history.gap[:-1]])
+        # written so that NaN has touched
         if not (np.minimum(before, history.gap) + dt * np.minimum(along, 0.0) > 0.0).all():
             return True
     return False
@@ -176,6 +178,7 @@ def never_touched(
     way = _Way(scene, bodies, traction)
     for unit in units:
         own = {name for _, _, name in body_sides([unit])}
+        # the normal of the first point: an estimate, which ``touched`` checks after the run
         if not _stays_open(unit, own, way.along(unit.geometry.frames[0, 0])) or own <= resting:
             resting -= own
     return frozenset(resting)
@@ -207,6 +210,7 @@ class _Way:
             name, loaded = split_face(load.face)
             face = bodies[name].face(loaded)
             given = load.uniform_traction(area := float(face.areas.sum()))
+            # the mean traction of a pressure: its parts on opposite facets cancel
             mean = (load.pressure or 0.0) * face.vector_areas.sum(axis=0) / area if given is None else np.asarray(given)
             self._impulses.append(mean * float(np.trapezoid(np.abs(load.law.sample(time)), time)))
         for body in bodies.values():
@@ -217,6 +221,7 @@ class _Way:
         pushed = any(any(body.description.body_force) or body.description.initial_fields for body in bodies.values())
         moved = any(i.ground_velocity is not None or i.initial_pressure(1.0) for i in scene.interface.values())
         turned = any(load.moment is not None for load in scene.loads.values())
+        # what has no impulse of its own: as if the largest traction acted from start to end
         self._any = traction * self._end if driven or pushed or moved or turned or scene.port else 0.0
         self._softest = max((1.0 / b.shape.impedances[0] for b in bodies.values() if not b.rigid), default=0.0)
         self._lightest = max(1.0 / (b.shape.material.density * b.mesh.size) for b in bodies.values())

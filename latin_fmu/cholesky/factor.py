@@ -131,6 +131,7 @@ class CholeskyFactor:
         self.interior = shape.order[: shape.n_interior]
         self._pattern = (shape.first, shape.row_start, shape.rows, shape.panel_start)
         _check_finite(matrix)
+        # rows and places of panels follow from the matrix and its order: they need no part in the name
         given = (matrix, self.last, shape.order, shape.first, shape.row_start, str(self.dtype))
         self.name = store.name("factor", *given)
         made = store.remember(self.name, lambda: self._factorised(matrix), ("panels",))
@@ -142,6 +143,7 @@ class CholeskyFactor:
     def _factorised(self, matrix: sp.csr_array) -> dict[str, NDArray[Any]]:
         """Panels, Schur complement and its inverse."""
         shape = self.symbolic
+        # the kernel adds to the Schur complement, and writes every number of the panels
         panels, schur = np.empty(shape.panel_start[-1], dtype=self.dtype), np.zeros((len(self.last), len(self.last)))
         failed = factorise(
             routines(),
@@ -161,7 +163,7 @@ class CholeskyFactor:
             raise SolverError("factorisation: the matrix has entries outside the pattern analysed; analyse it afresh")
         if failed >= 0:
             raise _not_definite(int(shape.order[failed]))
-        mirror(schur)
+        mirror(schur)  # the kernels fill the lower triangle
         inverse = schur.copy()
         if failed := invert(routines(), inverse):
             raise _not_definite(int(self.last[failed - 1]))
@@ -199,6 +201,7 @@ class CholeskyFactor:
             x = self._swept(x, forward_one, forward_tile, False)
             return self._swept(x, backward_one, backward_tile, False)[place]
         below = np.diff(self.symbolic.row_start).max(initial=0)
+        # a panel, and the products of all columns with the rows below one
         scratch = np.empty(np.diff(self.symbolic.panel_start).max(initial=0)), np.empty(b.shape[1] * below)
         pattern = (*self._pattern, self.symbolic.face_start)
         solve_on_face(routines(), *pattern, self.panels, b.shape[1], x.reshape(-1), *scratch)
@@ -209,11 +212,14 @@ class CholeskyFactor:
         position = self.symbolic.position
         rows = position[np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))]
         columns = position[pattern.indices]
+        # the inverse is symmetric: one of each two entries is computed
         lower = np.flatnonzero(rows >= columns)
+        # by column, then row: the pairs of one position are one run
         lower = lower[np.lexsort((rows[lower], columns[lower]))]
         starts = np.searchsorted(columns[lower], np.arange(len(position) + 1)).astype(np.int64)
         entries = selected_inverse(self.symbolic, self.panels, starts, np.ascontiguousarray(rows[lower]))
         i, j = self.symbolic.order[rows[lower]], self.symbolic.order[columns[lower]]
+        # the diagonal is there once
         apart = i != j
         both = (np.concatenate([i, j[apart]]), np.concatenate([j, i[apart]]))
         return sp.csr_array(sp.coo_array((np.concatenate([entries, entries[apart]]), both), shape=pattern.shape))
@@ -230,7 +236,7 @@ class CholeskyFactor:
         out, tail = np.empty((n, m)), np.empty(SPARE * LANES)
         for first in range(0, m, LANES):
             lanes = min(m - first, LANES)
-            part = np.zeros((n, LANES))
+            part = np.zeros((n, LANES))  # lanes without a member
             part[:, :lanes] = x[:, first : first + lanes]
             tile(whole, *pattern, self.panels, part.reshape(-1), tail)
             out[:, first : first + lanes] = part[:, :lanes]
@@ -291,6 +297,8 @@ class CondensedFactor:
             self._lu = spla.splu(
                 sp.csc_matrix(rows[:, interior]),
                 permc_spec="MMD_AT_PLUS_A" if rank is None else "NATURAL",
+                # pivots stay on the diagonal: a positive definite matrix needs no others, and the order is that of
+                # ``rank``
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
@@ -306,6 +314,7 @@ class CondensedFactor:
         keep = len(self.interior) * n_last <= _STORED_ENTRIES
         response = np.empty((len(self.interior), n_last)) if keep else None
         condensed = np.empty((n_last, n_last))
+        # 64 dense columns of the inside at a time, for the memory
         for start in range(0, n_last, 64):
             part = slice(start, min(start + 64, n_last))
             solved = self._lu.solve(self._coupling[:, part].toarray())
@@ -316,7 +325,7 @@ class CondensedFactor:
         return condensed
 
     def forward(self, b: Array) -> tuple[Array, Array]:
-        """(y, c) of the module docstring for b (n, m)."""
+        """(y, c) for b (n, m): y = A_II^-1 b_I, c = b_G - A_GI y."""
         on_interface = b[self.last]
         if self._lu is None:
             return np.zeros((0, b.shape[1])), on_interface
@@ -368,7 +377,7 @@ class DiagonalFactor:
         return np.diag(self.inverse)
 
     def forward(self, b: Array) -> tuple[Array, Array]:
-        """(y, c) of ``condensed``: nothing, and b (n, m)."""
+        """(y, c) of ``InterfaceFactor``: nothing, as there is no inside, and b (n, m)."""
         return np.zeros((0, b.shape[1])), b.copy()
 
     def backward(self, y: Array, x_last: Array) -> Array:  # noqa: ARG002, as the other factors

@@ -52,6 +52,7 @@ def solve_on_face(
 
     panel, work : scratch, of the size of the largest panel, and of ``m`` times the most rows below one.
     """
+    # x by rows is x^T (m, n) by columns, as BLAS takes it: products with blocks come from the right
     one, zero, block = 1.0, 0.0, panel.ctypes.data
     gathered = work.ctypes.data
     for s in range(len(first) - 1):
@@ -61,6 +62,7 @@ def solve_on_face(
         own, used = rows[row_start[s] : row_start[s + 1]], width - c
         below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
         _block(panels, panel_start[s], width, c, below, panel)
+        # (L11^-1 x)^T = x^T L11^-T; a lower triangle by rows is an upper one by columns
         fortran(routines[TRMM], (RIGHT, UPPER, PLAIN, PLAIN, m, used, one, block, used, xs, m))
         if below > 0:
             b = panel[used * used :].ctypes.data
@@ -76,9 +78,11 @@ def solve_on_face(
         own, used = rows[row_start[s] : row_start[s + 1]], width - c
         below, xs = len(own), x[m * (first[s] + c) :].ctypes.data
         _block(panels, panel_start[s], width, c, below, panel)
+        # a copy, since the rows below one supernode are not side by side in x
         for i in range(below):
             work[m * i : m * i + m] = x[m * own[i] : m * own[i] + m]
         if below > 0:
             b = panel[used * used :].ctypes.data
+            # before the product with L11^-T: x := L11^-T (x - L21^T x_below)
             fortran(routines[GEMM], (PLAIN, TRANSPOSED, m, used, below, -one, gathered, m, b, used, one, xs, m))
         fortran(routines[TRMM], (RIGHT, UPPER, TRANSPOSED, PLAIN, m, used, one, block, used, xs, m))

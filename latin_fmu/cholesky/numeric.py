@@ -64,7 +64,7 @@ def _fortran(_typing: Any, address: Any, arguments: Any) -> Any:
             if kind == types.uint64:
                 pointers.append(builder.inttoptr(value, tools.voidptr_t))
                 continue
-            stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value
+            stored = builder.trunc(value, ir.IntType(32)) if kind == types.int64 else value  # int of C
             slot = tools.alloca_once(builder, stored.type)
             builder.store(stored, slot)
             pointers.append(builder.bitcast(slot, tools.voidptr_t))
@@ -115,7 +115,7 @@ def invert(routines: Index, matrix: Array) -> int:
     n = len(matrix)
     if n == 0:
         return 0
-    info = np.zeros(1, dtype=np.int32)
+    info = np.zeros(1, dtype=np.int32)  # a C int of LAPACK
     fortran(routines[POTRF], (UPPER, n, matrix.ctypes.data, n, info.ctypes.data))
     if info[0] != 0:
         return int(info[0])
@@ -134,6 +134,7 @@ def _extend(panel: Array, width: int, below: int, rows: Index, child: Array, upd
     local = np.empty(k, dtype=np.int64)
     split = 0  # rows of the child that are columns of the parent
     for i in range(k):
+        # rows of the child ascend: those that are columns of the parent come first
         local[i] = where[rows[i]]
         if local[i] < width:
             split = i + 1
@@ -154,12 +155,14 @@ def _eliminate(routines: Index, panel: Array, width: int, below: int, update: Ar
     """Panel -> [L11^-1; L21], update -= L21 L21^T; info[0] = 1 + column where a pivot is not positive, or 0."""
     one = 1.0
     top, bottom = panel.ctypes.data, panel[width * width :].ctypes.data
+    # upper by columns: L11 stands in the lower triangle by rows
     fortran(routines[POTRF], (UPPER, width, top, width, info.ctypes.data))
     if info[0] != 0:
         return
     if below > 0:
         fortran(routines[TRSM], (LEFT, UPPER, TRANSPOSED, PLAIN, width, below, one, top, width, bottom, width))
         fortran(routines[SYRK], (UPPER, TRANSPOSED, below, width, -one, bottom, width, one, update.ctypes.data, below))
+    # last, since TRSM takes L11: substitutions multiply by L11^-1, where they would wait for each division
     fortran(routines[TRTRI], (UPPER, PLAIN, width, top, width, info.ctypes.data))
 
 
@@ -192,7 +195,9 @@ def _gather(
     for j in range(begin, end):
         for place in range(pointers[order[j]], pointers[order[j] + 1]):
             i = position[neighbours[place]]
+            # the matrix holds both triangles, and its row stands for its column: each coupling is taken once
             if i >= j:
+                # an entry that the analysis did not see, which would be written over another place of the panel
                 if where[i] < 0:
                     return False
                 panel[where[i] * width + j - begin] += values[place]
@@ -202,6 +207,7 @@ def _gather(
 @kernel
 def _store(panel: Array, width: int, below: int, stored: Any) -> None:
     """Copy a panel, zeros above the diagonal."""
+    # the zeros are read: ``selected_inverse`` multiplies whole blocks L11^-1
     for i in range(width + below):
         for j in range(width):
             stored[i * width + j] = panel[i * width + j] if j <= i else 0.0
@@ -310,6 +316,7 @@ def factorise(
         own = rows[row_start[s] : row_start[s + 1]]
         width, below = end - begin, len(own)
         panel = work[: (width + below) * width]
+        # behind the updates of the children, which are still read: moved onto their place below
         update = stack[top : top + below * below]
         _clear_front(begin, width, own, panel, update, where)
         if not _gather(pointers, neighbours, values, order, position, begin, end, where, panel):
@@ -318,6 +325,7 @@ def factorise(
         for _ in range(n_children[s]):
             n_waiting -= 1
             child = waiting[n_waiting]
+            # children were stacked in postorder: the last one popped lies lowest
             base = offset[child]
             theirs = rows[row_start[child] : row_start[child + 1]]
             _extend(panel, width, below, theirs, stack[base : base + len(theirs) ** 2], update, where)
@@ -336,6 +344,7 @@ def factorise(
             top = base + below * below
         if is_root[s]:
             top = base
+        # its own places alone: to clear all of ``where`` would cost n per supernode
         where[begin:end] = -1
         for i in range(below):
             where[own[i]] = -1

@@ -57,10 +57,13 @@ class _Tree:
         self.cost = width * (width + below)
         nearest = np.full(n, shape.n_interior, dtype=np.int64)
         has = np.flatnonzero(below)
+        # supernodes without rows left out: reduceat would give them a row of the next one
         nearest[has] = np.minimum.reduceat(shape.rows, shape.row_start[has]) if len(has) else nearest[has]
+        # the first row below a supernode is a column of its parent (n for those below the interface alone)
         parent = np.searchsorted(shape.first, nearest, side="right") - 1
         self.children: list[list[int]] = [[] for _ in range(n)]
         self.total, self.low, self.roots = self.cost.copy(), np.arange(n), list[int]()
+        # postorder: the sum of a supernode is complete before it is added to its parent's
         for s in range(n):
             if nearest[s] >= shape.n_interior:
                 self.roots.append(s)
@@ -77,12 +80,14 @@ class _Tree:
         while forest:
             halves: tuple[list[int], list[int]] = ([], [])
             loads = [0.0, 0.0]
+            # largest first, each to the lighter half
             for s in reversed(forest):
                 lighter = int(loads[1] < loads[0])
                 halves[lighter].append(s)
                 loads[lighter] += float(self.total[s])
             if halves[1] and max(loads) <= _BALANCE * sum(loads):
                 return trunk, sorted(halves[0]), sorted(halves[1])
+            # no balance yet: the largest subtree gives its root to the trunk and its children to the forest
             top = forest.pop()
             trunk.append(top)
             forest = sorted([*forest, *self.children[top]], key=lambda s: int(self.total[s]))
@@ -94,6 +99,7 @@ class _Tree:
         """The piece of a forest, with those below it."""
         cut = self.halves(forest) if depth and float(self.total[forest].sum()) >= 2.0 * smallest else None
         if cut is None:
+            # postorder: a subtree is one run of supernodes, from its lowest to its top
             return Piece([s for top in forest for s in range(int(self.low[top]), top + 1)], [])
         trunk, *halves = cut
         return Piece(sorted(trunk), [self.piece(half, depth - 1, smallest) for half in halves])
@@ -120,15 +126,17 @@ def pieces(shape: Symbolic) -> tuple[int, int, Index]:
     if shape.panel_start[-1] < SMALLEST:
         return none
     tree = _Tree(shape)
+    # pieces below a tenth of the factor are not cut
     top = tree.piece(tree.roots, DEPTH, 0.1 * float(shape.panel_start[-1]))
     if not top.children:
         return none
-    _take_vectors(tree, top, 0, 1)
+    _take_vectors(tree, top, 0, 1)  # slot 0 is the vector itself
     levels = [top.all(depth) for depth in range(DEPTH, -1, -1)]
     levels = [level for level in levels if level]
     every = [piece for level in levels for piece in level]
     for number, piece in enumerate(every):
         piece.number = number
+    # places of the lists count from the start of the table: levels and pieces come before them
     lists, table, at = list[Index](), list[list[int]](), len(levels) + 1 + STRIDE * len(every)
     for piece in every:
         line = [piece.slot]
@@ -146,6 +154,7 @@ def _take_vectors(tree: _Tree, piece: Piece, slot: int, free: int) -> int:
     """Give a piece and those below it their vectors, and the rows that sums in those reach; the next free vector."""
     piece.slot, rows = slot, [tree.rows_of(piece)]
     for i, child in enumerate(piece.children):
+        # the first child sums in the vector of the piece, so that its sums need not be added to it
         own = slot if i == 0 else free
         free = _take_vectors(tree, child, own, max(free, own + 1))
         rows.append(child.rows)
@@ -166,6 +175,7 @@ def _ranges(piece: Piece) -> Index:
 def _cleared(tree: _Tree, top: Piece, piece: Piece) -> Index:
     """Entries that the lowest piece of a vector sets to zero: those that sums reach, and the columns of the pieces
     above it with the same vector."""
+    # vector 0 is that of the substitution itself, with its right-hand side
     if piece.slot == 0 or piece.children:
         return np.zeros(0, dtype=np.int64)
     above, reached = piece, [piece.rows]
@@ -193,5 +203,6 @@ def row_parts(matrix: sp.csr_array, count: int) -> Index:
     table = []
     for low, high in pairwise([0, *cuts.tolist(), n]):
         columns = matrix.indices[starts[low] : starts[high]]
+        # a product with half of the matrix also adds to the columns of its rows, left of the part
         table.append([low, high, min(int(columns.min(initial=n)), low)])
     return np.array(table, dtype=np.int64)

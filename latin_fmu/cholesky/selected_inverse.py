@@ -40,10 +40,12 @@ def selected_inverse(shape: Symbolic, panels: NDArray[Any], starts: Index, rows:
     width, below = np.diff(shape.first), np.diff(shape.row_start)
     parent = np.full(len(width), -1, dtype=np.int64)
     linked = np.flatnonzero(below > 0)
+    # the first row below a supernode lies in its parent
     parent[linked] = np.searchsorted(shape.first, shape.rows[shape.row_start[linked]], side="right") - 1
     active = shape.face_start < width
     children = np.bincount(parent[active & (parent >= 0)], minlength=len(width)).astype(np.int64)
     out = np.zeros(len(rows))
+    # only rows from the first column for the face on
     sizes = (width - shape.face_start + below)[active]
     _selected_inverse(
         routines(),
@@ -66,6 +68,7 @@ def _stack_size(sizes: Index, parent: Index, waiting: Index, active: NDArray[np.
     """Largest number of entries of the fronts that are kept for their children; ``waiting`` is used up."""
     held = largest = 0
     has_children = waiting > 0
+    # reverse postorder, as the kernel: the front of the parent is the last one kept
     for s in np.flatnonzero(active)[::-1].tolist():
         above = parent[s]
         if above >= 0:
@@ -87,6 +90,7 @@ def _inherit(front: Array, size: int, begin: int, width: int, above: Index, own:
         if own[i] < begin + width:
             local[i] = own[i] - begin
             continue
+        # both lists ascend: one pass
         while above[k] < own[i]:
             k += 1
         local[i] = width + k
@@ -105,11 +109,14 @@ def _extend_front(routines: Index, panel: Array, used: int, below: int, front: A
     top = panel.ctypes.data
     block, product = work[: used * used], work[used * used :]
     own = block.ctypes.data
+    # Z_RR = 0 so far: L11^-T L11^-1, the upper factor by columns being L11^-T
     fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, used, one, top, used, top, used, zero, own, used))
     if below > 0:
         b, z = panel[used * used :].ctypes.data, front[used * n + used :].ctypes.data
         p = product.ctypes.data
+        # L21 by rows is L21^T by columns: b = L11^-T L21^T = B^T
         fortran(routines[TRMM], (LEFT, UPPER, PLAIN, PLAIN, used, below, one, top, used, b, used))
+        # p = B^T Z_RR, whose transpose with the sign turned is Z_RJ
         fortran(routines[SYMM], (RIGHT, UPPER, used, below, one, z, n, b, used, zero, p, used))
         fortran(routines[GEMM], (PLAIN, TRANSPOSED, used, used, below, one, b, used, p, used, one, own, used))
     for i in range(used):
@@ -148,6 +155,7 @@ def _selected_inverse(
     panel, work = np.empty(panel_size), np.empty(panel_size)
     left = children.copy()
     top = 0
+    # from the roots down: a front takes over entries from that of its parent
     for s in range(len(first) - 2, -1, -1):
         width, c = first[s + 1] - first[s], face_start[s]
         if c >= width:
@@ -158,6 +166,7 @@ def _selected_inverse(
         p = parent[s]
         if p >= 0:
             above = rows[row_start[p] : row_start[p + 1]]
+            # the whole width: a supernode with a child on the face is used from its first column on
             size = first[p + 1] - first[p] + len(above)
             kept = stack[top - size * size : top]
             _inherit(kept, size, first[p], first[p + 1] - first[p], above, own, front, used)
@@ -174,7 +183,7 @@ def _selected_inverse(
                 i = pairs[e] - begin
                 if i >= used:
                     k = np.searchsorted(own, pairs[e])
-                    i = used + k if k < below and own[k] == pairs[e] else -1
+                    i = used + k if k < below and own[k] == pairs[e] else -1  # no row of the front: 0 stays
                 if i >= 0:
                     out[e] = front[i * n + j]
         if children[s] > 0:

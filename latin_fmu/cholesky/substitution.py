@@ -50,15 +50,17 @@ def forward_one(
             continue
         xs = x[first[s] + c : first[s + 1]]
         own = rows[row_start[s] : row_start[s + 1]]
+        # from column c on: entry j of a row is that of xs, while rows stay ``width`` apart
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
         used, below = len(xs), len(own)
+        # from the last row up: a row of L11^-1 takes the entries before it as they were
         for i in range(used - 1, -1, -1):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
             total = 0.0
             for j in range(i + 1):
                 total += line[j] * xs[j]
             xs[i] = total
-        at = width * width
+        at = width * width  # of L21, behind L11^-1
         i = 0
         while grouped and i + 4 <= below:
             l0, l1 = panel[at : at + used], panel[at + width : at + width + used]
@@ -96,13 +98,14 @@ def forward_four(
     x0, x1, x2, x3 = x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[3 * n : 4 * n]
     for s in range(len(first) - 1):
         width, c = first[s + 1] - first[s], face_start[s]
-        if c >= width:
+        if c >= width:  # the face is not coupled with this supernode
             continue
         begin, end = first[s] + c, first[s + 1]
-        used, at = width - c, width * width
+        used, at = width - c, width * width  # rows of L21 begin behind L11^-1
         s0, s1, s2, s3 = x0[begin:end], x1[begin:end], x2[begin:end], x3[begin:end]
         own = rows[row_start[s] : row_start[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        # from the last row on: row i of a lower triangle reads entries up to i, which are still the old ones
         for i in range(used - 1, -1, -1):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
             t0 = t1 = t2 = t3 = 0.0
@@ -166,6 +169,7 @@ def backward_one(
             i += 1
         for i in range(used):
             line = panel[(i + c) * width : (i + c) * width + i + 1]
+            # entries beyond i - 1 are untouched so far: row k of L11^-1 reaches those up to k
             a0 = xs[i]
             xs[i] = 0.0
             for j in range(i + 1):
@@ -192,9 +196,11 @@ def forward_tile(
         used = width - c
         own = x[LANES * (first[s] + c) : LANES * first[s + 1]]
         panel = panels[panel_start[s] + c : panel_start[s + 1]]
+        # from the last row up: row i of L11^-1 reads the rows before it, which are still the old ones
         i = used - 1
         while i >= 0:
             if not whole and i >= 3:
+                # all four are computed before one of them is written
                 _four_corner_rows(panel[width * (i - 3 + c) :], width, i - 2, own, tail)
                 for j in range(4 * LANES):
                     own[LANES * (i - 3) + j] = tail[j]
@@ -249,6 +255,7 @@ def backward_tile(
             at += 4 * width
             i += 4
         while i < last:
+            # fewer than four rows are left
             tail[:LANES] = x[rows[i] * LANES : rows[i] * LANES + LANES]
             subtract_one(panel[at:], used, tail, own)
             at += width
@@ -256,6 +263,7 @@ def backward_tile(
         for i in range(used):  # L11^-T in place: row i of L11^-1 brings x_i to the rows above and to itself
             line = own[LANES * i : LANES * i + LANES]
             for j in range(LANES):
+                # with the sign turned, for a kernel that subtracts
                 tail[j] = -line[j]
                 line[j] = 0.0
             subtract_one(panel[width * (i + c) :], i + 1, tail, own)
@@ -341,6 +349,7 @@ def four_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
 def _four_corner_rows(a: Array, width: int, n: int, x: Array, out: Array) -> None:
     """out (4, 8) = the last four rows of a lower triangle, n to n + 3 entries long and ``width`` apart in a, times
     x (n + 3, 8)."""
+    # what the four rows have in common, then the corner that grows by one entry a row
     four_rows(a, width, n, x, out)
     for r in range(1, 4):
         for k in range(n, n + r):

@@ -71,6 +71,7 @@ class Pattern:
         face: Index | None = None,
         store: OperatorStore = NO_STORE,
     ) -> None:
+        # the numbers of the matrix have no part in it: one analysis for all time steps
         digest = hashlib.blake2b(digest_size=16)
         nothing = np.zeros(0)
         for array in (matrix.indptr, matrix.indices, last, *(nothing if x is None else x for x in (rank, face))):
@@ -126,6 +127,7 @@ def analyse(matrix: sp.csr_array, last: Index, rank: Array | None = None, face: 
     if face is not None and len(face):
         vertex = np.repeat(np.arange(len(on_face)), quotient.weight)
         on_face[vertex[np.isin(quotient.order, face)]] = True
+    # stable: by supernode, within one the vertices of the face last, else as before
     quotient = quotient.reordered(np.lexsort((on_face[: len(owner)], owner)))
     return _expand(quotient, np.sort(owner), tree, face)
 
@@ -152,17 +154,21 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
     of_all = np.concatenate([owner, np.full(n_vertex - len(owner), -1, dtype=np.int64)])
     graph = (pointers, neighbours, of_all, tree, quotient.n_interior)
     nothing = np.zeros(0, dtype=np.int64)
+    # the first call counts, the second one writes
     start = running_sum(supernode_rows(*graph, nothing, nothing))
     vertices = np.empty(start[-1], dtype=np.int64)
     if len(vertices):
         supernode_rows(*graph, start, vertices)
     at = running_sum(weight)
+    # first dof of each supernode: that of its first vertex, as owners ascend
     first = at[np.searchsorted(owner, np.arange(n_super + 1))]
     repeats = weight[vertices]
     ends = running_sum(repeats)
+    # dofs of vertex v are at[v] ... at[v] + weight - 1: one run for each vertex in turn
     rows = np.repeat(at[vertices] - ends[:-1], repeats) + np.arange(ends[-1])
     row_start = ends[start]
     width, below = np.diff(first), np.diff(row_start)
+    # supernodes without rows below hand nothing to a parent
     handed = (tree >= 0) & (below > 0)
     n_children = np.bincount(tree[handed], minlength=n_super).astype(np.int64)
     position = np.empty(len(quotient.order), dtype=np.int64)
@@ -174,6 +180,7 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
         first,
         row_start,
         rows,
+        # a panel: a square, of which the lower triangle counts, and the rows below it
         running_sum(width * (width + below)),
         n_children,
         tree < 0,
@@ -184,6 +191,7 @@ def _expand(quotient: Quotient, owner: Index, tree: Index, face: Index | None) -
 
 def _stack_size(below: Index, tree: Index, n_children: Index) -> int:
     """Largest number of entries of the updates on the stack, that of the front at hand included."""
+    # as ``factorise`` does: the update at hand lies behind those of its children, and is moved down then
     sizes: list[int] = []
     held = largest = 0
     for own, parent, children in zip((below**2).tolist(), tree.tolist(), n_children.tolist(), strict=True):
@@ -220,6 +228,7 @@ class Quotient:
         turn[sequence] = np.arange(n)
         length = np.diff(self.pointers)[sequence]
         pointers = running_sum(length)
+        # entry e of the new rows is entry e + (old start - new start) of the old ones
         picked = np.repeat(self.pointers[sequence] - pointers[:-1], length) + np.arange(pointers[-1])
         at, weight = running_sum(self.weight), self.weight[sequence]
         moved = running_sum(weight)
@@ -260,6 +269,7 @@ def quotient_graph(matrix: sp.csr_array, last: Index, rank: Array | None) -> Quo
     )
     shape = (len(weight), len(weight))
     graph = sp.csr_array((np.ones(len(neighbours), dtype=np.int8), neighbours, pointers), shape=shape)
+    # both triangles, also where one of two entries is zero and not stored
     graph = sp.csr_array(graph + graph.T)
     quotient = Quotient(graph.indptr.astype(np.int64), graph.indices.astype(np.int64), weight, n_interior, order)
     return quotient if rank is not None else quotient.reordered(_minimum_degree(graph[:n_interior, :n_interior]))
@@ -280,8 +290,9 @@ def _minimum_degree(graph: sp.csr_array) -> Index:
     if n < 3:
         return np.arange(n, dtype=np.int64)
     degree = np.diff(graph.indptr)
+    # dominant: no pivot is zero, whatever the pattern
     dominant = sp.csc_array(sp.diags_array(2.0 * degree + 1.0) + graph.astype(np.float64))
     # nearly everything is dropped: only the ordering is wanted
     cheap = spla.spilu(dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
-    order: Index = np.argsort(cheap.perm_c).astype(np.int64)
+    order: Index = np.argsort(cheap.perm_c).astype(np.int64)  # perm_c is the place of each vertex
     return order

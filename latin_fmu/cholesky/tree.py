@@ -38,6 +38,7 @@ def _vertex_graph(
     """Fill ``pointers`` (n + 1,) and ``neighbours``; the entries filled. ``mark`` (n,) is scratch, -1 on entry."""
     n, filled = len(start) - 1, 0
     for i in range(n):
+        # loops are left out
         mark[i] = i
         for k in range(start[i], start[i + 1]):
             for place in range(indptr[order[k]], indptr[order[k] + 1]):
@@ -65,6 +66,7 @@ def _elimination_tree(pointers: Index, neighbours: Index, ancestor: Index, paren
             j = neighbours[place]
             while j < i and j != -1:
                 above = ancestor[j]
+                # paths are shortened on the way: without it the search is quadratic in their length
                 ancestor[j] = i
                 if above == -1:
                     parent[j] = i
@@ -88,6 +90,7 @@ def _column_counts(pointers: Index, neighbours: Index, parent: Index, weight: In
             j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
+            # row i has entries in the columns on the way from j to i in the tree (row subtree)
             while j != -1 and j != i and mark[j] != i:
                 mark[j] = i
                 count[j] += weight[i]
@@ -102,7 +105,7 @@ def amalgamate(parent: Index, count: Index, weight: Index, limit: Index, fractio
     """
     n = len(parent)
     owner, width = np.arange(n), weight[:n].copy()
-    entries = width * (width + 1) // 2 + width * count
+    entries = width * (width + 1) // 2 + width * count  # a trapezoid: triangle and rows below
     _amalgamate(parent, count, limit, fraction, width, entries, _unmarked(n), _unmarked(n), owner)
     return owner
 
@@ -124,9 +127,11 @@ def _amalgamate(
     n = len(parent)
     for relaxed in range(2):
         head[:] = -1
+        # backwards: the lists of children ascend
         for c in range(n - 1, -1, -1):
             if owner[c] == c and parent[c] != -1:
                 p = parent[c]
+                # the parent may have been joined to another supernode in the first round
                 while owner[p] != p:
                     p = owner[p]
                 following[c] = head[p]
@@ -146,8 +151,10 @@ def _amalgamate(
                 if join:
                     owner[c] = p
                     width[p] = total
+                    # not ``size``: zeros of earlier joins go on counting
                     entries[p] = held
                 c = following[c]
+    # backwards: the owner of an owner is final, as it has a larger number
     for c in range(n - 1, -1, -1):
         owner[c] = owner[owner[c]]
 
@@ -164,6 +171,7 @@ def postorder(parent: Index) -> Index:
 def _postorder(parent: Index, head: Index, following: Index, stack: Index, order: Index) -> None:
     """Fill ``order`` (n,); the lists of children (-1 on entry) and the stack are scratch."""
     n = len(parent)
+    # from the last on, so that each list begins with the lowest child
     for c in range(n - 1, -1, -1):
         if parent[c] != -1:
             following[c] = head[parent[c]]
@@ -181,6 +189,7 @@ def _postorder(parent: Index, head: Index, following: Index, stack: Index, order
                 order[done] = stack[depth]
                 done += 1
             else:
+                # the child is taken off the list of its parent
                 head[stack[depth - 1]] = following[c]
                 stack[depth] = c
                 depth += 1
@@ -217,10 +226,12 @@ def _supernode_rows(
             j = neighbours[place]
             if j >= n_interior or j >= i:
                 continue
+            # up the tree as far as the supernode of i itself
             s = owner[j]
             while s != -1 and s != owner[i] and mark[s] != i:
                 mark[s] = i
                 if len(rows) > 0:
+                    # i ascends, and so do the rows of each supernode
                     rows[start[s] + count[s]] = i
                 count[s] += 1
                 s = parent[s]

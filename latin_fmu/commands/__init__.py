@@ -44,6 +44,7 @@ class Line:
     def write(self, text: str) -> None:
         """Show ``text`` in the place of what is there."""
         if self.terminal:
+            # padded to the width of the last text, so that nothing of it is left
             self._stream.write("\r" + text.ljust(self._width))
             self._width = len(text)
         else:
@@ -86,6 +87,7 @@ class Waiting:
 
     def __enter__(self) -> Self:
         if not self._quiet:
+            # a daemon: an error that ends the process does not wait for it
             self._thread = threading.Thread(target=self._show, daemon=True)
             self._thread.start()
         return self
@@ -95,6 +97,7 @@ class Waiting:
 
     def close(self) -> None:
         """Clear the line, and show nothing more."""
+        # wakes the thread at once; the line is cleared when it writes no more
         self._over.set()
         if self._thread is not None:
             self._thread.join()
@@ -107,6 +110,7 @@ class Waiting:
     def log(self, text: str) -> None:
         """Print a line that stays."""
         if not self._quiet:
+            # the thread writes the same line
             with self._lock:
                 self._line.clear()
                 self._stream.write(text + "\n")
@@ -117,6 +121,7 @@ class Waiting:
         passed = self._clock() - self._since
         if passed < PATIENCE:
             return None
+        # by the share that is done, if any, else by the time foreseen
         whole = passed / self._share if self._share > 0.0 else self._seconds
         left = None if whole is None else max(whole - passed, 0.0)
         return f"{self._text}: {_amount(passed)} so far{_left(left)}"
@@ -158,6 +163,7 @@ class Progress(Waiting):
 
         ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta).
         """
+        # windows of a run that was continued are done already: the rate counts from here
         if self._state is None:
             self._origin = (self._clock(), done)
         if total == 1 and self._first is None and 0.0 < error < math.inf:
@@ -185,6 +191,7 @@ class Progress(Waiting):
         fallen, passed = at_first - math.log10(error), self._clock() - since
         if fallen <= 0.0 or passed <= 0.0:
             return None
+        # as many seconds a decade as so far
         return max(0.0, (math.log10(error) - math.log10(self._tolerance)) * passed / fallen)
 
 
@@ -239,6 +246,7 @@ class StopSignals:
             yield
             return
         more = [getattr(signal, name) for name in _MORE_SIGNALS if hasattr(signal, name)]
+        # ignored signals stay ignored
         heard = [*_TWICE, *(number for number in more if signal.getsignal(number) is not signal.SIG_IGN)]
         before = {number: signal.signal(number, self._handle) for number in heard}
         try:
@@ -259,6 +267,7 @@ class StopSignals:
             raise KeyboardInterrupt
 
     def _handle(self, number: int, _frame: object) -> None:
+        # the first signal is kept: it names the exit code
         first, self.received = not self.received, self.received or number
         if not (self.noted and (first or number not in _TWICE)):
             raise KeyboardInterrupt

@@ -122,6 +122,7 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..results.writing import check_target, write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
+    # not ``with_suffix``: a stem may have dots
     targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
     for target in targets:
         check_target(target)
@@ -200,6 +201,7 @@ def _spectra(
     given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
     stored = [name for name in known if "spectrum" in tree[f"sensors/{name}"].children]
     request = _request(given)
+    # options ask for other spectra than the stored ones
     chosen = arguments.sensor or (stored if stored and not given else known)
     for number, name in enumerate(chosen):
         waiting.reached(number / len(chosen), f"spectrum of {name}")

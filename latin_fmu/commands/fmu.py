@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, LatinError, Problem
+from ..errors import InputError, LatinError, NeedsPythonError, Problem
 from . import (
     BAD_INPUT,
     CONVERGED,
@@ -36,18 +36,21 @@ _BUILD_EXAMPLES = """\
 examples:
   latin-fmu fmu scene.toml -o crushing.fmu --set "load.press.law={type='input'}"
   latin-fmu fmu scene.toml --fmi 3 --inputs all --reference whole
-  latin-fmu fmu scene.toml --compiled --inputs all
-  latin-fmu fmu scene.toml --compiled --inputs press --modes 20
+  latin-fmu fmu scene.toml --inputs press --modes 20
+  latin-fmu fmu scene.toml --python --inputs all
   latin-fmu fmu scene.toml --model-exchange --modes 20
-  latin-fmu fmu models --compiled -o fmus
+  latin-fmu fmu models -o fmus
 
 A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
 Energies are outputs where the scene says output.energy = true (--set output.energy=true).
 Of a folder the FMU of every scene file in it and below is made, in the folder -o, named after folder and file.
 The FMU carries a reference run by the layered standard FMI-LS-REF: experiment, inputs and outputs, in the folder
 extra/org.fmi-standard.fmi-ls-ref. A load named by --inputs follows the law it had in the scene.
---compiled makes an FMU of machine code and factors, which needs no Python where it runs; its time step and tolerance
-are those of the scene.
+The FMU is machine code and factors, and needs no Python where it runs; its time step and tolerance are those of the
+scene. --python makes one that solves the scene by a Python of its host: time step and tolerance are parameters, and a
+results file may have error estimates. It is made, with a remark, where the scene needs Python (an explicit march with
+moved faces, say) or no compiled library is installed for the version of the FMI.
+--portable makes one for x86-64 processors without AVX2.
 --model-exchange makes a reduced model of the scene (a few modes per body, regularised contact) with the states and
 events of FMI 3 Model Exchange, for a cross-check by another integrator; co-simulation solves the scene itself.
 """
@@ -83,9 +86,10 @@ def _register_fmu(add: AddParser) -> None:
     option(parser, "--inputs", "LOAD,...", "loads that become inputs; 'all' for every load", default="")
     text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
     option(parser, "--reference", "RUN", text, choices=REFERENCES, default=REFERENCES[0])
-    switch(parser, "--compiled", "an FMU that needs nothing but the C library to run")
+    switch(parser, "--python", "an FMU that needs a Python where it runs; time step and tolerance are parameters")
+    switch(parser, "--portable", "an FMU for x86-64 processors without AVX2, from 2009 on")
     switch(parser, "--model-exchange", "a reduced model as differential equations (FMI 3 only)")
-    text = "reduced model: elastic modes per body (default: 12); with --compiled: reduce the bodies and print the error"
+    text = "reduce the bodies to N elastic modes, and print the error; of a reduced model (default: 12)"
     option(parser, "--modes", "N", text, int)
     option(parser, "--patches", "P", "reduced model: patches per contact (default: 4)", int)
 
@@ -149,6 +153,7 @@ def _of_folder(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise InputError([Problem(str(target), f"no folder for FMUs: {error.strerror}")]) from None
     for file in files:
+        # folders belong to the name: scene files of a collection are often all called scene.toml
         name = "_".join([*file.relative_to(arguments.scene).parent.parts, file.stem]).removesuffix("_scene")
         one = argparse.Namespace(**{**vars(arguments), "scene": file, "output": target / f"{name}.fmu"})
         try:
@@ -167,30 +172,50 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
     inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
-    if arguments.compiled and arguments.modes is not None:
+    if arguments.modes is not None and not arguments.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
-    elif arguments.compiled:
+    elif not (arguments.python or arguments.model_exchange):
         waiting.reached(0.0, "FMU: size")
         if foreseen := _foreseen(inputs.scene):
             say(f"latin-fmu: {foreseen}")
     waiting.reached(0.0, "FMU")
-    inside: dict[str, bytes] = {}
-    if arguments.reference != "none" and not arguments.model_exchange:
-        begin = time.process_time()
-        how = arguments.reference == "whole", arguments.compiled
-        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, *how)
-        inside = reference.files
-        took = f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)" if inside else ""
-        lines.append(f"{reference.said}{took}")
     build = import_module("fmu_build.build")
     if arguments.model_exchange:
         sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
         given = {name: size for name, size in sizes.items() if size is not None}
         build.build_model_exchange(inputs.scene, target, **given)
-    else:
-        build.build_fmu(inputs.scene, target, arguments.fmi or "2", inside, arguments.compiled, note)
+        return lines
+    files, compiled = _files(arguments, inputs.scene, note)
+    if arguments.reference != "none":
+        begin = time.process_time()
+        how = arguments.reference == "whole", compiled
+        reference = import_module("fmu_build.reference").reference_of(inputs.scene, inputs.laws, *how)
+        files |= reference.files
+        took = (
+            f" ({time.process_time() - begin:.2g} s of CPU time; --reference none leaves it out)"
+            if reference.files
+            else ""
+        )
+        lines.append(f"{reference.said}{took}")
+    build.write_archive(target, files)
     return lines
+
+
+def _files(arguments: argparse.Namespace, scene: Scene, note: str) -> tuple[dict[str, bytes], bool]:
+    """Files of the FMU of a scene, and whether it is compiled: one with Python, and a remark, where it cannot be."""
+    from importlib import import_module
+
+    build, fmi = import_module("fmu_build.build"), arguments.fmi or "2"
+    if not arguments.python:
+        try:
+            return build.compiled_files(scene, fmi, note, arguments.portable), True
+        except NeedsPythonError as error:
+            if arguments.portable or arguments.modes is not None:
+                raise
+            why = "; ".join(map(str, error.problems))
+            say(f"latin-fmu: this FMU needs a Python where it runs, as with --python: {why}")
+    return build.fmu_files(scene, fmi), False
 
 
 def _foreseen(scene: Scene) -> str:
@@ -231,14 +256,17 @@ def _contradictions(arguments: argparse.Namespace) -> Iterator[Problem]:
         yield Problem("--fmi", "model exchange needs FMI 3", "2", "3", "leave --fmi out")
     if arguments.model_exchange and arguments.reference == "whole":
         yield Problem("--reference", "belongs to co-simulation", remedy="leave --model-exchange out")
-    if arguments.model_exchange and arguments.compiled:
-        yield Problem("--compiled", "belongs to co-simulation", remedy="leave --model-exchange out")
-    for name in ("modes", "patches"):
-        model = arguments.model_exchange or (arguments.compiled and name == "modes")
-        if getattr(arguments, name) is not None and not model:
-            others = ", or --compiled" if name == "modes" else ""
-            yield Problem(f"--{name}", "belongs to the reduced model", remedy=f"add --model-exchange{others}")
-    if arguments.compiled and arguments.modes is not None and arguments.modes < 1:
+    for name in ("python", "portable"):
+        if arguments.model_exchange and getattr(arguments, name):
+            yield Problem(f"--{name}", "belongs to co-simulation", remedy="leave --model-exchange out")
+    if arguments.python and arguments.portable:
+        yield Problem("--portable", "is a kind of compiled FMU", remedy="leave --python out")
+    if arguments.python and arguments.modes is not None:
+        remedy = "leave --python out, or set solver.propagator={type='reduced',modes=N}"
+        yield Problem("--modes", "belongs to the compiled FMU", remedy=remedy)
+    if arguments.patches is not None and not arguments.model_exchange:
+        yield Problem("--patches", "belongs to the reduced model", remedy="add --model-exchange")
+    if not arguments.model_exchange and arguments.modes is not None and arguments.modes < 1:
         yield Problem("--modes", "too few modes", str(arguments.modes), "1 or more")
 
 
@@ -255,12 +283,14 @@ def _simulate(arguments: argparse.Namespace) -> int:
     check_target(target)
     inputs = None if arguments.input is None else read_columns(arguments.input)
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
+    # 0 and none: that of the FMU
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
     rows: list[Sequence[float]] = []
     limited = False
 
     def over() -> bool:
         nonlocal limited
+        # from the start of the command, its imports included
         limited |= arguments.max_cpu is not None and time.process_time() >= arguments.max_cpu + begin
         return limited
 
@@ -292,6 +322,7 @@ def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[float]])
     text = io.StringIO()
     table = csv.writer(text)
     table.writerow(names)
+    # shortest text that is read back as the same number
     table.writerows([[repr(float(value)) for value in row] for row in rows])
     write_bytes(path, text.getvalue().encode())
 

@@ -55,7 +55,7 @@ examples:
 
 Named items are addressed by name: --set load.press.pressure=100e6
 """
-_SEARCH: Final = 600.0  # CPU seconds of a run of a search for an accuracy
+_SEARCH: Final = 600.0  # CPU seconds of all runs of a search for an accuracy
 _UNITS: Final = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
 
 
@@ -85,7 +85,7 @@ def register(add: AddParser) -> None:
     text = (
         f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
         f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
-        f"--accuracy: of each run of the search, {_SEARCH:g} by default; all together use ten times that at most"
+        f"--accuracy: of all runs of the search together, {_SEARCH:g} by default"
     )
     add_max_cpu(parser, text)
 
@@ -128,6 +128,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
             problems = [Problem(name, "takes one process", remedy="run it without mpiexec") for name in given]
             raise InputError(problems, "the run cannot be distributed over processes")
         target = _checked_outputs(scene, arguments) if first else Path()
+    # all processes take part in the estimate
     solution = _estimated(scene, _solve(scene, arguments, processes=processes), arguments, processes)
     with processes.agreed():
         if first:
@@ -167,6 +168,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     target = _checked_outputs(scene, arguments)
     remove_dead_drafts(target.parent)
     wanted = _target(scene, arguments)
+    # before the search: it refuses options that contradict each other
     checkpoint = _checkpoint(Path(f"{target}.checkpoint"), arguments, wanted is not None)
     choice = None if wanted is None else _chosen(scene, wanted, arguments)
     if choice is None:
@@ -177,9 +179,11 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     else:
         solution = choice.solution
     written = [] if choice is None else [choice.sentence]
+    # a signal does not interrupt the writing: it ends the process with its code below
     arguments.signals.noted = True
     with Waiting("writing the results", quiet=arguments.quiet):
         lost = _write(solution, target, arguments.vtk, written)
+    # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
     if solution.complete and not lost:
@@ -200,8 +204,8 @@ def _folder(path: Path) -> Path:
 
 def _note_inputs(scene: Scene, quiet: bool) -> None:
     """Print the values that inputs keep: nothing sets them in a run by the command line."""
+    from ..cosim.input_table import inputs_of
     from ..cosim.variable import variable_of
-    from ..cosim.variables import inputs_of
 
     stay = [f"{variable_of(name)} = {law.start_value:g}" for name, law in inputs_of(scene).items()]
     if stay and not quiet:
@@ -245,6 +249,7 @@ def _lean_imports() -> Iterator[None]:
         gc.freeze()
         gc.enable()
         for name in tools:
+            # a real module where an import has put one in the meantime
             if vars(numpy)[name] is None:
                 delattr(numpy, name)
 
@@ -300,6 +305,7 @@ def _solve(scene: Scene, arguments: argparse.Namespace, **options: Any) -> Solut
         with Progress(scene.solver.tolerance, arguments.quiet) as progress:
             return api.solve(scene, progress=progress, max_cpu=arguments.max_cpu, **options)
     finally:
+        # the run is over: what follows may be interrupted
         arguments.signals.noted = False
 
 
@@ -320,6 +326,7 @@ def _estimated(
         with Waiting("error estimate", quiet=arguments.quiet) as waiting:
             estimate = estimate_error(scene, solution, None, processes, waiting.reached, stream, left)
     except KeyboardInterrupt:
+        # all processes must end together: the others wait in an exchange
         if processes is not None:
             raise
         return solution  # the results are written without it

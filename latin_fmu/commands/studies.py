@@ -127,6 +127,7 @@ def _cost(arguments: argparse.Namespace) -> int:
         _check_studies(scenes, arguments.output)
     studies = []
     for scene in scenes:
+        # the budget is one of CPU time, so is what is left
         with Waiting(f"study of {scene.name}", budget, arguments.quiet, clock=time.process_time) as waiting:
             studies.append(study(scene, budget, waiting.log))
         if not arguments.json:
@@ -204,6 +205,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
         from ..parametric.point import STATES
         from ..parametric.study import sweep
     output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
+    # workers of a cluster have their own cores
     default = usable_cores() if arguments.scheduler is None else 1
     try:
         study = sweep(
@@ -237,6 +239,7 @@ def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int
     picture = target.with_suffix(".png")
     if rows:
         save_figure(stability_figure(rows), picture)
+    # the comparison has no limit of its own: not after one was reached
     schemes = "" if left_out else compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
     write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out).encode())
     say(f"report: {target}" + f", figure: {picture}" * bool(rows))

@@ -113,6 +113,7 @@ class Signature:
         self.result = after.strip() or None
         if self.result not in (None, "i8", "f8", "b1"):
             raise ValueError(f"signature {text!r}: result {self.result!r}; allowed: i8, f8, b1, nothing")
+        # no padding: every slot has 8 bytes
         self.packed = struct.Struct("=" + "".join(_format(a) for a in self.arguments)).pack
 
     def pack(self, values: Sequence[Any]) -> bytes:
@@ -173,6 +174,7 @@ def address(array: NDArray[Any]) -> int:
     """
     if not array.flags.c_contiguous:
         raise MismatchError(f"an array of shape {array.shape} is not C-contiguous")
+    # ``from_buffer`` takes no array that is empty or read-only
     if array.dtype.fields is None and array.size and array.flags.writeable:
         return addressof(
             c_char.from_buffer(cast(Any, array))
@@ -254,6 +256,7 @@ class Entry(Kernel):
             except MismatchError:
                 continue
             out = None if result is None else result()
+            # an allocation that failed: kernels raise nothing else
             if status := call(slots, None if out is None else byref(out)):
                 raise MemoryError(f"{self.symbol}: no memory for its work arrays (status {status})")
             return None if out is None else out.value
@@ -265,9 +268,11 @@ class Entry(Kernel):
         if known is None or len(self.signatures) != 1:
             return functools.partial(self, first)
         signature, prefix = self.signatures[0], list[Any]()
+        # addresses of the first argument, once
         _fill(prefix, signature.arguments[:1], (first,))
         call, result = _call_of(known, f"{self.symbol}_0"), _RESULTS[signature.result]
 
+        # the default argument keeps the arrays alive as long as the addresses are used
         def call_with(*rest: Any, _kept: Any = first) -> Any:
             out = None if result is None else result()
             if status := call(signature.packed(*prefix, *rest), None if out is None else byref(out)):

@@ -63,9 +63,11 @@ def sources_of(package: Path) -> list[Path]:
 def _imported(package: Path, source: Path) -> Iterable[Path]:
     """Modules of the package that a module imports from (under an ``if`` too), relative to it."""
     for node in ast.walk(ast.parse((package / source).read_bytes())):
+        # modules of the package import each other relatively
         if not isinstance(node, ast.ImportFrom) or not node.level:
             continue
         base = source.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+        # what is imported may be a module itself
         for path in (base, *(base / alias.name for alias in node.names)):
             for file in (path.with_suffix(".py"), path / "__init__.py"):
                 if (package / file).is_file():
@@ -76,7 +78,8 @@ def digest_of(package: Path, sources: Iterable[Path], more: str = "") -> str:
     """Digest of the contents of source files, and of more."""
     digest = hashlib.sha256(more.encode())
     for source in sources:
-        content = (package / source).read_bytes().replace(b"\r\n", b"\n")
+        content = (package / source).read_bytes().replace(b"\r\n", b"\n")  # as git writes them on Windows
+        # name and length first: text that moves between two files changes the digest
         digest.update(f"{source.as_posix()}\0{len(content)}\0".encode())
         digest.update(content)
     return digest.hexdigest()
@@ -107,6 +110,7 @@ def _search() -> ctypes.CDLL | str:
         return "the compiled library is switched off (LATIN_FMU_LIBRARY=0)"
     name = file_name(target())
     message = f"this installation has no compiled library for {target()}"
+    # an installed library first
     for folder in (PACKAGE, PACKAGE.parent / "build"):
         if (folder / name).is_file():
             result = opened(folder / name, PACKAGE)
@@ -123,6 +127,7 @@ def shipped() -> list[Path]:
         path.name: path
         for folder in (PACKAGE.parent / "build", PACKAGE)
         for path in folder.glob("_kernels-*.*")
+        # libraries of other platforms cannot be loaded: their text is searched
         if path.suffix in _SUFFIXES.values() and known in path.read_bytes()
     }
     return sorted(libraries.values())

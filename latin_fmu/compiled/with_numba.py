@@ -49,6 +49,7 @@ def dispatcher(function: Callable[..., Any], ordered: bool = False) -> Any:
     if placed is not None:
         with suppress(RuntimeError):  # the folder went away: compile in this process only
             made = numba.njit(cache=True, **options)(placed)
+            # numba has no setting for it: the files of its cache get the class that checks them
             made._cache._cache_file.__class__ = _checked_files()
             return _by_types(made)
     return _by_types(numba.njit(**options)(function))
@@ -90,6 +91,7 @@ def _checked_files() -> type:
                 _warn_once(f"{self._cache_path}: compiled kernels cannot be kept ({error.strerror or error})")
 
         def _load_index(self) -> Any:
+            # an empty index: numba takes its files for missing
             return super()._load_index() if self._intact(self._index_path) else {}
 
         def _load_data(self, name: str) -> Any:
@@ -102,6 +104,7 @@ def _checked_files() -> type:
                 content = Path(path).read_bytes()
             except OSError:
                 return False
+            # the last bytes are the digest of the others
             if hashlib.sha256(content[:-_CHECKSUM]).digest() == content[-_CHECKSUM:]:
                 return True
             _warn_once(f"{self._cache_path}: damaged files of compiled kernels: numba compiles these kernels again")
@@ -109,6 +112,7 @@ def _checked_files() -> type:
 
         @contextmanager
         def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
+            # gathered first, since the digest stands behind the whole
             buffer = io.BytesIO()
             yield buffer
             content = buffer.getvalue()
@@ -135,6 +139,7 @@ def _placed(function: Callable[..., Any]) -> FunctionType | None:
         return None
     # numba names its files by the file name alone, and folders of ours are not deep
     code = function.__code__.replace(co_filename=str(folder / "_".join(source.parts)))
+    # the globals stay: the kernels that it calls are found there
     placed = FunctionType(code, function.__globals__, function.__name__, function.__defaults__, function.__closure__)
     placed.__qualname__, placed.__module__ = function.__qualname__, function.__module__
     return placed
@@ -144,6 +149,7 @@ def _placed(function: Callable[..., Any]) -> FunctionType | None:
 def _ready(package: Path) -> Path | None:
     """The cache folder with copies of the sources in it; logs what numba is about to do."""
     folder = cache_folder(package)
+    # index files of numba: nothing is compiled yet without them
     fresh = folder is None or not any(folder.rglob("*.nbi"))
     if fresh:
         where = "in this process only" if folder is None else f"once; kept in {folder}"
@@ -167,15 +173,16 @@ def cache_folder(package: Path) -> Path | None:
     sources = library.sources_of(package)
     folder = base / library.digest_of(package, sources, _versions())[:32]
     try:
-        known = folder.is_dir()
+        known = folder.is_dir()  # before it is made
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         if not _private(folder):
             return None
-        os.utime(folder)
+        os.utime(folder)  # age, for ``_prune``
         for source in sources:
             copy = folder / "_".join(source.parts)
             if not copy.exists():
+                # a process that starts at the same time must not see half of it
                 draft = folder / uuid.uuid4().hex
                 draft.write_bytes((package / source).read_bytes())
                 os.replace(draft, copy)
@@ -241,6 +248,7 @@ def _safe(path: Path) -> bool:
 def _prune(base: Path, newest: Path) -> None:
     """Remove the folders of packages not used for longest."""
     with suppress(OSError):
-        others = [f for f in base.iterdir() if f != newest and len(f.name) == 32 and f.is_dir()]
+        others = [f for f in base.iterdir() if f != newest and len(f.name) == 32 and f.is_dir()]  # names are digests
+        # the newest counts among those that are kept
         for folder in sorted(others, key=lambda f: f.stat().st_mtime)[: max(0, len(others) + 1 - KEPT)]:
             shutil.rmtree(folder, ignore_errors=True)

@@ -23,10 +23,16 @@ are the first ``n_state`` words of the moving block.
 ``COMMUNICATE`` (a time steps to make, at most ``most_steps``; b rule of interpolation; c time steps of the
 communication step made before; d time steps of the whole one) reads value and rate of the inputs, which stay the same
 during a communication step, and returns the time steps that converged, or a negative status
-(``kernels.communication``). ``PLACE`` before it returns d for a communication step of any length, which may be 0: the
-step of none has to be made, too. After fewer than a, or a negative status, the caller restores the state. ``PRESENT``
+(``kernels.communication``). After fewer than a the state is that after those which converged: the caller goes on from
+it with the next time step, by a copy of the record of the run without differences and with a relaxation of 1/2, or
+restores the state before. After a negative status, or where that time step stalls too, it restores it. ``PLACE`` before
+it returns d for a communication step of any length, which may be 0: the step of none has to be made, too. ``PRESENT``
 puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
 are.
+``DERIVE`` (a 2 e for the value, 2 e + 1 for the rate of the input e; b rule; c time steps that the communication step
+ended after; d of the whole one) needs a copy of the record of the run, and a moving block with as many numbers behind
+it as it returns for a = -1, with inputs, place and state before the step: it writes the derivatives of the outputs at
+the end into row 0 (``kernels.derivatives``).
 ``FIELDS`` (a row of the last call) gathers what describes the points of the interfaces at that instant: of one
 interface after the other tractions (n_point, 3), velocities (2, n_point, 3), and where it can open gaps and contact
 states (n_point,), global axes.
@@ -37,13 +43,13 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assembly.segments import SegmentedRun
-from ..errors import InputError, Problem
+from ..errors import InputError, NeedsPythonError, Problem
 from ..kernels import entries
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
@@ -79,11 +85,6 @@ WORDS: Final = (
     "output",  # (n_row, n_output)
     "progress",  # (9,), see ``kernels.communication``; the caller may set number 6
     "last_step",  # time steps that laws of the scene are tabulated for, -1 where any number can be made
-    "n_flat",
-    "n_point",
-    "history_f",  # (n_row, n_flat)
-    "history_w",
-    "history_gap",  # (n_row, n_point)
     "n_field",
     "field",  # (n_field,) of the points of the interfaces, after FIELDS
     "communicate",  # number of the action
@@ -93,6 +94,9 @@ WORDS: Final = (
     "of_event",  # place of the outputs of contact events: pairs of a count and an instant
     "place",  # (3,) of the next communication step, for PLACE
     "placing",  # number of the action
+    "derive",
+    "depth_at",  # byte of the number of differences of the acceleration in the record of the run
+    "relaxation_at",  # likewise of the relaxation
 )
 """Words of the header."""
 NUMBERS: Final = ("dt", "end")
@@ -113,7 +117,7 @@ class CommunicationRun:
 
     Raises
     ------
-    InputError : a scene that the kernels do not hold; SceneError : it cannot be built.
+    NeedsPythonError : a scene that the kernels do not hold; SceneError : it cannot be built.
     """
 
     def __init__(self, scene: Scene, tolerance: float | None = None) -> None:
@@ -125,8 +129,7 @@ class CommunicationRun:
         with one_thread():
             drives = Drives(self._segmented, self.sources)
             recorder = Recorder(problem.assembly, problem.output, problem.info)
-            signals = Signals(drives, recorder)
-            fields = signals.fields(scene) | history_fields(drives)
+            fields = Signals(scene, drives, recorder).fields() | history_fields(drives)
             fields |= opening_fields(drives, scene.time.start.type == "static")
             self._make(drives, fields)
 
@@ -136,6 +139,7 @@ class CommunicationRun:
             [start, np.ones((COMMUNICATION_ROWS - 2, start.shape[1]))]
         )  # the last rows lay out what varies
         drives.begin(amplitudes)
+        # what a call of the kernels alone can do: windows of one instant, its own thread
         settings = replace(problem.settings, window=1, threads=1)
         recorder = Recorder(problem.assembly, problem.output, problem.info)
         self.run = Run(problem.assembly, settings, recorder, Timings(), communication=fields)
@@ -165,10 +169,10 @@ def _check(scene: Scene, explicit: bool) -> None:
     if moved and explicit:
         what, remedy = "is a mean over two time steps in an explicit march", 'use propagator "direct"'
         problems = [Problem(f"port.{name}", f"its force {what}", None, None, remedy) for name in moved]
-        raise InputError(problems, "the scene needs Python at run time")
+        raise NeedsPythonError(problems, "the scene needs Python at run time")
 
 
-def _solved_by_python(run: Run) -> InputError:
+def _solved_by_python(run: Run) -> NeedsPythonError:
     """What of a run the kernels do not hold, by name."""
     problems = []
     for propagator, row in zip(run.assembly.propagators, run.image.classes, strict=True):
@@ -183,13 +187,14 @@ def _solved_by_python(run: Run) -> InputError:
     if not problems:
         what = "perfect interfaces are too many, or redundant, for a direct solution in kernels"
         problems.append(Problem("solver.bonds", what, None, None, 'use bonds = "iterated"'))
-    return InputError(problems, "the scene needs Python at run time")
+    return NeedsPythonError(problems, "the scene needs Python at run time")
 
 
 # -- the file ---------------------------------------------------------------------------------------------------
 def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
+    # tables made at their first use: a program without Python cannot make them
     complete(image)
     record = image.run[0]
     words: dict[str, int] = {
@@ -210,6 +215,9 @@ def write(run: CommunicationRun) -> bytes:
         "present": entries.PRESENT,
         "fields": entries.FIELDS,
         "placing": entries.PLACE,
+        "derive": entries.DERIVE,
+        "depth_at": cast(Any, RUN.fields)["depth"][1],
+        "relaxation_at": cast(Any, RUN.fields)["relaxation"][1],
         "run_digest": _digest(),
     }
     words |= {name: int(record[name]) for name in WORDS if name not in words}
@@ -249,7 +257,7 @@ def read(content: bytes) -> tuple[dict[str, int], dict[str, float], Pools]:
         raise _unreadable("is cut off or too long")
     arrays: list[NDArray[Any]] = []
     for kind, n in sizes:
-        arrays.append(np.frombuffer(content, kind, n, start).copy())
+        arrays.append(np.frombuffer(content, kind, n, start).copy())  # what ``frombuffer`` gives is read only
         start += kind.itemsize * n
     pools = pools_of(*arrays)
     return words, dict(zip(NUMBERS, map(float, numbers), strict=True)), pools

@@ -18,16 +18,14 @@ import scipy.sparse as sp
 from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
 from ..assembly.supports import PrescribedMotion
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
-from ..kernels.inputs import DISPLACEMENT, LOAD, WAVE
+from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
 from ..latin.initial_conditions import initial_conditions
 from ..latin.outcome import Array
 from ..latin.run_image import histories
 from ..propagator.forcing import SUMS
-from ..scene.boundaries import Driven
-from ..scene.laws import ConstantLaw, InputLaw, TimeLaw, sampled
+from ..scene.laws import ConstantLaw, InputLaw, sampled
 from ..scene.schema import Scene
-from .loads import Loads
-from .variables import inputs_of
+from .input_table import Source, given_of, sources_of
 
 _AFFINE = 1e-9  # of the initial state: difference that round-off can bring
 
@@ -38,7 +36,7 @@ class Sources:
 
     Attributes
     ----------
-    inputs, laws : names, as in ``variables.inputs_of``. kinds : of the inputs. table : (n_law, n) of the own laws at
+    inputs, laws : names, as in ``input_table.sources_of``. kinds : of the inputs. table : (n_law, n) of the own laws at
     the time steps; of a displacement its rate. end : time steps that the table holds, -1 where its last row holds ever
     after.
     """
@@ -53,25 +51,28 @@ class Sources:
     @classmethod
     def of(cls, scene: Scene) -> Sources:
         """The sources of a scene."""
-        given, loads = inputs_of(scene), Loads(scene)
-        time, laws = np.linspace(0.0, scene.time.end, scene.time.n_step + 1), _own_laws(scene)
-        own = {name: sample(time) for name, (_, sample) in laws.items()}
-        varies = any(not isinstance(law, ConstantLaw) for law, _ in laws.values())
-        start = np.array([law.start_value for law in given.values()], dtype=float)
+        given = given_of(scene)
+        time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+        own = {name: sample(time) for name, sample in _own_laws(scene).items()}
+        varies = any(not isinstance(s.law, ConstantLaw) for s in sources_of(scene) if s.name in own)
+        start = np.array([source.start for source in given], dtype=float)
         table = np.stack([*own.values()], axis=1)[: None if varies else 1] if own else np.zeros((1, 0))
-        return cls(tuple(given), tuple(own), tuple(loads.kinds.tolist()), start, table, len(time) - 1 if varies else -1)
+        names, kinds = tuple(s.name for s in given), tuple(s.drives for s in given)
+        return cls(names, tuple(own), kinds, start, table, len(time) - 1 if varies else -1)
 
     def own(self, scene: Scene, time: Array) -> Array:
         """Amplitudes of the own laws at other instants, (n, n_law)."""
         laws = _own_laws(scene)
-        return np.stack([laws[name][1](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
+        return np.stack([laws[name](time) for name in self.laws], axis=1) if laws else np.zeros((len(time), 0))
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.laws)
 
     def initial(self) -> Array:
         """Amplitudes at the first two instants for the start values of the inputs, (2, n)."""
+        # driven by its rate
         held = np.where(np.array(self.kinds) == DISPLACEMENT, 0.0, self.start) if self.inputs else self.start
+        # instants 0 and 1; of a table of one row that row twice
         own = self.table[[0, min(1, len(self.table) - 1)]]
         return np.concatenate([np.stack([held, held]), own], axis=1)
 
@@ -80,25 +81,21 @@ class Sources:
         return dict(zip((*self.inputs, *self.laws), amplitudes.T, strict=True))
 
 
-def _own_laws(scene: Scene) -> dict[str, tuple[TimeLaw, Callable[[Array], Array]]]:
-    """Laws of the scene that vary or move, and what samples what they drive the run by, by source."""
-    given, own = inputs_of(scene), dict[str, tuple[TimeLaw, Callable[[Array], Array]]]()
-    for name, force in scene.force_laws.items():
-        if not isinstance(force, InputLaw | ConstantLaw):
-            own[name] = force, partial(sampled, force)
-    for name, boundary in scene.boundary.items():
-        if isinstance(boundary, Driven) and f"boundary.{name}" not in given:
-            motion = PrescribedMotion(boundary.law, 1.0, boundary.type)
-            of_rate = motion.step_velocity if scene.time.quasi_static else motion.velocity
-            own[f"boundary.{name}"] = boundary.law, of_rate if boundary.type == "displacement" else boundary.law.sample
-    for name, interface in scene.joints.items():
-        if interface.ground_velocity is not None and f"ground.{name}" not in given:
-            own[f"ground.{name}"] = interface.ground_velocity.law, interface.ground_velocity.law.sample
-    for name, port in scene.port.items():
-        for source, component in port.inputs(name).items() if port.causality == "motion_in" else ():
-            if source not in given:
-                own[source] = port.law(component), port.law(component).sample
-    return own
+def _own_laws(scene: Scene) -> dict[str, Callable[[Array], Array]]:
+    """What samples the laws of the scene that vary or move, as they drive the run, by source."""
+    return {
+        source.name: _sampler(source, scene.time.quasi_static)
+        for source in sources_of(scene)
+        if not isinstance(source.law, InputLaw | ConstantLaw)
+        or (isinstance(source.law, ConstantLaw) and source.drives not in (LOAD, WAVE))
+    }
+
+
+def _sampler(source: Source, static: bool) -> Callable[[Array], Array]:
+    if source.drives == DISPLACEMENT:
+        motion = PrescribedMotion(source.law, 1.0, "displacement")
+        return motion.step_velocity if static else motion.velocity
+    return source.law.sample if source.drives == MOTION else partial(sampled, source.law)
 
 
 class Drives:
@@ -108,6 +105,7 @@ class Drives:
         self.assembly, self._timeline, self.sources = run.problem.assembly, run.problem.timeline, sources
         self._dt = run.dt
         for propagator in self.assembly.propagators:
+            # all of them have terms, also those that are constant in this segment
             propagator.forcing.sources = frozenset((*sources.inputs, *sources.laws))
         self._start = dict(self.assembly.ground.start)
         self._shapes = [(p.members[0].imposed_pattern.shape[1], len(p.members)) for p in self.assembly.propagators]
@@ -116,6 +114,7 @@ class Drives:
 
     def begin(self, amplitudes: Array, state: Array | None = None) -> None:
         """Begin a segment with these amplitudes (n_time, n_source) from a motion state, None: from that at t = 0."""
+        # without the histories of the segment before
         assembly, dt, ground = self.assembly, self._dt, self._start
         for propagator in assembly.propagators:
             propagator.restart()
@@ -123,6 +122,7 @@ class Drives:
             motions, ground = unpacked_motions(assembly, state)
             for propagator, given in zip(assembly.propagators, motions, strict=True):
                 propagator.forcing.set_motion_state(given)
+        # instants count from the start of the segment
         time: Array = np.arange(float(len(amplitudes)))
         self._timeline.begin(assembly, time * dt, self.sources.named(amplitudes), ground, dt)
 
@@ -133,6 +133,7 @@ class Drives:
             forcing = propagator.forcing
             terms = forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]
             for name in SUMS:
+                # a term that is absent has no amplitudes, and no column
                 amplitudes = terms[name].amplitudes if name in terms else []
                 parts.append(np.array([a[instant] for a in amplitudes]))
             if k:
@@ -147,12 +148,15 @@ class Drives:
         n, parts = len(amplitudes), [np.zeros((len(amplitudes), 0))]
         for propagator, (k, _) in zip(self.assembly.propagators, self._shapes, strict=True):
             if k:
+                # rows are instants: (kind, instant, motion, member) turned
                 parts.append(propagator.forcing.motion_table().transpose(1, 0, 2, 3).reshape(n, -1))
         ground = self.assembly.ground
         first = ground.end(0)
         for i in self._grounds:
             parts.append(first[i].displacement + ground.travel[i])
+            # no acceleration before the first step: that of its start
             parts.append(np.concatenate([[first[i].acceleration], np.diff(ground.velocity[i], axis=0) / self._dt]))
+        # at the first instant those before it are its own: nothing jumps there
         before = np.concatenate([amplitudes[:1], amplitudes[:-1]])
         return np.concatenate([*parts, before, amplitudes, np.ones((n, 1))], axis=1)
 
@@ -171,6 +175,7 @@ class Drives:
         """Products of the patterns of the forces of each class, one table after the other."""
         parts = [np.zeros(0)]
         for propagator in self.assembly.propagators:
+            # read of quasi-static runs alone: how far the loads go on (``kernels.communication.continuation``)
             force = propagator.forcing.sums(propagator.members[0].trace, propagator.dashpots)[1]["force"]
             table = np.zeros((len(force.patterns), propagator.n_dof * len(propagator.members)))
             for row, (where, values) in zip(table, force.patterns, strict=True):
@@ -185,8 +190,10 @@ class Drives:
 
 def _matrix(of: Callable[[Array], Array], n: int) -> sp.csr_array:
     """Matrix of an affine function of n numbers; its last column is the value at zero."""
+    # column by column: which drive a column depends on is not known beforehand
     base = of(np.zeros(n))
     columns = [sp.csc_array((of(unit) - base)[:, None]) for unit in np.eye(n)]
+    # the constant part meets the 1 at the end of the drives
     return sp.csr_array(sp.hstack([*columns, sp.csc_array(base[:, None])]))
 
 
@@ -195,6 +202,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     n_x, n_s = drives.n_state, len(drives.sources)
 
     def step(z: Array) -> Array:
+        # two instants from the state before the step: number 1 is its end
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
         return np.concatenate([drives.columns(1), packed_motions(drives.assembly, 1)])
 
@@ -203,6 +211,7 @@ def history_fields(drives: Drives) -> dict[str, Any]:
         return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
     def start(z: Array) -> Array:
+        # from a state, not from t = 0: the start of any later step
         drives.begin(z[n_x:].reshape(2, n_s), z[:n_x])
         return np.concatenate([drives.columns(0), packed_motions(drives.assembly, 0)])
 
@@ -210,9 +219,11 @@ def history_fields(drives: Drives) -> dict[str, Any]:
     static = drives.assembly.quasi_static
     for prefix, of in (("", step), ("first_", first), *((("start_", start),) if static else ())):
         matrix = _matrix(of, n_x + 2 * n_s)
+        # of an empty state -0 would be all rows, and is none
         fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix[: matrix.shape[0] - n_x], matrix[-n_x or None :]
         if not n_x:
             fields[f"{prefix}column"], fields[f"{prefix}motion"] = matrix, matrix[:0]
+    # of the start the columns alone are needed: its motion state is the one that is given
     fields.pop("start_motion", None)
     products = drives.force_products() if static else np.zeros(0)
     sources, sizes = drives.sources, {"n_motion_state": n_x, "n_drive": n_x + 2 * n_s + 1, "n_source": n_s}
@@ -240,10 +251,12 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     linear = [
         not (settled and kind in (LOAD, WAVE)) and _is_linear(drives, start, base, e) for e, kind in enumerate(kinds)
     ]
+    # inputs on which it depends linearly have columns: without them here
     zero = start * np.concatenate([~np.array(linear, dtype=bool), np.ones(n_s - len(kinds))])
     base, columns = opening(zero), dict[int, Array]()
     for e in np.flatnonzero(linear).tolist():
         for row in range(2):
+            # 0 where the input was taken out: 1 is a unit
             unit = zero.copy()
             unit[row, e] += 1.0
             columns[n_x + row * n_s + e] = np.concatenate(opening(unit)) - np.concatenate(base)
@@ -251,7 +264,9 @@ def opening_fields(drives: Drives, settled: bool) -> dict[str, Any]:
     for at, column in columns.items():
         table[:, at] = column
     place = np.flatnonzero(table.any(axis=1))
+    # behind ``place``: the constant part alone is in the image already
     table[:, -1] = np.concatenate(base)
+    # free is an input with a column, but for a displacement, whose initial value is part of the geometry
     held = np.where(
         linear,
         np.where(kinds == DISPLACEMENT, BY_VALUE, FREE),
@@ -275,7 +290,9 @@ def _is_linear(drives: Drives, start: Array, base: list[Array], e: int) -> bool:
         changes.append([new - old for new, old in zip(drives.opening(), base, strict=True)])
         forces = np.maximum(forces, drives.inertia())
     for k, (old, first, second, both) in enumerate(zip(base, *changes, strict=True)):
+        # affine: f(-2, 1/2) - f = -2 (f(1, 0) - f) + (f(0, 1) - f) / 2
         off, scale = np.abs(both + 2.0 * first - 0.5 * second), np.abs(old) + np.abs(first) + np.abs(second)
+        # fields are u, v, a and residual of each class in turn: 3 is the residual
         residual = forces[k // 4] if k % 4 == 3 and k // 4 < len(forces) else 0.0
         if off.max(initial=0.0) > _AFFINE * max(scale.max(initial=0.0), residual):
             return False

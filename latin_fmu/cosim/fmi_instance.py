@@ -125,6 +125,7 @@ class HostedSession:
 
             for name, history in read_histories(file, session.loads).items():
                 session.set_history(name, *history)
+        # after the file: arrays replace its columns
         for name, history in self._variables.histories().items():
             session.set_history(name, *history)
 
@@ -191,6 +192,7 @@ class ReferencedVariables:
     def set(self, references: Sequence[int], values: Sequence[float]) -> bool:
         """Set numbers; an array takes as many values as it has elements. False, and an error is logged, where one of
         them is refused: then none is set."""
+        # outputs in Initialization Mode follow what is set: the session starts anew when they are read
         self._hosted.opened = False
         return self._variables.set(references, values)
 
@@ -244,6 +246,7 @@ class FmiInstance(ReferencedVariables):
     @exception_barrier(lambda *_: False)
     def initialize(self) -> bool:
         """Build the scene, in prescribed mode solve it; False, and an error is logged, where that fails."""
+        # until the end: what fails on the way leaves this for later calls
         self._failure = "initialization failed, see the message before"
         self._hosted.check_results_file()
         for remark in self._hosted.open().warnings:
@@ -262,6 +265,7 @@ class FmiInstance(ReferencedVariables):
         if not self._variables.fixed or session is None:
             self.log(ERROR, self._failure or "a step before initialization")
             return False
+        # what the session had, for a step that is refused
         before = [(name, *session.load(name)) for name in session.loads]
         self._hosted.give_loads(session)
         if self._discarded and self._step(session, t, h) == self._discarded:  # some hosts repeat it for ever
@@ -285,6 +289,7 @@ class FmiInstance(ReferencedVariables):
     @staticmethod
     def _step(session: Session, t: float, h: float) -> str:
         """A step and its inputs, as text."""
+        # with its inputs: the same step with others may be made
         return repr((t, h, [session.load(name) for name in session.loads]))
 
     @exception_barrier(lambda *_: ())
@@ -336,6 +341,7 @@ class FmiInstance(ReferencedVariables):
     @exception_barrier(lambda *_: False)
     def set_state(self, saved: bytes) -> bool:
         """Restore a state; where it cannot be used an error is logged and nothing changes."""
+        # encoded, since a restored state may not share arrays with the present one
         before, session = self._encoded(), self._hosted.session
         try:
             self._restore(decode(saved, self._kind), check=getattr(saved, "foreign", True))

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
 from ..kernels import entries
-from ..kernels.outputs import N_SOLVER
 from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.windows import Run
@@ -23,9 +22,7 @@ from ..scene.schema import Scene
 from .loads import GridPart, Loads
 from .output_rows import OutputRows
 from .outputs import first_event
-from .variables import ENERGIES
 
-_WORK: Final = list(ENERGIES).index("interface_work")
 _CANCELLED: Final = 1e-6  # of the work of the interfaces, as there
 _SAFE: Final = 0.25  # of the energy put in: half of what ``latin.status.with_energy`` allows to be gained
 
@@ -61,6 +58,7 @@ class KernelSteps:
         self._scene, self._rule, self._run = scene, rule, run
         self.sources, self._outputs = outputs.sources, outputs
         most, end = COMMUNICATION_ROWS - 1, self.sources.end
+        # own laws are tabulated over the interval of the scene, and no call goes beyond a table
         self._most = most if end < 0 else min(most, end)  # time steps that one call can make
         self._states = np.zeros(0), np.zeros(0)  # before this step, before the last one
         self._by_caller = False  # whether windows are solved from Python
@@ -80,7 +78,8 @@ class KernelSteps:
         )
 
     @property
-    def _image(self) -> Image:
+    def image(self) -> Image:
+        """The image of the run."""
         assert self._run.run is not None
         return self._run.run.image
 
@@ -88,7 +87,7 @@ class KernelSteps:
         """Lay the histories out for as many time steps as one call makes, the first of them that to come."""
         run, made = self._run, self._run.made
         given = loads.driving(part, run.dt, self._rule)
-        rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))
+        rows = np.ones((COMMUNICATION_ROWS, len(self.sources)))  # what varies must not look constant to the layout
         rows[:2, : len(given)] = np.reshape([line[:2] for line in given.values()], (-1, 2)).T
         rows[:2, len(given) :] = self.sources.own(self._scene, run.instants(made, 1))
         with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
@@ -97,13 +96,13 @@ class KernelSteps:
         march.image.set({"first_row": 0, "by_caller": int(self._by_caller)})
         accounted = run.problem.output.energy and not run.problem.assembly.quasi_static
         self._followed = accounted and self._follows_energy
-        self.must_record = (accounted and not self._followed) or self._outputs.incomplete
+        self.must_record = (accounted and not self._followed) or bool(self._outputs.incomplete)
         return march
 
     def _open(self, loads: Loads, part: GridPart) -> None:
         """The state at t = 0 under the loads of the first step."""
         image = self._lay_out(loads, part).image
-        self._give(loads, part, 0)
+        self.give(image, loads, part, 0)
         image.call(entries.PRESENT, self._rule, part.n)
         if self._run.problem.output.energy and not self._run.problem.assembly.quasi_static:
             self._run.stored = float(image.field("progress", 9)[4])
@@ -126,17 +125,18 @@ class KernelSteps:
         if self._by_caller:
             return None
         row = self._marched(self.begun, early=early)
+        # an event has ended a time step before the last: made once more, up to there, as the loads go on from its end
         if row is not None and self._ends < part.n:
-            self._image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
+            self.image.state[:], self.begun = before["state"], self.begun._replace(n=self._ends)
             row = self._marched(self.begun)
         if row is None or (self._followed and self._gains_energy(row)):
             return None
         self._has_rows = self.begun.n < COMMUNICATION_ROWS
         run.made += self.begun.n
         if run.problem.output.energy:
-            friction = run.running["friction_dissipation"] = float(self._image.field("progress", 9)[5])
+            friction = run.running["friction_dissipation"] = float(self.image.field("progress", 9)[5])
             if self._followed:  # the interfaces dissipate the work that the bodies do on them
-                work = row[self._outputs.of_solver + N_SOLVER + _WORK]
+                work = row[self._outputs.places["energy.interface_work"]]
                 run.running["contact_dissipation"] = -float(work) - friction
         return row
 
@@ -149,26 +149,27 @@ class KernelSteps:
 
     def accept(self, loads: Loads) -> None:
         """End the step that was made to its end: let the loads go on from what it has left of them."""
-        progress = self._image.field("progress", 9).tolist()
-        loads.memory[:] = self._image.field("inputs", *loads.memory.shape)
+        progress = self.image.field("progress", 9).tolist()
+        loads.memory[:] = self.image.field("inputs", *loads.memory.shape)
         loads.span, loads.behind = progress[3], progress[7]
 
-    def keep_state(self) -> dict[str, Any] | None:
-        """The state before the step that was made, None for t = 0; it is kept until the step after the next one."""
+    def keep_state(self) -> None:
+        """Keep the state before the step that was made until the next one is."""
         self.origin = self.begun
         assert self.origin is not None
+        # two buffers in turn: that of the last step stays readable while the next one is made
         self._states = self._states[1], self.origin.state["state"]
-        return self.origin.state if self.origin.state["made"] else None
 
     def recorded(self, early: bool = False) -> Segment:
         """The step as a segment: what ``march`` has just made, else it is made now; taken back where it is not
         accepted. ``early`` : as there."""
         assert self.begun is not None
         step, run = self.begun, self._run
-        after = self._image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
+        after = self.image.state.copy() if self._has_rows and run.room > 0 else None  # no segment was begun since
         run.set_state(step.state)
 
         def solve(run: Run) -> None:
+            # the rows can be kept as they are where no field in between has to be stored
             if after is not None and run.recorder.until_fields() >= step.n:
                 run.image.state[:] = after
                 run.keep_marched(1, step.n, 1)
@@ -185,12 +186,12 @@ class KernelSteps:
         if early and segment.accepted and self._ends < step.n:
             run.set_state(step.state)
             self.begun = step._replace(n=self._ends)
-            return self.recorded()
+            return self.recorded()  # once more, as one that ends there
         return segment
 
-    def _give(self, loads: Loads, part: GridPart, made: int) -> Array:
-        """Write inputs and place of a step into the image; its ``progress``."""
-        image, inputs = self._image, self.sources.inputs
+    def give(self, image: Image, loads: Loads, part: GridPart, made: int) -> Array:
+        """Write inputs and place of a step into an image; its ``progress``."""
+        inputs = self.sources.inputs
         image.field("input_value", len(inputs))[:] = [loads.value[name] for name in inputs]
         image.field("input_rate", len(inputs))[:] = [loads.rate[name] for name in inputs]
         image.field("inputs", *loads.memory.shape)[:] = loads.memory
@@ -202,9 +203,9 @@ class KernelSteps:
     def _marched(self, step: Origin, run: Run | None = None, early: bool = False) -> Array | None:
         """Outputs at the end of a step from the state in the image, None where a time step did not converge; ``run`` :
         records the instants, with fall-backs; ``early`` : up to a contact event, which ends the time step ``_ends``."""
-        march, image, self._ends = self._run.run, self._image, step.n
+        march, image, self._ends = self._run.run, self.image, step.n
         assert march is not None
-        self._give(step.loads, step.part, step.state["made"])
+        self.give(image, step.loads, step.part, step.state["made"])
         image.field("worst", len(self._run.problem.assembly.interfaces))[:] = 0.0
         outputs = image.field("output", image.rows, self._outputs.n)
         most, done, row = self._most, 0, 0
@@ -212,7 +213,7 @@ class KernelSteps:
             most = 1  # fields of the instants in between are kept
         while done < self._ends:
             n = min(most, step.n - done)
-            self._tabulate(step.state["made"] + done, n)
+            self.tabulate(step.state["made"] + done, n)
             row = march.communicate(n, self._rule, done, step.part.n)
             if run is None and row < n:
                 return None
@@ -245,12 +246,13 @@ class KernelSteps:
         return n
 
     # -- own laws of the scene ------------------------------------------------------------------------------------
-    def _tabulate(self, made: int, n: int) -> None:
+    def tabulate(self, made: int, n: int) -> None:
         """Let the table of own laws hold the next n time steps, beyond the end of the scene too."""
-        sources, image = self.sources, self._image
+        sources, image = self.sources, self.image
         first, end = int(image.run_fields.get("law_first", 0)), sources.end
         if end < 0 or first <= made <= first + end - n:
             return
+        # the table of the scene where it reaches, else one that begins here
         first = 0 if made + n <= end else made
         table = sources.table if first == 0 else sources.own(self._scene, self._run.instants(first, end))
         image.write()
@@ -261,10 +263,11 @@ class KernelSteps:
     # -- what follows from the outputs ----------------------------------------------------------------------------
     def _gains_energy(self, row: Array) -> bool:
         """Whether the scheme may have gained energy, so that ``latin.status.with_energy`` must check the energies."""
-        first = self._outputs.of_solver + N_SOLVER
-        _, _, of_loads, work, _, damping, landing, scheme, _ = row[first : first + len(ENERGIES)].tolist()
+        names = "work_of_loads", "interface_work", "damping_dissipation", "landing_dissipation", "scheme_dissipation"
+        places = [self._outputs.places[f"energy.{name}"] for name in names]
+        of_loads, work, damping, landing, scheme = row[places].tolist()
         put_in = (self._run.stored or 0.0) + max(of_loads, 0.0) + _CANCELLED * abs(work)
-        return not work - damping - landing - scheme <= _SAFE * put_in
+        return not work - damping - landing - scheme <= _SAFE * put_in  # NaN, too
 
     def iterations(self, row: Array) -> tuple[int, float]:
         """Iterations and largest error indicator of the step with these outputs."""
@@ -278,7 +281,7 @@ class KernelSteps:
         assembly, duration = run.problem.assembly, run.problem.output.peak_duration
         rows = InterfaceRows(assembly, np.zeros((n, InterfaceRows.width_of(assembly))))
         if self._has_rows and run.room and not rows.slide:
-            rows.keep(self._image, None, 0, n, 0)
+            rows.keep(self.image, None, 0, n, 0)
             return rows.histories(n, duration)
         before, self.begun = run.get_state(), self.origin
         segment = self.recorded()

@@ -27,8 +27,9 @@ from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
-from .variable import input_variable, is_motion, is_wave, variable_of
-from .variables import HOLD, LINE, inputs_of
+from .input_table import given_of
+from .variable import input_variable, is_wave, variable_of
+from .variables import HOLD, LINE
 
 Curve = tuple[tuple[float, ...], tuple[float, ...]]
 """Times, s, strictly increasing, and amplitudes between which a load was linear."""
@@ -60,16 +61,15 @@ class GivenLoads:
 
     Attributes
     ----------
-    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load.
+    value, rate : amplitude at the start of the next step and its rate (1/s), by load. histories : by load. kinds : of
+    the loads (``kernels.inputs``).
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._start = {name: law.start_value for name, law in inputs_of(scene).items()}
-        self._displacements = {
-            name
-            for name in self._start
-            if name.startswith("boundary.") and scene.boundary[name[9:]].type == "displacement"
-        }
+        given = given_of(scene)
+        self._start = {source.name: source.start for source in given}
+        self.kinds = np.array([source.drives for source in given], dtype=np.int64)
+        self._displacements = {source.name for source in given if source.drives == inputs.DISPLACEMENT}
         self._static = scene.time.quasi_static
         self.reset()
 
@@ -166,22 +166,14 @@ class Loads(GivenLoads):
     Attributes
     ----------
     memory, span : what the steps so far have left (``kernels.inputs``); ``behind``: the fraction of a time step since
-    the last instant. kinds : of the loads, as there.
+    the last instant.
     """
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        self.kinds = np.array([self._kind(name) for name in self._start], dtype=np.int64)
-
-    def _kind(self, name: str) -> int:
-        if name in self._displacements:
-            return inputs.DISPLACEMENT
-        return inputs.MOTION if is_motion(name) else inputs.WAVE if is_wave(name) else inputs.LOAD
 
     def reset(self) -> None:
         """Set every load to its start value; remove the histories, and what steps have left."""
         super().reset()
         self.memory: Array = np.zeros((inputs.N_MEMORY, len(self._start)))
+        # amplitudes of the start value: reached, before it, and driven
         self.memory[[inputs.REACHED, inputs.BEFORE, inputs.DRIVEN]] = list(self._start.values())
         self.span = self.behind = 0.0
 
@@ -215,6 +207,7 @@ class Loads(GivenLoads):
     def part(self, made: int, t: float, h: float, t0: float, dt: float) -> GridPart:
         """What of the grid of time steps of dt, s, the step from t to t + h, s, ends; ``made`` : time steps so far,
         since t0."""
+        # round-off of both ends, in time steps
         off = 4e-16 * (abs(t) + abs(t + h)) / dt
         return GridPart(*_placed(made, self.behind, (t + h - t0) / dt, h / dt, off))
 
@@ -224,11 +217,13 @@ class Loads(GivenLoads):
         self.span = inputs.accept(
             *self._given(), memory, self.kinds, self.span, dt, rule, made, part.n, begin, part.rest
         )
+        # a step that ended early ends on the grid
         self.behind = part.rest if made == part.n else 0.0
 
     def copy(self) -> Loads:
         """The same loads, independent of these."""
         twin = Loads.__new__(Loads)
+        # histories are not changed in place, and may be shared
         vars(twin).update(vars(self))
         twin.value, twin.rate, twin.memory = dict(self.value), dict(self.rate), self.memory.copy()
         return twin
@@ -355,7 +350,9 @@ def given_rows(times: Array, amplitudes: Mapping[str, Array]) -> Histories:
     ------
     InputError : the times do not increase, or rows after the last instant have another amplitude than there.
     """
+    # products of True from the end: how many rows repeat the last instant
     repeated = int(np.cumprod(times[::-1] == times[-1]).sum())
+    # one of the rows that repeat the last instant is that instant
     n = len(times) - max(repeated - 1, 0)
     if n == 1 and not any((values != values[0]).any() for values in amplitudes.values()):
         return {}
@@ -382,6 +379,7 @@ def _csv(lines: Sequence[str], where: str) -> dict[str, Array]:
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names):
         raise _bad(where, "two columns have the same name")
+    # as editors count: the header is line 1
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
             raise _bad(where, f"row {number} has {len(row)} columns, the header {len(names)}")
@@ -406,6 +404,7 @@ def _netcdf(file: Path) -> dict[str, Array]:
     try:
         if is_damaged(file):
             raise _bad(str(file), "the file is damaged: its digest does not fit")
+        # times as numbers, whatever unit the file names
         with xr.open_dataset(file, engine="netcdf4", decode_times=False, decode_timedelta=False) as dataset:
             columns = {str(name): np.asarray(v.values, dtype=float) for name, v in dataset.data_vars.items()}
             if "time" in dataset.coords:

@@ -1,8 +1,8 @@
 """Rows of outputs over segments that Python marches: the kernels follow them from instant to instant.
 
 What a row follows from (tractions, velocities, gaps, sensors, energies) is in the output of the image after each
-march; the drives of its instants are written beside it (``Drives.rows``). ``kernels.communication.follow`` then makes
-the row from these and from the row before.
+march; the drives of its instants are written beside it (``Drives.rows``). ``kernels.communication.conclude`` then makes
+the row from these and from the row before, and ``present`` the one before the first.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 from ..assembly.segments import Segment, SegmentedRun
 from ..assembly.supports import moved_face_forces
 from ..kernels import entries
-from ..kernels.outputs import N_SOLVER
 from ..latin.assembly import Assembly
 from ..latin.outcome import Array
 from ..latin.probes import OutputRequest, Probes
@@ -24,9 +23,8 @@ from ..machine import one_thread
 from ..propagator.image import Image
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields
-from .outputs import COLUMNS
+from .output_table import first_of_events, places_of
 from .signals import Signals
-from .variables import ENERGIES, opening_interfaces, scalar_table
 
 
 class OutputRows:
@@ -38,20 +36,20 @@ class OutputRows:
 
     Attributes
     ----------
-    sources : what drives the run. n : number of outputs. of_event, of_solver : place of those of the events, and of the
-    solver. start : time that instants are counted with, s.
+    sources : what drives the run. places : of outputs, by name; n : their number. of_event, of_solver : place of those
+    of the events, and of the solver. start : time that instants are counted with, s.
     """
 
     def __init__(self, scene: Scene, run: SegmentedRun) -> None:
         self.sources, self._scene, self._run, self.start = Sources.of(scene), scene, run, 0.0
-        names = [v.name for v in scalar_table(scene) if v.causality == "output"]
-        self.n = len(names)
-        self.of_event = self.n - COLUMNS * len(opening_interfaces(scene))
-        self.of_solver = self.of_event - N_SOLVER - len(ENERGIES) * scene.output.energy
+        self.places = places_of(scene)
+        self.n, self.of_event = len(self.places), first_of_events(self.places)
+        self.of_solver = self.places["solver.iterations"]
         self._moved: list[int] = []  # forces of moved faces that no instant gives alone
+        # accelerations and tractions of an explicit scheme are means over two time steps
         if run.problem.assembly.scheme.explicit:
             moved = tuple(f"port.{name}." for name, port in scene.port.items() if port.causality == "motion_in")
-            self._moved = [i for i, name in enumerate(names) if name.startswith(moved)]
+            self._moved = [i for name, i in self.places.items() if name.startswith(moved)]
         self._of: Any = None  # problem that the fields are of
         self._made: dict[str, Any] = {}
         run.communication = self._fields
@@ -63,7 +61,7 @@ class OutputRows:
             with one_thread():
                 self._drives = Drives(self._run, self.sources)
                 recorder = Recorder(problem.assembly, problem.output, problem.info, len(problem.assembly.time))
-                self._made = Signals(self._drives, recorder).fields(self._scene) | history_fields(self._drives)
+                self._made = Signals(self._scene, self._drives, recorder).fields() | history_fields(self._drives)
             self._of = problem
         return self._made
 
@@ -97,9 +95,10 @@ class OutputRows:
         return present.copy()
 
     @property
-    def incomplete(self) -> bool:
-        """Whether there are outputs that no instant gives alone."""
-        return bool(self._moved)
+    def incomplete(self) -> frozenset[str]:
+        """Names of the outputs that no instant gives alone."""
+        names = list(self.places)
+        return frozenset(names[i] for i in self._moved)
 
     @property
     def present(self) -> Array:
@@ -148,14 +147,17 @@ class OutputRecorder(Recorder):
         super().keep(assembly, image, probes, n, row)
         drives = image.field("drive", image.rows, self._drives.shape[1])
         drives[row : row + n] = self._drives[first : first + n]
+        progress, made = image.field("progress", 9), self._made + max(first - 1, 0)
+        progress[0] = made
         if first == 0:
             state = image.field("motion_state", int(image.run_fields["n_motion_state"]))
+            # the first row of the drives begins with the motion state
             state[:] = self._drives[0, : len(state)]
             if self._opens is not None:
-                image.field("progress", 9)[6] = self._opens
-            image.call(entries.FOLLOW, 0, int(self._opens is not None))
-        else:
-            image.call(entries.FOLLOW, row, n, self._made + first - 1)
+                progress[6] = self._opens
+        for i in range(n if first else 0):
+            image.call(entries.CONCLUDE, row + i, made + i)
+        image.call(entries.PRESENT, 0, 0, 2 if first == 0 and self._opens is not None else 1)
         if self._every:
             n_output = int(image.run_fields["n_output"])
             self._rows.append(image.field("output", image.rows, n_output)[row : row + n].copy())

@@ -1,7 +1,6 @@
 """Outputs of a co-simulation: resultants of interfaces, arrays of the table, contact events.
 
-``kernels.outputs`` makes the rows of scalar outputs, with coefficients that are read from ``InterfaceSeries``
-(``signals``), and follows the contact events.
+``kernels.outputs`` makes the rows of scalar outputs and follows the contact events.
 
 Contact events are touch, separation and slip: how many there were, and the instant of the last one. An event belongs to
 an interface as a whole and lies in the time step from t_(j-1) to t_j in which its state changes:
@@ -23,68 +22,14 @@ step where g, N or q are smooth before the event. Where the line does not reach 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from ..interface.laws import SEPARATION, SLIP, STICK
-from ..latin.outcome import Array, InterfaceHistory, PointFields
-from .variables import EVENTS
+from ..latin.outcome import Array, InterfaceHistory
+from .output_table import INTERFACE, FacePoints
 
 _PAIR: Final = 2  # columns of an event: how many, instant of the last one
-COLUMNS: Final = _PAIR * len(EVENTS)  # of an interface
-
-
-@dataclass(frozen=True)
-class InterfaceSeries:
-    """Resultants of one interface at n instants.
-
-    Attributes
-    ----------
-    force : (n, 3) on side E, N. velocity : (n, 2, 3) means of both sides weighted by area, m s-1.
-    normal_force : (n,) positive in compression, N. gap, smallest_gap : (n,), m, None where it cannot open.
-    shares : (n, 3) closed, sticking, slipping shares of the area; None where it cannot open.
-    """
-
-    force: Array
-    velocity: Array
-    normal_force: Array
-    gap: Array | None
-    smallest_gap: Array | None
-    shares: Array | None
-
-    @classmethod
-    def of(cls, fields: PointFields, areas: Array, share: Array, normals: Array) -> InterfaceSeries:
-        """Resultants of fields at points with these areas, their shares of the whole area (n_point,), and normals
-        (n_point, 3)."""
-        gap = smallest = shares = None
-        if fields.gap is not None:
-            gap, smallest = fields.gap @ share, fields.gap.min(axis=1)
-        if fields.contact_status is not None:
-            status = fields.contact_status
-            shares = np.empty((len(status), 3))
-            for i, state in enumerate((status != SEPARATION, status == STICK, status == SLIP)):
-                shares[:, i] = state @ share
-        return cls(
-            np.einsum("p,tpc->tc", areas, fields.traction),
-            np.einsum("p,tspc->tsc", share, fields.velocity),
-            0.0 - np.einsum("p,tpc,pc->t", areas, fields.traction, normals),  # no negative zero
-            gap,
-            smallest,
-            shares,
-        )
-
-    def columns(self, impulse: Array) -> list[Array]:
-        """Scalar outputs (n, ...) of the interface in the order of the variable table.
-
-        impulse : (n, 3), N s.
-        """
-        relative = self.velocity[:, 1] - self.velocity[:, 0]
-        parts = [self.force, impulse, self.velocity[:, 0], self.velocity[:, 1], relative, self.normal_force[:, None]]
-        if self.gap is not None and self.smallest_gap is not None and self.shares is not None:
-            parts += [self.gap[:, None], self.smallest_gap[:, None], self.shares]
-        return parts
 
 
 def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHistory], instant: int) -> Array:
@@ -98,34 +43,11 @@ def array_output(name: str, time: Array, interfaces: Mapping[str, InterfaceHisto
     if interface not in interfaces:
         return np.zeros(0)
     history = interfaces[interface]
-    window = group == "window"
-    values = _over_window(series_of({"": history})[""], quantity) if window else _at_points(history, quantity)
-    if values is None:
-        return np.zeros(0)
-    return values if window else np.asarray(values[instant], dtype=float)
-
-
-def _over_window(series: InterfaceSeries, quantity: str) -> Array | None:
-    shares = ("closed", "sticking", "slipping")
-    if quantity in shares:
-        return None if series.shares is None else series.shares[:, shares.index(quantity)]
-    sides = {"velocityE": series.velocity[:, 0], "velocityEp": series.velocity[:, 1]}
-    return {**sides, "force": series.force, "gap": series.gap}[quantity]
-
-
-def _at_points(history: InterfaceHistory, quantity: str) -> Any:
-    field: Any = getattr(history, "contact_status" if quantity == "status" else quantity)
-    return field
-
-
-def series_of(interfaces: Mapping[str, InterfaceHistory]) -> dict[str, InterfaceSeries]:
-    """Resultants of every interface at the instants of its history."""
-    return {name: InterfaceSeries.of(h.points_over_time, *faces_of(h)) for name, h in interfaces.items()}
-
-
-def faces_of(history: InterfaceHistory) -> tuple[Array, Array, Array]:
-    """Areas of the points of an interface, their shares of the whole area, and normals."""
-    return history.areas, history.areas / history.areas.sum(), history.normals
+    if group == "window":
+        values: Any = INTERFACE.row(quantity).of
+        return np.asarray(values(FacePoints.over(history)))
+    field = getattr(history, "contact_status" if quantity == "status" else quantity)
+    return np.zeros(0) if field is None else np.asarray(field[instant], dtype=float)
 
 
 def first_event(rows: Array) -> int | None:

@@ -15,10 +15,10 @@ from ..latin.state_serialization import check_numbers, encode
 from ..scene.schema import Scene
 from .loads import Loads
 from .output_rows import OutputRecorder, OutputRows
-from .outputs import COLUMNS, between, first_event, shifted
+from .output_table import first_of_events, places_of
+from .outputs import between, first_event, shifted
 from .settings import Settings, StepReport, refused
 from .variable import variable_of
-from .variables import INNER_TIME, opening_interfaces, scalar_table
 
 ROUND_OFF = 1e-9  # of a time step: times closer than this are one instant
 
@@ -34,10 +34,8 @@ class Prescribed:
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self._scene, self._tolerance = scene, settings.tolerance
-        self._n_output = sum(v.causality == "output" for v in scalar_table(scene))
-        names = [v.name for v in scalar_table(scene) if v.causality == "output"]
-        self._inner_time = names.index(INNER_TIME)
-        self._first_event = self._n_output - COLUMNS * len(opening_interfaces(scene))
+        places = places_of(scene)
+        self._n_output, self._inner_time, self._first_event = len(places), places["innerTime"], first_of_events(places)
         self._solved_for = ""
         self.run: SegmentedRun | None = None
         self.segment: Segment | None = None
@@ -60,6 +58,7 @@ class Prescribed:
         key = hashlib.sha256(encode({"value": loads.initial_values(), "history": histories}, "histories")).hexdigest()
         if key == self._solved_for:
             return
+        # a solution that fails is none, even if the loads are requested again
         self._solved_for = ""
         try:
             run = SegmentedRun(self._scene, self._tolerance)
@@ -95,6 +94,7 @@ class Prescribed:
         if early:
             first = self.instant(t - t0)
             event = first_event(self._table[first : self.instant(stop) + 1, self._first_event :])
+            # not at the end of the step itself: it ends there anyway
             if event is not None and self.time[first + event] < stop - ROUND_OFF * h:
                 stop = float(self.time[first + event])
                 ended = t0 + stop
@@ -128,6 +128,7 @@ class Prescribed:
         share = place - i
         mixed: Array = (1.0 - share) * self._table[i] + share * self._table[i + 1]
         k = self._first_event
+        # counts and instants of events are not interpolated
         mixed[k:] = between(self._table[i, k:], self._table[i + 1, k:], time)
         return mixed
 
@@ -137,6 +138,7 @@ class Prescribed:
     def instant(self, time: float) -> int:
         """Index in ``time`` of the last instant that is not after a time since the start, s."""
         place = self._place(time)
+        # a time within round-off of an instant is there
         return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
 
     def close(self) -> None:

@@ -32,12 +32,13 @@ from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
 from ..scene.schema import Scene
 from .derivatives import Derivatives
+from .input_table import with_laws
 from .loads import Curve, Loads
 from .prescribed import Prescribed
 from .settings import Settings, StepReport, refused, why_not
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of
-from .variables import scalar_table, with_laws
+from .variables import scalar_table
 from .windowed import Windowed
 
 _COMPONENT = re.compile(r"(.+)\[(\d)\]")
@@ -66,6 +67,7 @@ class Session:
         self._index = {name: i for i, name in enumerate(self.outputs)}
         self._loads = Loads(scene)
         self._time_step = self.settings.step_of(scene)
+        # what snapshots must agree in: the scene as it is solved, and what was chosen
         self._kind = hashlib.sha256((self.scene.text() + repr(self.settings.choices())).encode()).hexdigest()
         self._mode: Windowed | Prescribed | None = None
         self._starts: dict[str, float] = {}
@@ -128,6 +130,7 @@ class Session:
     def _prepared_mode(self, loads: Loads) -> Windowed | Prescribed:
         """The mode, built for the displacements that the driven faces have at the start."""
         starts = loads.starts()
+        # displacements at the start are part of the geometry of the problem: with others it is built anew
         if self._mode is None or starts != self._starts:
             laws = {name: InputLaw(start_value=value) for name, value in starts.items()}
             scene = with_laws(self.scene, laws) if laws else self.scene
@@ -149,6 +152,7 @@ class Session:
             return refused(trouble)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
+        # before the step, which accepts what they follow from
         rates = self._loads.rates(self.settings.interpolation) if self.settings.keep else {}
         try:
             report = mode.step(self._loads, t, h, self._t0, early)
@@ -166,7 +170,7 @@ class Session:
         ``knowns`` (``load.NAME.value``, ``load.NAME.rate``, ...) of d unknown / d known times ``seed``.
 
         Exact, for the solution at hand, while a small change of the inputs changes the contact state of no point; it
-        solves the step anew, once and three times for each input. Windowed mode.
+        makes the step anew, three or six times for each input, up to twelve after a stall. Windowed mode.
 
         Raises
         ------
@@ -263,6 +267,7 @@ class Session:
         histories are solved anew and do not converge.
         """
         state = decode(blob, self._kind)
+        # new ones until everything has been checked
         loads = Loads(self.scene)
         if check:
             own = {"time": 0.0, "t0": 0.0, "started": 1, "row": self.row, "loads": None, "last": "", "mode": None}
@@ -320,6 +325,7 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
         three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)] if match else [-1]
         if match is None or min(three) < 0:  # a port may have one or two components
             columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable))
+        # the first of three components writes the vector
         elif match[2] == "1":
             attributes = _attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
             columns[_plain(match[1])] = (("time", "component"), rows[:, three], attributes)

@@ -1,18 +1,20 @@
 """Outputs of a run by communication steps: their matrix over the signals of an instant (``kernels.communication``).
 
-The outputs of an interface are determined from ``InterfaceSeries`` by unit fields, so that its formulas are written
-once.
+The rows of outputs (``output_table``) ask here for what they follow from; those of an interface are determined by unit
+fields of its points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.supports import port_key
+from ..kernels.outputs import ENERGIES, N_SUMMARY, READ, WRITTEN
+from ..latin.assembly import Assembly
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.outcome import Array, PointFields
 from ..latin.probes import Probes
@@ -20,8 +22,7 @@ from ..latin.recorder import Recorder
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
-from .outputs import COLUMNS, InterfaceSeries
-from .variables import scalar_table
+from .output_table import INTERFACE, FacePoints, first_of_events, outputs_of, places_of
 
 _POINTS = 32  # points whose unit fields are read at a time
 
@@ -29,10 +30,21 @@ _POINTS = 32  # points whose unit fields are read at a time
 def _apart(values: Any) -> Any:
     """Fields (n, n_point, ...) of all points as fields (n n_point, n_point, ...) of one point each."""
     n, n_point = values.shape[:2]
+    # row k n_point + p: unknown k of point p alone
     apart = np.zeros((n, n_point, *values.shape[1:]), values.dtype)
     each = np.arange(n_point)
     apart[:, each, each] = values
     return apart.reshape(n * n_point, *values.shape[1:])
+
+
+def _shear_rows(assembly: Assembly, i: int, n: int) -> sp.csr_array:
+    """Tangential resultant (3, n) of an interface on its first side from n signals, tractions first."""
+    geometry, channels = assembly.interfaces[i].geometry, assembly.layout.channels(i, 0)
+    rows = sp.lil_array((3, n))
+    for k in range(1, channels.shape[1]):  # channel 0 is the normal, which has no part in the shear
+        for axis in range(3):
+            rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
+    return sp.csr_array(rows)
 
 
 class SignalPlaces:
@@ -43,6 +55,7 @@ class SignalPlaces:
         self._assembly, self._request = assembly, recorder.request
         self.probes = Probes(assembly, recorder.sliding, self._request)
         n = assembly.layout.n_flat
+        # the order of the kernels: tractions, velocities, gaps, then the classes, then the drives
         at = 2 * n + sum(g.n_point for g in assembly.layout.groups)
         self._sensed: list[int] = []
         self._probed: list[int] = []
@@ -58,11 +71,14 @@ class SignalPlaces:
             self._motions.append(of_motion)
             of_motion += 3 * propagator.members[0].imposed_pattern.shape[1] * m
         self._drive = at
-        self.n = at + drives.n_state + 2 * len(drives.sources) + 1
+        self._energies = at + drives.n_state + 2 * len(drives.sources) + 1
+        self._one = self._energies - 1
+        self.n = self._energies
 
     def _sensor(self, c: int, kind: int, row: int, member: int) -> int:
         """Place of the displacement, velocity or acceleration of a sensor row of a class."""
         m = len(self._assembly.propagators[c].members)
+        # all displacements of a class, then its velocities, then its accelerations; members run fastest
         return int(self._sensed[c] + (kind * self._n_sensor[c] + row) * m + member)
 
     def _motion(self, c: int, kind: int, k: int, member: int) -> int:
@@ -74,13 +90,14 @@ class SignalPlaces:
     def _source(self, name: str) -> int | None:
         """Place of the amplitude of a source at the instant; None for a load that is constant."""
         names = (*self._drives.sources.inputs, *self._drives.sources.laws)
+        # behind the motion state stand the amplitudes before the step; those at the instant come after them
         first = self._drive + self._drives.n_state + len(names)
         return first + names.index(name) if name in names else None
 
     def _add_load(self, rows: Any, row: int, name: str, amplitude: Array, share: float) -> None:
         """Add ``share`` times the amplitude of a load, a signal where it varies."""
         source = self._source(name)
-        rows[row, self.n - 1 if source is None else source] += share * (amplitude[0] if source is None else 1.0)
+        rows[row, self._one if source is None else source] += share * (amplitude[0] if source is None else 1.0)
 
     def _add_motions(self, rows: Any, row: int, of: tuple[int, int, int], shapes: Array) -> None:
         """Add what prescribed motions of a class and member add, by ``shapes`` (n_motion,); ``of``: class, 0 for their
@@ -91,12 +108,22 @@ class SignalPlaces:
 
 
 class Signals(SignalPlaces):
-    """The outputs of an assembly that follow from its signals."""
+    """The outputs of an assembly that follow from its signals.
+
+    The methods that rows of ``output_table`` name give rows over the signals, (1, n) or (3, n), for the name of a
+    sensor, port or bolt.
+    """
+
+    def __init__(self, scene: Scene, drives: Drives, recorder: Recorder) -> None:
+        super().__init__(drives, recorder)
+        self._scene = scene
+        self.n += len(ENERGIES) * scene.output.energy
 
     def _kept(self) -> sp.csr_array:
         """Numbers of a row of ``InterfaceRows`` from the signals."""
         layout, n = self._assembly.layout, self._assembly.layout.n_flat
         width = InterfaceRows.width_of(self._assembly)
+        # a row that holds its own column numbers: its views say where each number stands
         table = InterfaceRows(self._assembly, np.arange(float(width))[None])
         cells: list[tuple[int, int, float]] = [(j, j, 1.0) for j in range(2 * n)]
         first = 2 * n
@@ -111,6 +138,7 @@ class Signals(SignalPlaces):
             for row, place in zip(range(rows.start, rows.stop), to, strict=True):
                 cells.append((int(place), self._probed[c] + row * m + member, 1.0))
             if self._assembly.propagators[c].forcing.moves and trace is not None:
+                # what comes from outside of the velocity of the points: the probed rows are of the free dofs alone
                 moved = sp.csr_array(trace[rows]) @ self._assembly.propagators[c].members[member].imposed_pattern
                 for own, k in np.argwhere(moved):
                     cells.append((int(to[own]), self._motion(c, 1, int(k), member), float(moved[own, k])))
@@ -125,38 +153,37 @@ class Signals(SignalPlaces):
         for e in range(2 * n_s if self.probes.slide.ground else 0):
             amplitudes = np.zeros(2 * n_s)
             amplitudes[e] = 1.0
-            drives.begin(amplitudes.reshape(2, n_s))
+            drives.begin(amplitudes.reshape(2, n_s))  # two instants: before the step, at its end
             for i, velocity in drives.slides().items():
                 if i in self.probes.slide.ground and velocity.any():
                     to = table.slide[i][0, 1].astype(int)
                     made += [(int(row[k]), self._drive + n_x + e, float(velocity[k])) for row in to for k in range(3)]
         return made
 
-    def _interface_rows(self, i: int, kept: sp.csr_array) -> tuple[sp.csr_array, list[int]]:
-        """Outputs of an interface from the signals, and the numbers of columns of its parts."""
+    def _interface_rows(self, i: int, kept: sp.csr_array) -> dict[str, sp.csr_array]:
+        """Linear outputs of an interface from the signals, by the names of their rows."""
         assembly, width = self._assembly, kept.shape[0]
-        own, geometry = self._unknowns(i, width), assembly.interfaces[i].geometry
+        own, unit = self._unknowns(i, width), assembly.interfaces[i]
+        geometry = unit.geometry
         faces = (geometry.areas, geometry.areas / geometry.areas.sum(), geometry.frames[:, 0])
-        every = self._unit_fields(i, width)
+        every = self._unit_fields(i, width)  # of all points at once, then taken apart
+        linear = [r for r in INTERFACE.rows if r.of and r.name not in WRITTEN and r.axes(self._scene.joints[unit.name])]
         blocks, sizes, order = [], list[int](), list[Any]()
         for start in range(0, geometry.n_point, _POINTS):
             some = slice(start, start + _POINTS)
-            fields = PointFields(
+            points = FacePoints(
                 _apart(every.traction[:, some]),
                 _apart(every.velocity.transpose(0, 2, 1, 3)[:, some]).transpose(0, 2, 1, 3),
-                None if every.gap is None else _apart(every.gap[:, some]),
-                None if every.contact_status is None else _apart(every.contact_status[:, some]),
+                *(np.zeros(0) if v is None else _apart(v[:, some]) for v in (every.gap, every.contact_status)),
+                *(values[some] for values in faces),
             )
-            columns = InterfaceSeries.of(fields, *(values[some] for values in faces)).columns(
-                np.zeros((len(fields.traction), 3))
-            )
+            columns = [row.of(points).reshape(len(points.traction), -1) for row in linear if row.of]
             sizes = [column.shape[1] for column in columns]
-            if len(columns) > 6:  # read point by point
-                columns[7][:], columns[8][:] = 0.0, 0.0
             blocks.append(sp.csr_array(np.concatenate(columns, axis=1)))
-            order.append(own[:, some].ravel())
+            order.append(own[:, some].ravel())  # as the rows of ``_apart``: unknown, then point
         picked = sp.csr_array(sp.csc_array(sp.vstack(blocks)).T)
-        return sp.csr_array(picked @ kept[np.concatenate(order)]), sizes
+        rows, ends = sp.csr_array(picked @ kept[np.concatenate(order)]), np.cumsum([0, *sizes])
+        return {row.name: rows[ends[k] : ends[k + 1]] for k, row in enumerate(linear)}
 
     def _unit_fields(self, i: int, width: int) -> PointFields:
         """Fields of an interface whose points all have one of their unknowns 1, (n_unknown, ...): a point depends on
@@ -166,15 +193,6 @@ class Signals(SignalPlaces):
         for row, unknowns in zip(rows, own, strict=True):
             row[unknowns] = 1.0
         return InterfaceRows(self._assembly, rows).fields_of(i, len(rows))
-
-    def _shear_rows(self, i: int) -> sp.csr_array:
-        """Tangential resultant (3, n) of an interface on its first side."""
-        geometry, channels = self._assembly.interfaces[i].geometry, self._assembly.layout.channels(i, 0)
-        rows = sp.lil_array((3, self.n))
-        for k in range(1, channels.shape[1]):
-            for axis in range(3):
-                rows[axis, channels[:, k]] = geometry.areas * geometry.frames[:, k, axis]
-        return sp.csr_array(rows)
 
     def _point_fields(self, kept: sp.csr_array) -> dict[str, Any]:
         """Fields of the record of the run: what describes the points of the interfaces, one interface after the other:
@@ -189,12 +207,13 @@ class Signals(SignalPlaces):
             for values in parts:
                 unknown, side, p, axis = np.nonzero(values)
                 size = int(np.prod(values.shape[1:]))
+                # place in the field (side, point, axis), row by row
                 to = (side * n + p) * values.shape[3] + axis
                 entries = values[unknown, side, p, axis], (to, own[unknown, p])
                 blocks.append(sp.csr_array(sp.coo_array(entries, shape=(size, kept.shape[0]))) @ kept)
                 at += size
             if fields.gap is not None:
-                blocks.append(sp.csr_array((n, self.n)))
+                blocks.append(sp.csr_array((n, self.n)))  # states: the kernels write them
                 status[i] = at
                 at += n
         return {"field": sp.csr_array(sp.vstack(blocks)), "status_place": status}
@@ -204,41 +223,40 @@ class Signals(SignalPlaces):
         layout, group = self._assembly.layout, self._assembly.layout.group(i)
         table = InterfaceRows(self._assembly, np.arange(float(width))[None])
         flat = [layout.channels(i, side) for side in (0, 1)]
+        # traction of side E alone, whose opposite is that of E'; velocities of both sides, n_flat later
         parts: list[Any] = [flat[0].T, *((f + layout.n_flat).T for f in flat)]
         parts += [table.gaps[g][:, group.members[i]] for g in table.gaps if layout.groups[g] is group]
         parts += [table.slide[i][0].transpose(0, 2, 1).reshape(6, -1)] if i in table.slide else []
+        # six numbers a point: three components of each side
         return np.concatenate(parts).astype(np.int64)
 
-    def _motion_rows(self, name: str) -> sp.csr_array:
-        """Displacement and velocity of a sensor, or of a port (6, n)."""
-        place, rows = self.probes.places["motion"][name], sp.lil_array((6, self.n))
+    def motion(self, name: str, kind: int) -> sp.csr_array:
+        """Displacement (0), velocity (1) or acceleration (2) of a sensor, or of a port by its key."""
+        place, rows = self.probes.places["motion"][name], sp.lil_array((3, self.n))
         c, member = place.number, place.member
-        for kind in range(2):
-            for axis, row in enumerate(range(place.part.start, place.part.stop)):
-                rows[3 * kind + axis, self._sensor(c, kind, row, member)] = 1.0
-                self._add_motions(rows, 3 * kind + axis, (c, kind, member), place.shapes[axis])
+        for axis, row in enumerate(range(place.part.start, place.part.stop)):
+            rows[axis, self._sensor(c, kind, row, member)] = 1.0
+            self._add_motions(rows, axis, (c, kind, member), place.shapes[axis])
         return sp.csr_array(rows)
 
-    def _port_rows(self, scene: Scene) -> Iterator[sp.csr_array]:
-        """Outputs of the ports, in the order of ``variables.scalar_table``."""
-        for name, port in scene.port.items():
-            chosen, keys = [COMPONENTS.index(c) for c in port.components], [port_key(name)]
-            keys += [port_key(name, turned=True)] if port.rotates else []
-            if port.causality == "motion_in":
-                yield -sp.csr_array(sp.vstack([self._reaction_rows(key) for key in keys]))[chosen]
-                continue
-            measured = [self._motion_rows(key) for key in keys]
-            yield from measured
-            if port.causality == "wave":
-                incident = sp.lil_array((len(chosen), self.n))
-                for row, source in enumerate(port.inputs(name)):
-                    place = self._source(source)
-                    assert place is not None
-                    incident[row, place] = 1.0
-                speed = sp.csr_array(sp.vstack([rows[3:] for rows in measured]))[chosen]
-                braked = sp.csr_array(sp.diags_array(np.asarray(port.impedance)) @ speed)
-                yield sp.csr_array(incident) - braked
-                yield 2.0 * braked - sp.csr_array(incident)
+    def port_motion(self, name: str, turned: int, kind: int) -> sp.csr_array:
+        """Displacement or velocity of a port, or its rotation or angular velocity where ``turned`` is 1."""
+        return self.motion(port_key(name, turned=bool(turned)), kind)
+
+    def exerted(self, name: str, turned: int) -> sp.csr_array:
+        """Force that the body exerts through a port that is moved, or its moment."""
+        return -self._reaction_rows(port_key(name, turned=bool(turned)))
+
+    def wave(self, name: str, turned: int, sign: float) -> sp.csr_array:
+        """Of a wave port the force on the body, incident wave - Z v, or its moment; with sign -1 the reflected wave."""
+        port, incident, impedance = self._scene.port[name], sp.lil_array((3, self.n)), np.zeros(3)
+        for source, component, z in zip(port.inputs(name), port.components, port.impedance or (), strict=True):
+            place, axis = self._source(source), COMPONENTS.index(component)
+            assert place is not None
+            if axis // 3 == turned:
+                incident[axis % 3, place], impedance[axis % 3] = 1.0, z
+        braked = sp.csr_array(sp.diags_array(impedance) @ self.port_motion(name, turned, 1))
+        return sp.csr_array(incident) - braked if sign > 0.0 else 2.0 * braked - sp.csr_array(incident)
 
     def _reaction_rows(self, name: str) -> sp.csr_array:
         """Reaction (3, n) of a moved face (``latin.probes``)."""
@@ -253,62 +271,80 @@ class Signals(SignalPlaces):
             for load, amplitude, resultant in terms:
                 self._add_load(rows, axis, load.name, amplitude, -resultant[axis])
             for channel, area in zip(self._assembly.channels[c][:, member], support.spread[:, axis], strict=True):
+                # - e T^T area F: the tractions of all channels of the body
                 rows[axis, int(channel)] -= area
         return sp.csr_array(rows)
 
-    def _bolt_rows(self) -> Iterator[sp.csr_array]:
-        """Tension of each bolt (1, n)."""
-        for name, bolt in self._request.bolts.items():
-            place, rows = self.probes.places["tension"][name], sp.lil_array((1, self.n))
-            rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
-            self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
-            forcing = self._assembly.propagators[place.number].forcing
-            terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
-            for load, amplitude in terms:
-                self._add_load(rows, 0, load.name, amplitude, bolt.terms.get(load.name, 0.0))
-            yield sp.csr_array(rows)
+    def tension(self, name: str) -> sp.csr_array:
+        """Tension of a bolt."""
+        bolt, place = self._request.bolts[name], self.probes.places["tension"][name]
+        rows = sp.lil_array((1, self.n))
+        rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
+        self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
+        forcing = self._assembly.propagators[place.number].forcing
+        terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
+        for load, amplitude in terms:
+            self._add_load(rows, 0, load.name, amplitude, bolt.terms.get(load.name, 0.0))
+        return sp.csr_array(rows)
 
-    def fields(self, scene: Scene) -> dict[str, Any]:
+    def energies(self, parts: Sequence[str]) -> sp.csr_array:
+        """A sum of energies, less those that begin with -, added up in this order."""
+        columns = [self._energies + ENERGIES.index(part.removeprefix("-")) for part in parts]
+        signs = [-1.0 if part.startswith("-") else 1.0 for part in parts]
+        return sp.csr_array((signs, columns, [0, len(parts)]), shape=(1, self.n))
+
+    def _output_rows(self, kept: sp.csr_array) -> tuple[sp.csr_array, list[tuple[int, int]]]:
+        """All outputs from the signals, rows of zeros where they are no linear functions; places of outputs and of
+        their integrals."""
+        numbers = {unit.name: i for i, unit in enumerate(self._assembly.interfaces)}
+        blocks, integrals, at, before = [sp.csr_array((0, self.n))], list[tuple[int, int]](), 0, 0
+        linear: dict[str, dict[str, sp.csr_array]] = {}
+        for placed in outputs_of(self._scene):
+            row, axes = placed.row, [axis or 0 for axis in placed.row.axes(placed.owner)]
+            if row.integral:
+                integrals += [(before + k, at + k) for k in range(len(axes))]
+            if row.of is None or row.name in WRITTEN:
+                blocks.append(sp.csr_array((len(axes), self.n)))
+            elif placed.family is INTERFACE:
+                if placed.name not in linear:
+                    linear[placed.name] = self._interface_rows(numbers[placed.name], kept)
+                blocks.append(linear[placed.name][row.name])
+            else:
+                blocks.append(row.of(self, placed.name)[axes])
+            before, at = at, at + len(axes)
+        return sp.csr_array(sp.vstack(blocks)), integrals
+
+    def fields(self) -> dict[str, Any]:
         """Fields of the record of the run: outputs from the signals, and what is read point by point."""
-        assembly = self._assembly
-        kept, blocks, at = self._kept(), [sp.csr_array((0, self.n))], 0
-        summary = np.full((len(assembly.interfaces), 6), -1, dtype=np.int64)
-        share = np.zeros(sum(g.n_point for g in assembly.layout.groups))
-        groups = assembly.layout.groups
+        assembly, places = self._assembly, places_of(self._scene)
+        kept, groups = self._kept(), assembly.layout.groups
+        constant = [places[name] for placed in outputs_of(self._scene) if placed.row.constant for name in placed.names]
+        matrix, integrals = self._output_rows(kept)
+        summary = np.zeros((len(assembly.interfaces), N_SUMMARY), dtype=np.int64)
+        share = np.zeros(sum(g.n_point for g in groups))
         first = np.cumsum([0, *(g.n_point for g in groups)])
         for i, unit in enumerate(assembly.interfaces):
             group = assembly.layout.group(i)
-            points = group.members[i]
-            matrix, sizes = self._interface_rows(i, kept)
-            places = at + np.cumsum([0, *sizes])
-            opens = len(sizes) > 6
-            summary[i] = (
-                places[0],
-                places[1],
-                places[7] if opens else -1,
-                assembly.layout.groups.index(group),
-                *(points.start, points.stop),
-            )
-            begun = first[groups.index(group)]
-            share[begun + points.start : begun + points.stop] = unit.geometry.areas / unit.geometry.areas.sum()
-            blocks.append(matrix)
-            at += sum(sizes)
-        sensors = [self._motion_rows(name) for name in self._request.sensors if "." not in name]
-        for rows in (*sensors, *self._port_rows(scene), *self._bolt_rows()):
-            blocks.append(rows)
-            at += rows.shape[0]
-        n_output = sum(v.causality == "output" for v in scalar_table(scene))
-        blocks.append(sp.csr_array((n_output - at, self.n)))
-        shear = sp.csr_array(sp.vstack([self._shear_rows(i) for i in range(len(summary))] or blocks[:1]))
+            number, points = groups.index(group), group.members[i]
+            named = [places.get(f"interface.{unit.name}.{name}", -1) for name in READ]
+            summary[i] = *named, number, points.start, points.stop
+            areas, begun = unit.geometry.areas, first[number]
+            share[begun + points.start : begun + points.stop] = areas / areas.sum()
+        shear = [sp.csr_array((0, self.n)), *(_shear_rows(assembly, i, self.n) for i in range(len(summary)))]
         return {
-            "output": sp.csr_array(sp.vstack(blocks)),
-            "n_output": n_output,
+            "output": matrix,
+            "n_output": len(places),
             "n_signal": self.n,
-            "of_solver": at,
+            "of_solver": places["solver.iterations"],
+            "of_energy": self._energies if self._energies < self.n else -1,
+            "of_event": first_of_events(places),
+            "n_integral": len(integrals),
+            "n_constant": len(constant),
+            "constant_outputs": np.array(constant, dtype=np.int64),
+            "integrals": np.array(integrals, dtype=np.int64).reshape(-1, 2),
             "summary": summary,
             "area_share": share,
-            "of_event": n_output - COLUMNS * int((summary[:, 2] >= 0).sum()),
-            "shear": shear,
+            "shear": sp.csr_array(sp.vstack(shear)),
             "no_contact": NO_CONTACT * assembly.characteristic_traction,
             **self._point_fields(kept),
         }

@@ -77,6 +77,7 @@ class StepHistory:
 
     def move_to(self, identity: str) -> None:
         """Make the step with this identity the last one."""
+        # not known any more: None, so that the history begins anew behind that identity
         self.head, self._forgotten = self._known.get(identity), identity
 
     def clear(self) -> None:
@@ -103,10 +104,12 @@ def curves_of(steps: Sequence[AcceptedStep], rule: int, before: Mapping[str, Cur
     curves: dict[str, Curve] = {}
     for name, (_, given) in before.items():
         first = rule_of(name, rule, steps[0].rate[name])
+        # a line starts from the value reached, which is not among those of the step
         times, values = [0.0], [given[-1] if first == LINE else steps[0].value[name]]
         for step in steps:
             value, h = step.value[name], step.end - step.start
             own = rule_of(name, rule, step.rate[name])
+            # a jump: two times next to each other, as times of a table must increase
             if own != LINE and value != values[-1]:
                 times.append(times[-1] + _JUMP * h)
                 values.append(value)
@@ -173,5 +176,6 @@ def _joined_windows(segments: Sequence[Segment]) -> list[WindowRecord]:
             replace(w, first_instant=w.first_instant + done, last_instant=w.last_instant + done)
             for w in segment.windows
         ]
+        # its first instant is the last of the one before
         done += len(segment.time) - 1
     return windows

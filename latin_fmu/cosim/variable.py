@@ -50,13 +50,8 @@ class Variable:
         return bool(self.dimensions)
 
 
-def is_motion(name: str) -> bool:
-    """Whether an input (see ``variables.inputs_of``) is a motion, not a load."""
-    return name.startswith(_MOTIONS) or _MOVED_PORT.match(name) is not None
-
-
 def is_wave(name: str) -> bool:
-    """Whether an input (see ``variables.inputs_of``) is the incident wave of a port."""
+    """Whether an input (see ``input_table.sources_of``) is the incident wave of a port."""
     return _INCIDENT.match(name) is not None
 
 
@@ -75,23 +70,16 @@ def input_variable(name: str, what: str) -> str:
 
 
 def input_of(variable: str) -> tuple[str, str]:
-    """Input (see ``variables.inputs_of``) that a variable belongs to: "value", "rate" or "history" of it."""
+    """Input (see ``input_table.sources_of``) that a variable belongs to: "value", "rate" or "history" of it."""
     if port := _PORT.fullmatch(variable):
         return f"{port[1]}{port[3]}", (port[2] or "value").lower()
     name, _, what = variable.rpartition(".")
     return name.removeprefix("load."), what
 
 
-_MOTIONS = ("boundary.", "ground.")
 _PORT = re.compile(r"(port\.\w+\.[a-zA-Z]+?)(Rate|History)?(\[\d\])")
 _INCIDENT = re.compile(r"port\.\w+\.incident")
-_MOVED_PORT = re.compile(r"port\.\w+\.(velocity|angularVelocity)\[")
 AXES = ("x", "y", "z")
-
-
-def vector(name: str, unit: str, description: str, **more: Any) -> list[Variable]:
-    """Outputs ``name[1]``, ``name[2]``, ``name[3]`` along the global axes; ``more`` as for ``Variable``."""
-    return [output(f"{name}[{i}]", unit, f"{description}, {axis}", **more) for i, axis in enumerate(AXES, 1)]
 
 
 def output(name: str, unit: str, description: str, **more: Any) -> Variable:

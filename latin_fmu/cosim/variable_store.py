@@ -101,6 +101,7 @@ class VariableStore:
     def get(self, references: Sequence[int] | Index, session: Session | None = None) -> Array:
         """Numbers; elements of arrays in row-major order. ``session``: its arrays are read."""
         places = np.asarray(references, dtype=np.int64)
+        # most requests are for scalars: one gather
         if not places.size or places.max() < self._first_array:
             return self.numbers[places]
         flat: list[float] = []
@@ -122,6 +123,7 @@ class VariableStore:
             self.log(ERROR, f"the host gives {len(values)} values; the variables have {sum(sizes)} elements")
             return False
         firsts = list(accumulate(sizes, initial=0))
+        # all or none: every value is looked at before one is set
         if not self._accepts((r, float(values[at])) for r, at in zip(references, firsts, strict=False)):
             return False
         for reference, at, size in zip(references, firsts, sizes, strict=False):
@@ -202,6 +204,7 @@ class VariableStore:
     # -- from a session, states -----------------------------------------------------------------------------------
     def update(self, session: Session) -> None:
         """Take time and outputs from a session."""
+        # a session without a step yet has fewer outputs than the table
         self.numbers[self._output_places[: len(session.row)]] = session.row
         self.numbers[0] = session.time
         self.forget_arrays()

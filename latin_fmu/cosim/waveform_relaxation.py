@@ -131,13 +131,18 @@ class WaveformMaster:
         SolverError : a peer refuses the step, or the velocities do not agree; the state of every peer is that at t.
         """
         states = {name: peer.snapshot() for name, peer in self._peers.items()}
+        # residuals are forces, one for each coupling: weights of 1
         accelerator = Anderson(np.ones(len(self._k)), self._depth, 1.0)
+        # forces go on as they did over the last step
         force = 2.0 * self.force - self._before
         for iteration in range(1, self._max + 1):
+            # the first iteration starts from the state at t, where nothing has to be undone
             if iteration > 1:
                 self._rewind(states)
             self._advance(states, force, t, h)
+            # k times the jump: a force, as the fixed point of F := F - k (W - W')
             residual = -self._k * self._velocity_jump()
+            # the largest so far, not of this step: a force that vanishes does not tighten the tolerance
             self._scale = max(self._scale, float(np.abs(force).max(initial=0.0)))
             relative = float(np.abs(residual).max(initial=0.0)) / (self._scale or 1.0)
             if relative <= self._tolerance:
@@ -148,6 +153,7 @@ class WaveformMaster:
         raise SolverError(f"the step at {t:g} s: velocities differ by {relative:.3g} after {self._max} iterations")
 
     def _advance(self, states: Mapping[str, bytes], force: Array, t: float, h: float) -> None:
+        # from the force at t to that at its end: it is continuous from step to step
         rate = (force - self.force) / h
         for i, coupling in enumerate(self._couplings):
             for side, sign in ((coupling.first, 1.0), (coupling.second, -1.0)):
@@ -155,6 +161,7 @@ class WaveformMaster:
         for name, peer in self._peers.items():
             report = peer.step(t, h)
             if not report.accepted:
+                # peers that have made the step go back, too
                 self._rewind(states)
                 raise SolverError(f"{name} refuses the step of {h:g} s at {t:g} s: {report.message}")
 

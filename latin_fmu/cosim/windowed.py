@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from ..assembly.segments import Segment, SegmentedRun
-from ..errors import SolverError
+from ..errors import InputError, NeedsPythonError, SolverError
 from ..latin.outcome import Array, InterfaceHistory
 from ..latin.state_serialization import check_like, check_numbers, unlike
-from ..latin.windows import Run
 from ..machine import one_thread
+from ..propagator.image import Image
 from ..scene.schema import Scene
+from .communication import CommunicationRun
 from .kernel_steps import KernelSteps
 from .loads import GridPart, Loads
 from .output_rows import OutputRows
@@ -27,14 +27,10 @@ _OF_SOLVER: Final = (ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlg
 
 
 class LastStep(NamedTuple):
-    """The last step: a function that returns to the state before it, the loads then, what of the grid it took, its
-    number of time steps (fewer than that where it ended early), and its length, s."""
+    """The last step: its loads, and its number of time steps."""
 
-    before: Callable[[], None]
     loads: Loads
-    part: GridPart
     n: int
-    h: float
 
 
 class Windowed:
@@ -46,21 +42,23 @@ class Windowed:
     Attributes
     ----------
     row : scalar outputs now, (n_output,). rule : of interpolation.
-    segment : the last step, None before the first, after a state was restored, and where it was not recorded.
+    kernels : make the steps. segment : the last step, None before the first, after a state was restored, and where it
+    was not recorded.
     """
 
     def __init__(self, scene: Scene, settings: Settings) -> None:
         self.run = SegmentedRun(scene, settings.tolerance)
         self.rule, self._keeps = settings.interpolation, settings.keep
         self._outputs = OutputRows(scene, self.run)
-        self._kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
+        self.kernels = KernelSteps(scene, self.rule, self.run, self._outputs)
         self.row = np.zeros(0)
         self._window = 0, 0  # time steps made before the last step, and in it
         self._histories: Callable[[], dict[str, InterfaceHistory]] = dict
-        self._before: Callable[[], None] = self.run.reset  # return to the state before the last step
         self._known: dict[str, InterfaceHistory] = {}  # of each interface, for its geometry
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
+        self._scene = scene
+        self._at_start: Image | None = None
 
     @property
     def time(self) -> Array:
@@ -76,6 +74,7 @@ class Windowed:
     def interfaces(self) -> dict[str, InterfaceHistory]:
         """Histories over the instants of the last step."""
         known = self._histories()
+        # requested again they are not read again
         self._histories = lambda: known
         return known
 
@@ -93,6 +92,7 @@ class Windowed:
         self._known = run.recorder.interfaces()
         self._histories, self._window, self.segment = lambda: self._known, (0, 0), None
         self.row = self._outputs.present.copy()
+        # outputs at t = 0 leave no state: loads may change before the first step
         self.reset()
 
     def step(self, loads: Loads, t: float, h: float, t0: float, early: bool = False) -> StepReport:
@@ -116,11 +116,12 @@ class Windowed:
         if not report.accepted:
             return refused(f"no convergence in the step of {h:g} s at {t:g} s: {report.message}", again=True)
         n = self._window[1]
+        # the kernels have ended what they made to its end; else the loads are ended here
         if n and n == part.n:
-            self._kernels.accept(loads)
+            self.kernels.accept(loads)
         else:
             loads.accept(part, dt, self.rule, n)
-        self._last_step = LastStep(self._before, given, part, n, h)
+        self._last_step = LastStep(given, n)
         return report if n == part.n else report._replace(early=float(t0 + self.time[-1]))
 
     def _held(self) -> StepReport:
@@ -133,12 +134,13 @@ class Windowed:
 
     def _marched(self, loads: Loads, part: GridPart, early: bool) -> StepReport:
         """A step in calls of the kernels; not accepted: nothing has changed, and the message says what the run says."""
-        kernels, made, segment = self._kernels, self.run.made, None
+        kernels, made, segment = self.kernels, self.run.made, None
         try:
             row = kernels.march(loads, part, early)
             if row is None or self._keeps or kernels.must_record:
                 segment = kernels.recorded(early)
                 row = self._outputs.at_end(segment) if segment.accepted else None
+        # of any kind, an interruption among them: the state must not be half of a step
         except BaseException as error:
             kernels.take_back()
             if isinstance(error, _OF_SOLVER):
@@ -147,26 +149,27 @@ class Windowed:
         if row is None:
             kernels.take_back()
             return StepReport(False, "" if segment is None else segment.status)
-        before = kernels.keep_state()
-        self._before = partial(self.run.set_state, before)
+        kernels.keep_state()
         self._window, self.segment, self.row = (made, self.run.made - made), segment, row
         self._histories = kernels.histories if segment is None else lambda: segment.interfaces
         return StepReport(True, "", self._window[1], *kernels.iterations(row))
 
-    def advance(self, n: int, loads: Mapping[str, Array], solve: Callable[[Run], None] = Run.all) -> Segment:
-        """Solve n time steps, for which ``loads`` has amplitudes or more, and nothing but the run changes; nothing at
-        all where the segment is not accepted. ``solve`` : as for ``SegmentedRun.advance``."""
-        given = {name: line[: n + 1] for name, line in loads.items()}
-        try:
-            with np.errstate(all="ignore"):  # an overflow is reported as "not converged"
-                recorder = self._outputs.recorder(given)
-                return self.run.advance((self.run.made + n) * self.run.dt, n, given, solve=solve, recorder=recorder)
-        except _OF_SOLVER as error:
-            raise SolverError(f"the solver cannot make this step: {error}") from error
+    def at_start(self) -> Image:
+        """The image of a run at t = 0 as a compiled FMU has it, whose state follows from the inputs. Raises InputError
+        for a scene that the kernels do not hold."""
+        if self._at_start is None:
+            try:
+                self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance).image
+            except NeedsPythonError as error:
+                what, remedy = "makes derivatives in the first step unavailable", "take them from the second step on"
+                problems = [replace(p, what=f"{p.what}, which {what}", remedy=remedy) for p in error.problems]
+                raise InputError(problems, "there is no derivative in the first step of this scene") from error
+        return self._at_start
 
-    def outputs_of(self, segment: Segment) -> Array:
-        """Scalar outputs (n_output,) at the end of a segment that ``advance`` has just made."""
-        return self._outputs.at_end(segment)
+    @property
+    def incomplete(self) -> frozenset[str]:
+        """Names of the outputs that the kernels do not make (``OutputRows.incomplete``)."""
+        return self._outputs.incomplete
 
     @property
     def last_step(self) -> LastStep | None:
@@ -201,6 +204,7 @@ class Windowed:
         check : compare its numbers with those of this run before.
         """
         if not len(self.row):
+            # a session that has not begun yet: restored all the same
             self._outputs_now(loads)  # gives the geometry of the interfaces
         if check:
             self._check(state)

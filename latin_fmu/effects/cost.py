@@ -140,6 +140,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
     sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
         body = discretised.bodies[c.members[0].name]
+        # members of a class may start to move at different instants: the mean counts
         marched = float(np.mean([share[m.name] for m in c.members]))
         classes.append(RunClass(size, body.mesh.n_node, body.mesh.n_cell, body.rigid, marched))
     return RunSize(
@@ -221,6 +222,7 @@ def operator_counts(run: RunSize) -> Array:
         elif kind == "reduced":
             total += numbers(flop=dense + size.flops + 6.0 * size.unknowns * size.basis(modes) ** 2)
             total += numbers(entry=16.0 * size.factor * (size.channels + 5 * modes))
+        # conjugate gradients: no factor, one solution per unknown of the interface
         else:
             total += _CG_STEPS * size.interface * numbers(sparse=size.sparse, value=0.5 * size.unknowns)
     return total
@@ -228,6 +230,7 @@ def operator_counts(run: RunSize) -> Array:
 
 def march_counts(run: RunSize) -> Array:
     """Operations of all instants, with the start and the stored quantities."""
+    # iterations of one instant are products with condensed matrices; those of a longer window march again
     sweeps = 1.0 if run.window == 1 else run.iterations + 1.0
     if run.sequential:
         sweeps = _SEQUENTIAL
@@ -237,9 +240,11 @@ def march_counts(run: RunSize) -> Array:
     if run.at_once:
         total += numbers(flop=float(run.n_flat) ** 3, entry=float(run.n_instant * run.n_flat**2))
     if run.increments:
+        # K alone has factors of its own, made and left before the march
         start = replace(run, static=True, window=1, iterations=STATIC)
         total += run.increments * _instant(start) + operator_counts(start)
     elif run.unbalanced:
+        # M a = f - K u at t = 0: another factor
         total += numbers(flop=sum(c.size.flops for c in run.classes), call=_CALLS)
     return total
 
@@ -255,13 +260,15 @@ def _instant(run: RunSize) -> Array:
         total += c.together * one
     if run.static:
         total += numbers(call=(iterations + 2.0) * len(run.classes))
+    # the part of the operators that each instant reads from memory again
     beyond = max(0.0, 1.0 - CACHE / held) if held else 0.0
-    return total * (1.0 + numbers(entry=beyond))
+    return total * (1.0 + numbers(entry=beyond))  # on entries alone: the others stay as counted
 
 
 def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     """One instant of one substructure: half solves, sparse products, one condensed product per iteration."""
     kind, n, condensed = run.propagator.kind, float(size.unknowns), (iterations + 1.0) * size.channels**2
+    # entries are counted as numbers of 8 bytes: one in single precision is half of one
     factor = size.factor if run.propagator.precision == "float64" else 0.5 * size.factor
     dense = 2.0 * size.interface**2 + condensed
     if size.swept:  # of the march; of the force residual, by tables where steps are short; of the iteration
@@ -281,7 +288,7 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
 
 def _stored(run: RunSize) -> Array:
     """Energies at every instant, fields and stress at those that are stored."""
-    total, stored = numbers(), run.n_instant // run.every + 1.0
+    total, stored = numbers(), run.n_instant // run.every + 1.0  # with t = 0
     for c in run.classes:
         if run.energy:
             total += run.n_instant * c.together * numbers(sparse=c.size.sparse, value=c.size.unknowns)
@@ -317,6 +324,7 @@ class Prediction:
         """The same, with the products of the iteration by the tables; without them they are counted by substitution."""
         if self.tables is not None:
             sizes = self.tables.in_sizes([c.size for c in self.run.classes])
+            # iterations read entries of four bytes, half of what an entry of a factor counts
             pairs = zip(self.run.classes, sizes, strict=True)
             self.run = replace(self.run, classes=tuple(replace(c, size=size) for c, size in pairs))
         return self
@@ -397,6 +405,7 @@ def tables(d: DiscretisedProblem, sizes: Sequence[ClassSize]) -> Tables | None:
         if share > settings.tables:
             return None
         reach, width = max(reach, radius), points.channels.shape[1]
+        # pairs of channels within reach
         entries[i] = share * size.channels**2
         columns[i] = (1.0 + _OF_CHECK) * width * _COLOURS * inside
     return Tables(truncation, reach, tuple(entries), tuple(columns))
@@ -415,17 +424,20 @@ def _reach(
     at, component = np.nonzero(points.channels[picked] >= 0)
     own = points.channels[picked][at, component]
     forces = trace[own].T.toarray()
+    # displacement of a channel under a unit force on itself: the diagonal is that of Y
     softness = (trace[own] @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces)).diagonal()
     dashpots = np.zeros(trace.shape[0])
     for e in np.unique(component):
         here = points.channels[:, e]
+        # with the largest softness the weakest dashpots, so that motion reaches furthest
         dashpots[here[here >= 0]] = 1.0 / max(softness[component == e].max(), np.finfo(float).tiny)
     matrix = matrix + trace.T @ sp.diags_array(dashpots) @ trace
     moved = np.abs(trace @ ConjugateGradients(sp.csr_array(matrix), _SAMPLED * truncation).solve(forces))
-    on_points = np.where(points.channels[..., None] >= 0, moved[points.channels], 0.0).max(axis=1)
+    on_points = np.where(points.channels[..., None] >= 0, moved[points.channels], 0.0).max(axis=1)  # largest of a block
     apart: Array = np.linalg.norm(points.positions[:, None] - points.positions[picked[at]], axis=2)
     kept = on_points > truncation * on_points.max(initial=0.0)
     reach = float(apart[kept].max(initial=0.0))
+    # a row of points at the distance counts whatever its round-off
     return reach, float(kept.mean()), float((apart <= 1.0001 * reach).sum(axis=0).max(initial=0))
 
 
@@ -482,8 +494,9 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     most = max((u.geometry.n_point for u in units), default=0)
     kept = 2 * run.n_flat + opening + 6 * sliding
     instants = ceil(n_time / output.interfaces_every)
+    # a temporary file takes all instants, memory keeps some of them
     if stream and 8.0 * kept * instants > STREAMED:
-        instants = IN_MEMORY
+        instants = min(instants, IN_MEMORY)
     numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
     numbers += output.surfaces * (2 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
@@ -546,11 +559,13 @@ def _remedy(p: Prediction, need: MemoryNeed, room: float) -> str:
         if left <= room or size < 0.01 * need.total:
             continue
         others = left - size
+        # if all else left some room, fewer instants are enough; a fifth is kept free for what is an estimate
         if every is not None and others < 0.8 * room:
             factor = ceil(size / (0.8 * room - others))
             settings.append(f"output.{every} = {factor * getattr(output, every)}")
             left = others + size / factor
         else:
+            # interfaces are always kept: no key turns them off
             settings += [f"output.{key} = false" for key in keys if getattr(output, key)]
             left = others if keys else left
     if left > room:

@@ -147,6 +147,7 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     preparation = time.process_time() - start
     p = Prediction(discretised, preparation).with_tables()
     effects = [effect(p) for effect in EFFECTS]
+    # memory of these three is in that of the operators, already
     kept = sum(e.memory for e in effects if e.name not in ("elastic bodies", "inertia", "damping"))
     predicted = {
         "cpu_seconds_set_up": round(preparation + p.operators, 4),
@@ -260,6 +261,7 @@ class Suggestion:
         sentence = self.what + (f" ({self.loss})" if self.loss else "")
         lines = textwrap.wrap(f"* {sentence}", width, initial_indent="  ", subsequent_indent="    ")
         if self.settings:
+            # a factor that rounds to 1 is no saving
             cost = "" if self.factor is None or self.factor > 0.995 else f"   (predicted cost x {self.factor:.2g})"
             lines.append("    " + " ".join(f"--set {s}" for s in self.settings) + cost)
         return lines
@@ -281,6 +283,7 @@ def _friction(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         if 0 < mu < TINY_FRICTION:
             yield Suggestion(
                 f"interface {unit.name}: friction with mu = {mu:g} changes forces by less than {100 * mu:.2g} %; "
+                # two sides, two tangential components
                 f"without it {4 * unit.geometry.n_point} of {p.run.n_flat} interface unknowns are gone",
                 (f"interface.{unit.name}.{FRICTION}=0",),
                 _factor(p, without_friction(p, [unit])),
@@ -299,6 +302,7 @@ def _open_gaps(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     travel, length = p.scene.time.end * _fastest(p), p.scene.unit_system["m"]
     for unit in p.discretised.units if np.isfinite(travel) else ():
         gap = float(unit.geometry.gap.min())
+        # a layer acts at a distance of its own: its gap is not that of the meshes
         if unit.behaviour.opens and not unit.behaviour.compliant and gap > travel:
             yield Suggestion(
                 f"interface {unit.name}: its gap of {gap:.4g} {length} cannot close before the end (the bodies move "
@@ -313,6 +317,7 @@ def _fastest(p: Prediction) -> float:
     driven |= bool(scene.port) or any(i.ground_velocity is not None for i in scene.interface.values())
     driven |= any(s.rigid or set(s.motion_keys) - {"initial_velocity"} for s in scene.substructure.values())
     laws = scene.force_laws
+    # no bound
     if driven or laws.keys() != scene.load.keys() or any(isinstance(law, InputLaw) for law in laws.values()):
         return float("inf")
     speed = sum(2 * float(np.linalg.norm(s.initial_velocity)) for s in scene.substructure.values())
@@ -325,16 +330,16 @@ def _fastest(p: Prediction) -> float:
         shortest = float(body.mesh.extent().min())
         transits = 1 + scene.time.end * body.shape.impedances[0] / body.shape.material.density / shortest
         speed += 2 * size * amplitude / min(body.shape.impedances) * transits
-    return 2 * speed
+    return 2 * speed  # either face may come with this speed
 
 
 def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
     static = p.run.static or p.run.increments > 0
     for name, body in p.discretised.bodies.items() if not static else ():
-        if body.rigid:
+        if body.rigid or p.discretised.scene.temperatures_of(name):  # a rigid body does not expand
             continue
-        transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]
+        transit = body.mesh.size * body.shape.material.density / body.shape.impedances[0]  # c = Z / rho
         pairs = [[split_face(side)[0] for side in u.sides if side != GROUND] for u in p.discretised.units]
         others = [p.discretised.bodies[n] for pair in pairs if name in pair for n in pair if n != name]
         soft = max((o.shape.impedances[0] for o in others if not o.rigid), default=0.0)
@@ -359,10 +364,11 @@ def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
 
 def _rigidified(p: Prediction, one: RunClass) -> RunSize:
     """The run with one substructure of a class without elasticity."""
+    # the rest of the class stays elastic, with one member less
     rest = [c for c in p.run.classes if c is not one]
     if one.size.members > 1:
         rest.append(replace(one, size=replace(one.size, members=one.size.members - 1)))
-    rigid = replace(one.size, members=1, stiffness=0, mass=36, factor=0.0, unknowns=6)
+    rigid = replace(one.size, members=1, stiffness=0, mass=36, factor=0.0, unknowns=6)  # a full matrix of six dofs
     return replace(p.run, classes=(*rest, replace(one, size=rigid)))
 
 
@@ -395,18 +401,20 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     laws = list(scene.force_laws.values())
     laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
     laws += [port.law(c) for port in scene.port.values() for c in port.components]
+    # a jump has no pace: its waves are excited however long it lasts
     sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
     transit = _longest_transit(p)
     if p.run.static or moving or sudden or not laws or transit == 0.0:  # 0: rigid bodies alone
         return
     ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
-    if not SLOW <= ratio < np.inf:
+    if not SLOW <= ratio < np.inf:  # inf: constant laws
         return
     n = min(p.run.n_instant, 50)
     settings = ("time.quasi_static=true", f"time.{'step' if scene.time.step is not None else 'instants'}=")
     settings = (settings[0], settings[1] + (f"{scene.time.end / n!r}" if settings[1].endswith("step=") else str(n)))
     if changed(p, settings) is None:
         return
+    # every increment is a window of its own, whatever the window of the scene
     iterations = replace(p.run, static=True, window=1, iterations=STATIC, n_instant=n, increments=0, unbalanced=False)
     yield Suggestion(
         f"the loads are {ratio:.3g} times slower than the longest wave transit ({transit:.3g} s): a quasi-static run "
@@ -435,6 +443,7 @@ def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies that waves reach late or not at all."""
     scene, discretised = p.scene, p.discretised
     if scene.solver.skip_at_rest == "tolerance" or p.run.static or not discretised.units:
+        # requested already, or nothing that could be at rest
         return
     arrival = arrival_times(scene, discretised.bodies, discretised.units, discretised.time)
     share = float(np.mean([marched_share(t, discretised.time) for t in arrival.values()]))
@@ -477,10 +486,12 @@ def _propagator(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     marched = changed(p, settings)
     if marched is None:
         return
+    # the stable step needs the largest eigenvalue of the changed scene: lumped masses, own step
     steps = max(1.0, p.discretised.dt / _stable_step(marched))
     if steps > 1.0:
         n = int(np.ceil(p.run.n_instant * steps))
         step = p.scene.time.step is not None
+        # the step divides the interval: round-off would leave a short step at the end
         settings += (f"time.step={p.scene.time.end / n!r}" if step else f"time.instants={n}",)
         explicit = replace(explicit, n_instant=n)
     if steps <= MORE_STEPS and _factor(p, explicit) < CHEAP and changed(p, settings) is not None:

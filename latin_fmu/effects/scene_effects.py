@@ -96,11 +96,13 @@ def without_friction(p: Prediction, units: Units) -> RunSize:
     rest = [u for u in p.discretised.units if u not in units]
     fewer = _fewer(p.run, sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units))
     iterations = max(CONTACT, expected_iterations(p.scene, rest))
+    # taking tangential unknowns away never costs iterations
     return replace(fewer, iterations=min(iterations, p.run.iterations))
 
 
 def _fewer(run: RunSize, gone: int) -> RunSize:
     """A run with ``gone`` interface unknowns less."""
+    # unknowns of all classes shrink alike: which class they belong to is not looked up
     share = 1.0 - gone / max(run.n_flat, 1)
     sizes = dict.fromkeys(("channels", "interface", "swept", "product", "columns"), share)
     return replace(run.scaled(**sizes), n_flat=round(share * run.n_flat))
@@ -114,6 +116,7 @@ def inertia(p: Prediction) -> Effect:
     reason = f"motion is integrated by the scheme {p.discretised.scheme_in_words}"
     switch = "time.quasi_static = true (loads slow against the waves)"
     cost, kernels = saved(p, p.run.scaled(mass=0.0)), ("mass product",)
+    # an entry is a number of 8 bytes and an index of 4
     return Effect("inertia", True, ("time.scheme",), reason, switch, kernels, cost, memory=12 * p.total("mass"))
 
 
@@ -159,6 +162,7 @@ def damping(p: Prediction) -> Effect:
     layers = sum(
         len(c.members) * (m.expansion.T @ m.landing @ m.expansion).nnz
         for c in p.discretised.classes
+        # landing dashpots are part of the damping matrix, and go on without damping of materials
         if (m := c.members[0]).landing is not None
     )
     cost = saved(p, p.run.scaled(damping=layers / memory if memory else 0.0))  # contact layers stay
@@ -175,7 +179,7 @@ def absorbing_ends(p: Prediction) -> Effect:
     faces = [split_face(face) for face in ends.values()]
     nodes = sum(len(p.discretised.bodies[body].face(face).nodes) for body, face in faces)
     why, reason = tuple(ends), f"dashpots on {nodes} nodes"
-    cost, kernels = seconds(numbers(sparse=9.0 * nodes)), ("damping product",)
+    cost, kernels = seconds(numbers(sparse=9.0 * nodes)), ("damping product",)  # 3 x 3 blocks
     return Effect(name, True, why, reason, "remove the boundary or port", kernels, cost, memory=108 * nodes)
 
 
@@ -271,6 +275,7 @@ def gap(p: Prediction) -> Effect:
         f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} {p.scene.unit_system['m']}"
     )
     keys = tuple(f"interface.{u.name}.gap" for u in units)
+    # lazily: each way builds the whole scene, the first that is accepted ends the search
     ways = (value for value in ("0", '"closed"') if changed(p, [f"{key}={value}" for key in keys]) is not None)
     switch = next((f"gap = {value}" for value in ways), "meshes that touch")
     return Effect("initial gap", True, keys, reason, switch)
@@ -346,7 +351,7 @@ def fields(p: Prediction) -> Effect:
     reason = f"displacements and velocities of {nodes} nodes at {stored} instants"
     switch, cost = ", ".join(f"{key} = false" for key in keys), saved(p, replace(p.run, fields=False))
     why, kernels = (*keys, "output.every"), ("field storage",)
-    return Effect(name, True, why, reason, switch, kernels, cost, memory=48 * nodes * stored)
+    return Effect(name, True, why, reason, switch, kernels, cost, memory=48 * nodes * stored)  # two vectors
 
 
 def stress(p: Prediction) -> Effect:
@@ -355,7 +360,7 @@ def stress(p: Prediction) -> Effect:
         return _off("stress", ["output.stress"], "not requested", "output.stress = true")
     cells, stored = sum(c.size.members * c.cells for c in p.run.classes if not c.rigid), _stored(p)
     why, reason = ("output.stress", "output.every"), f"{cells} elements at {stored} instants"
-    cost, memory = saved(p, replace(p.run, stress=False)), 48 * cells * stored
+    cost, memory = saved(p, replace(p.run, stress=False)), 48 * cells * stored  # six components
     return Effect("stress", True, why, reason, "output.stress = false", ("stress recovery",), cost, memory=memory)
 
 
@@ -371,6 +376,7 @@ def energy(p: Prediction) -> Effect:
 
 def _stored(p: Prediction) -> int:
     """Number of instants at which fields are kept."""
+    # t = 0 is one of them
     return p.run.n_instant // p.run.every + 1
 
 

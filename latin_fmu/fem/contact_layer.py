@@ -78,12 +78,14 @@ def without_contact_mass(
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
     follow, left = _followed(mesh, bare)
+    # these keep their mass: for the spreading below they are inner nodes
     bare[left] = False
     if several_layers and bare.any():
         spread = _spread_mass(mass, mesh, bare, follow)
         # a node without mass has no acceleration: then one layer takes it all
         if spread.diagonal()[np.repeat(~bare, 3)].min() > 0.0:
             return spread, left
+    # dofs are numbered 3 * node + component, hence the order of the factors
     whole = sp.csr_array(sp.kron(follow, sp.eye_array(3)))
     moved = sp.csr_array(whole.T @ mass @ whole)
     moved.eliminate_zeros()
@@ -95,7 +97,9 @@ def _followed(mesh: Mesh, bare: Mask) -> tuple[sp.csr_array, Index]:
     marked nodes that have none."""
     pairs = _inner_neighbours(mesh, bare, CELL_LINKS)
     isolated = bare.copy()
+    # who has a neighbour along an edge does not look across the cell
     isolated[pairs[:, 0]] = False
+    # inner: not ``bare``, rather than not isolated: a node that gives its mass away takes none
     across = _inner_neighbours(mesh, isolated, _DIAGONALS, bare)
     return _means(np.concatenate([pairs, across]), mesh.n_node, bare)
 
@@ -134,7 +138,9 @@ def _spread_mass(mass: sp.csr_array, mesh: Mesh, bare: Mask, follow: sp.csr_arra
     crossing = dofs[rows] != dofs[columns]
     inner = ~dofs[rows] & ~dofs[columns]
     inner_mass = sp.csr_array((entries.data[inner], (rows[inner], columns[inner])), shape=mass.shape)
+    # rows of inner nodes: what they share with contact nodes goes onto their diagonal, so that row sums stay
     lumped = np.bincount(rows[crossing], entries.data[crossing], len(dofs))
+    # components do not couple in a mass: the sum of a row is the mass of its node
     own = np.where(dofs, mass @ np.ones(len(dofs)), 0.0)
     layer, pairs = _layers(mesh, bare), _linked(mesh, CELL_LINKS)
     count = max(1, min(LAYERS, int(layer.max(initial=1))))
@@ -142,6 +148,7 @@ def _spread_mass(mass: sp.csr_array, mesh: Mesh, bare: Mask, follow: sp.csr_arra
     total = np.where(dofs, 0.0, lumped) + share / count
     for k in range(1, count):
         outwards = pairs[(layer[pairs[:, 0]] == k) & (layer[pairs[:, 1]] == k + 1)]
+        # a node without a neighbour in the next layer keeps its share: the identity in ``_means``
         means, _ = _means(outwards, mesh.n_node, bare)
         share = sp.csr_array(sp.kron(means, sp.eye_array(3))).T @ share
         total += share / count
@@ -153,6 +160,7 @@ def _spread_mass(mass: sp.csr_array, mesh: Mesh, bare: Mask, follow: sp.csr_arra
 def _layers(mesh: Mesh, bare: Mask) -> Index:
     """Number (n_node,) of links from each node to the nodes marked in ``bare``, at most ``LAYERS``."""
     pairs = _linked(mesh, CELL_LINKS)
+    # LAYERS + 1: not reached yet
     layer = np.where(bare, 0, LAYERS + 1)
     for k in range(LAYERS):
         reached = pairs[layer[pairs[:, 0]] == k, 1]
@@ -180,6 +188,7 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
         if not len(touching):
             continue
         layer = CellBlock(block.cell_type, block.cells[touching])
+        # the rule of the stiffness of the body, so that the damping is proportional to its element matrices
         points = points_in(mesh.nodes, layer, cell_rule(block.cell_type, False, is_curved(mesh.nodes, block)))
         bends = bending_modes and block.cell_type in BENDING_CELLS
         matrix = element_stiffness(points, material, bends)
@@ -192,6 +201,7 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
         total = total + sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
     if not total.nnz:
         return None
+    # sums of products are symmetric up to round-off only
     total = sp.csr_array(0.5 * (total + total.T))
     total.sort_indices()
     # SciPy makes them of 32 bits where they fit, kernels read 64
@@ -222,6 +232,7 @@ def _heights(mesh: Mesh, bare: Mask) -> Array:
         factor = (3.0 if corners in (4, 5) else 1.0) * (0.5 if own.cells.shape[1] > corners else 1.0)
         np.add.at(total, own.cells, (factor * volume / area[area > 0.0])[:, None])
         np.add.at(count, own.cells, 1.0)
+    # other nodes of these cells are inner ones
     heights: Array = np.divide(total, count, out=np.zeros_like(total), where=bare & (count > 0))
     return heights
 
@@ -232,6 +243,7 @@ def _facet_areas(mesh: Mesh, block: CellBlock, bare: Mask) -> Array:
     for face in CELL_FACES[block.cell_type]:
         nodes = block.cells[:, np.array(face)]
         corner = mesh.nodes[nodes[:, : FACET_CORNERS[FACET_KIND[len(face)]]]]
+        # half the cross product of the diagonals is the vector area of a quadrilateral, warped ones included
         arms = corner[:, 2:] - corner[:, :-2] if corner.shape[1] == 4 else corner[:, 1:] - corner[:, :1]
         area += np.where(bare[nodes].all(axis=1), 0.5 * np.linalg.norm(np.cross(arms[:, 0], arms[:, 1]), axis=1), 0.0)
     return area

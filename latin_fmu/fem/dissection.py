@@ -56,6 +56,7 @@ def dissection(mesh: Mesh) -> tuple[Array, Array]:
         if (better := _better(mesh.nodes[part], own, side)) is not None:
             side = better
         low, between, high = (part[side == value] for value in (0, 1, 2))
+        # the end of the range: a separator is eliminated after both of its halves
         order[end - len(between) : end] = between
         behind[between] = end
         end -= len(between)
@@ -71,6 +72,7 @@ def _graph(mesh: Mesh) -> sp.csr_array:
     rows = np.concatenate([np.repeat(b.cells, b.cells.shape[1], axis=1).ravel() for b in mesh.blocks])
     columns = np.concatenate([np.tile(b.cells, (1, b.cells.shape[1])).ravel() for b in mesh.blocks])
     rows, columns = (np.concatenate([a, np.arange(mesh.n_node)]) for a in (rows, columns))  # nodes without an element
+    # sums of repeated entries may wrap around to 0 in 8 bits: the pattern alone is read
     ones = np.ones(len(rows), dtype=np.int8)
     return sp.coo_array((ones, (rows, columns)), shape=(mesh.n_node, mesh.n_node)).tocsr()
 
@@ -80,8 +82,10 @@ def _part_of(graph: sp.csr_array, part: Index, number: Index) -> tuple[Index, In
     number[part] = np.arange(len(part))
     rows = graph[part]
     neighbours = number[rows.indices]
+    # one array for all parts, so that each costs its own nodes and not those of the mesh
     number[part] = -1
     kept = neighbours >= 0
+    # kept entries in front of each old row start: the row starts without neighbours outside the part
     starts = np.concatenate([[0], np.cumsum(kept)])[rows.indptr]
     return starts.astype(np.int64), neighbours[kept]
 
@@ -94,20 +98,20 @@ def _middle(x: Array, graph: tuple[Index, Index]) -> Index:
         upper = np.arange(len(x)) >= len(x) // 2
     # no row is empty, for which reduceat would take the next: a node is its own neighbour
     touches = np.logical_or.reduceat(upper[graph[1]], graph[0][:-1])
-    return np.where(upper, 2, np.where(touches, 1, 0))
+    return np.where(upper, 2, np.where(touches, 1, 0))  # of the lower half
 
 
 def _better(x: Array, graph: tuple[Index, Index], side: Index) -> Index | None:
     """A clearly better cut than ``side``; None where there is none."""
-    n = len(x)
     now = _score(*(int(np.count_nonzero(side == value)) for value in (1, 0, 2)))
     best, lower = min((_best_cut(graph, values) for values in _candidates(x)), key=lambda found: found[0])
     if best > now:
         return None
     side = np.where(lower, 0, 2)
+    # at most as many nodes as counted in ``_best_cut``: the score is taken anew
     side[_cover(graph, lower)] = 1
     low, between, high = np.bincount(side, minlength=3)[:3].tolist()
-    return side if low and high and n > low and _score(between, low, high) < _BETTER * now else None
+    return side if low and high and _score(between, low, high) < _BETTER * now else None
 
 
 def _score(between: float, low: float, high: float) -> float:
@@ -121,6 +125,7 @@ def _candidates(x: Array) -> Iterator[Array]:
     for axis in np.argsort(-extent, kind="stable"):
         if extent[axis] > _NARROW * extent.max():
             yield x[:, axis]
+    # eigenvalues ascend: the two axes of the largest spread
     _, axes = np.linalg.eigh(centred.T @ centred)
     yield centred @ axes[:, 2]
     yield centred @ axes[:, 1]
@@ -144,6 +149,7 @@ def _best_cut(graph: tuple[Index, Index], values: Array) -> tuple[float, Mask]:
     above = np.cumsum(np.bincount(near, minlength=n) - 1)  # nodes beyond that have one up to it
     cut = np.arange(int(_HALF * n), int((1.0 - _HALF) * n))
     between = np.minimum(below[cut], above[cut])  # each of the two sets separates
+    # cut + 1 nodes are up to a cut, n - cut - 1 beyond
     score = between * (1.0 + _UNEQUAL * ((2 * cut + 2 - n) / n) ** 2)
     best = int(np.argmin(score))
     return float(score[best]), place <= cut[best]
@@ -161,6 +167,7 @@ def _cover(graph: tuple[Index, Index], lower: Mask) -> Index:
     matched = partner >= 0
     low_of = np.full(len(high), -1, dtype=np.int64)
     low_of[partner[matched]] = np.flatnonzero(matched)
+    # low nodes without partner, from which the paths start
     reached, from_low = ~matched, ~matched
     across_to = np.zeros(len(high), dtype=bool)
     while from_low.any():  # along paths that alternate between edges and pairs
@@ -168,7 +175,9 @@ def _cover(graph: tuple[Index, Index], lower: Mask) -> Index:
         across_to |= new
         back = low_of[new]
         from_low = np.zeros(len(low), dtype=bool)
+        # a high node has a partner here: without one the path would make the matching larger
         from_low[back[back >= 0]] = True
         from_low &= ~reached
         reached |= from_low
+    # Konig: the low nodes not reached and the high ones reached cover every edge
     return np.concatenate([low[~reached], high[across_to]])

@@ -84,6 +84,10 @@ class Elasticity(ABC):
     def impedance(self, normals: Array) -> Array:
         """Traction over velocity (..., 3, 3) that lets waves out along unit normals (..., 3), Pa s m-1."""
 
+    def pressure_speed(self, normals: Array) -> Array:
+        """Speed (...), m s-1, of the wave that a pressure sends out along unit normals (..., 3): n . Z n / rho."""
+        return np.asarray(np.einsum("...i,...ij,...j->...", normals, self.impedance(normals), normals) / self.density)
+
     @property
     def expansion(self) -> Array:
         """Strain (3, 3) of a free body per change of temperature, K-1."""

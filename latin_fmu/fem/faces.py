@@ -76,7 +76,7 @@ def shape(kind: str, at: Array) -> Array:
         corner = np.stack([1 - x - y, x, y], axis=-1)
         if kind == "triangle":
             return corner
-        middle = 4 * corner * corner[..., [1, 2, 0]]
+        middle = 4 * corner * corner[..., [1, 2, 0]]  # of edge i, from corner i to i + 1
         return np.concatenate([corner * (2 * corner - 1), middle], axis=-1)
     sx, sy = x[..., None] * _SIGNS[:, 0], y[..., None] * _SIGNS[:, 1]
     if kind == "quad":
@@ -89,6 +89,7 @@ def shape(kind: str, at: Array) -> Array:
     if kind == "quad9":
         line_x = np.stack([0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)], axis=-1)
         line_y = np.stack([0.5 * y * (y - 1), 1 - y * y, 0.5 * y * (y + 1)], axis=-1)
+        # a coordinate -1, 0 or 1 of a node selects its factor in the line
         places = (_QUAD_NODES + 1).astype(int)
         return line_x[..., places[:, 0]] * line_y[..., places[:, 1]]
     raise ValueError(f"no facet of kind {kind!r}")
@@ -97,12 +98,13 @@ def shape(kind: str, at: Array) -> Array:
 def slopes(kind: str, at: Array) -> Array:
     """Derivatives (..., n_node, 2) of the shape functions; exact: the functions are of degree 2 in each coordinate."""
     steps = np.eye(2)
+    # points outside of the facet: the polynomials hold there, too
     return np.asarray(np.stack([0.5 * (shape(kind, at + s) - shape(kind, at - s)) for s in steps], axis=-1))
 
 
 def triangle_quadrature(degree: int) -> tuple[Array, Array]:
     """Points (n, 2) and weights (n,) on the reference triangle (area 1/2), exact to ``degree``."""
-    rule = simplex_rule(degree // 2 + 1, 2)
+    rule = simplex_rule(degree // 2 + 1, 2)  # 2 n - 1 >= degree
     return rule.points, rule.weights
 
 
@@ -146,6 +148,7 @@ def _warp(places: Array) -> float:
 
 def changes_basis(face: FacetSet) -> bool:
     """Whether contact on the face needs the functions phi~ of the module docstring."""
+    # not quad9: int phi is positive at all of its nodes
     return any(block.kind in ("triangle6", "quad8") for block in face.blocks)
 
 
@@ -153,6 +156,7 @@ def facet_change(kind: str, changed: bool) -> Array:
     """L (n_node, n_node) of one facet: phi~_b = sum over a of L_ab phi_a; the identity where nothing is changed."""
     n_node, n = len(shape(kind, np.zeros(2))), FACET_CORNERS[kind]
     change = np.eye(n_node)
+    # of any quadratic kind: a 9-node facet beside an 8-node one shares an edge with it, and its functions there
     if changed and quadratic(kind):
         for i, ends in enumerate(edges_of(kind)):
             change[n + i, n + i] = 1 - 2 * ALPHA
@@ -162,6 +166,7 @@ def facet_change(kind: str, changed: bool) -> Array:
 
 def nodal_values(face: FacetSet, nodes: Index) -> sp.csr_array:
     """L^-1 (n_point, n_point): the values u~ that belong to phi~ from the values u at the nodes."""
+    # the inverse of a matrix with 1 - 2 alpha and alpha in the same places
     return _edge_matrix(face, nodes, 1 / (1 - 2 * ALPHA), -ALPHA / (1 - 2 * ALPHA))
 
 
@@ -172,6 +177,7 @@ def _edge_matrix(face: FacetSet, nodes: Index, own: float, ends_share: float) ->
     if changes_basis(face):
         ends, middle = edge_middles(face)
         _, first = np.unique(middle, return_index=True)  # an edge inside the face belongs to two facets
+        # ``nodes`` ascend and hold all ends of their middle nodes
         at, (one, two) = np.searchsorted(nodes, middle[first]), np.searchsorted(nodes, ends[first]).T
         values[0][at] = own
         rows += [at, at]
@@ -235,6 +241,7 @@ def face_of(places: Array, facets: FacetSet) -> Face:
     for block in facets.blocks:
         integrals = _curved_integrals if quadratic(block.kind) else _facet_integrals
         scalar, vector = integrals(block.kind, places[block.facets])
+        # not by an index alone: facets share nodes, and ``a[at] += b`` would keep one share of each
         at = np.searchsorted(nodes, block.facets)
         np.add.at(areas, at, scalar)
         np.add.at(vector_areas, at, vector)
@@ -304,10 +311,13 @@ def _without_repetitions(cells: Index) -> Index:
     """Cells (n, 4) whose corners differ; a quadrilateral with two equal neighbours becomes a triangle."""
     kept = np.ones(cells.shape, dtype=bool)
     for i in range(4):
+        # column -1 for i = 0: the last corner stands before the first
         kept[:, i] = (cells[:, i] != cells[:, i - 1]) & (cells[:, i] >= 0)
     cells = np.where(kept, cells, -1)
+    # dropped corners to the end, the turn of the others stays
     order = np.argsort(~kept, axis=1, kind="stable")
     cells = np.take_along_axis(cells, order, axis=1)
+    # opposite corners that are one point leave a quadrilateral without area
     distinct = (cells[:, 0] != cells[:, 2]) & ((cells[:, 1] != cells[:, 3]) | (cells[:, 3] < 0))
     whole: Index = cells[(kept.sum(axis=1) >= 3) & distinct]
     return whole
@@ -378,6 +388,7 @@ class Pieces:
     def vector_areas(self) -> Array:
         """Areas times unit normals, (n_piece, 3), m2."""
         c = self.corners
+        # diagonals of a quadrilateral, two edges of a triangle: half the cross product is the vector area
         second = c[:, 3] - c[:, 1] if c.shape[1] == 4 else c[:, 2] - c[:, 1]
         first = c[:, 2] - c[:, 0] if c.shape[1] == 4 else c[:, 1] - c[:, 0]
         return np.asarray(0.5 * np.cross(first, second))
@@ -419,12 +430,24 @@ class Surface:
         places = self.nodes[facets]
         reference = flat_pieces(kind, is_straight(kind, places))
         n_facet, n_piece = len(facets), len(reference)
+        # straight quadratic facets: their corners alone, middles are on the lines between
         if n_piece == 1:
             corners = places[:, : FACET_CORNERS[kind]]
         else:
             corners = np.einsum("pca,fai->fpci", shape(kind, reference), places).reshape(-1, reference.shape[1], 3)
         facet = np.repeat(np.arange(n_facet), n_piece)
         return Pieces(kind, facet, facets[facet], corners, np.tile(reference, (n_facet, 1, 1)))
+
+    @cached_property
+    def triangles(self) -> tuple[Array, Array, Array]:
+        """Triangles (n, 3, 3) of the pieces, m, and the lowest and highest corner (n, 3) of the box of each."""
+        parts = []
+        for p in self.pieces:
+            parts.append(p.corners[:, :3])
+            if p.corners.shape[1] == 4:
+                parts.append(p.corners[:, [0, 2, 3]])
+        every = np.concatenate(parts)
+        return every, every.min(axis=1), every.max(axis=1)
 
     @cached_property
     def area(self) -> float:
@@ -459,11 +482,13 @@ class Surface:
         normals = np.concatenate([p.normals[o] for p, o in zip(self.pieces, owner, strict=True)])
         height = np.concatenate(
             [
+                # height over an edge: twice the area of a triangle, the area of a quadrilateral, over the edge
                 (2 if p.corners.shape[1] == 3 else 1) * p.areas[o] / np.linalg.norm(e[:, 1] - e[:, 0], axis=1)
                 for p, o, e in zip(self.pieces, owner, ends, strict=True)
             ]
         )
         bend = _bend(np.concatenate(ends), normals, 1e-9 * self.size)
+        # beyond the crease the surface has an edge there and stands for nothing smoother
         sag = np.where(bend < _CREASE, height * bend / 8, 0.0)
         sags, start = [], 0
         for p, o in zip(self.pieces, owner, strict=True):
@@ -476,15 +501,18 @@ class Surface:
 
 def _bend(ends: Array, normals: Array, tolerance: float) -> Array:
     """Angle (n,) between the normals (n, 3) of pieces that share an edge (n, 2, 3), 0 where an edge is free."""
+    # one millionth of the face: middles of one edge, computed in two facets, differ by round-off
     scale = max(tolerance, 1e-300)
     middle = np.rint(ends.mean(axis=1) / (1e3 * scale)).astype(np.int64)
     _, label, count = np.unique(middle, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(label.ravel(), kind="stable")
     starts = np.cumsum(count) - count
+    # more than two pieces at an edge are no smooth surface
     pairs = starts[count == 2]
     one, two = order[pairs], order[pairs + 1]
     bend = np.zeros(len(ends))
     sine = np.linalg.norm(np.cross(normals[one], normals[two]), axis=1)
     angle = np.arctan2(sine, np.einsum("pi,pi->p", normals[one], normals[two]))
+    # round-off of the normals of a plane face
     bend[one] = bend[two] = np.where(angle < 1e-7, 0.0, angle)
     return bend

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .faces import Face, Surface
-from .mesh import Array, CellBlock, Index, Mesh, boundary
+from .mesh import Array, CellBlock, Index, Mesh
 from .reference_cells import N_CORNER, cell_functions
 
 _MARGIN: Final = 0.25  # of the extent of a cell: a curved one may bulge out of the box around its nodes
@@ -41,6 +41,7 @@ class Location:
         """The location without nodes of negligible weight; a point at a node has that node alone."""
         kept = np.abs(weights) > _ROUND_OFF
         weights = weights[kept]
+        # exactly 1 at a node
         return Location(nodes[kept], np.ones(1) if len(weights) == 1 else weights / weights.sum())
 
     def rows(self, n_node: int) -> sp.csr_array:
@@ -70,6 +71,7 @@ class MeanMotion:
     @staticmethod
     def of_face(nodes: Array, face: Face) -> MeanMotion:
         """Mean motion by area of a face of a mesh with these nodes (n_node, 3), m."""
+        # int phi dA, negative at the corners of 8-node facets: sums of it are still the integrals over the face
         weights = face.areas / face.areas.sum()
         places = nodes[face.nodes]
         centre = weights @ places
@@ -90,6 +92,7 @@ class MeanMotion:
         """Motion (3, 3 n_node) of a point (3,), m, that follows the mean motion."""
         if self.rotation is None:
             return self.translation
+        # U + Theta x arm = U - arm x Theta
         rows = sp.csr_array(self.translation - sp.csr_array(cross_matrix(point - self.centre)) @ self.rotation)
         rows.data[np.abs(rows.data) < _ROUND_OFF] = 0.0
         rows.eliminate_zeros()
@@ -98,11 +101,12 @@ class MeanMotion:
 
 def cross_matrix(vectors: Array) -> Array:
     """Matrices S (..., 3, 3) with S u = v x u for vectors v (..., 3)."""
-    return np.stack([np.cross(vectors, axis) for axis in np.eye(3)], axis=-1)
+    return np.stack([np.cross(vectors, axis) for axis in np.eye(3)], axis=-1)  # columns v x e_j
 
 
 def _rows(nodes: Index, blocks: Array, n_node: int) -> sp.csr_array:
     """Rows (3, 3 n_node) with blocks (n, 3, 3) at some nodes (n,)."""
+    # for each component of the result, the dofs of all nodes
     columns = np.tile(3 * nodes[:, None] + np.arange(3), (3, 1, 1))
     at = np.repeat(np.arange(3), 3 * len(nodes))
     values = blocks.transpose(1, 0, 2).ravel()
@@ -113,7 +117,7 @@ def _rows(nodes: Index, blocks: Array, n_node: int) -> sp.csr_array:
 
 def locate(mesh: Mesh, point: Array) -> Location | None:
     """The cell of a mesh that holds a point (3,), m, and the shape functions there; None where no cell does."""
-    best, least = None, INSIDE
+    best, least = None, INSIDE  # only a cell nearer than this is taken
     for block in mesh.blocks:
         candidates = _around(mesh.nodes, block, point)
         if not len(candidates):
@@ -148,12 +152,18 @@ def _reference(arms: Array, cell_type: str) -> Array:
         for _ in range(_STEPS):
             residual = np.einsum("ca,cai->ci", functions.values(at), arms)
             jacobian = np.einsum("cak,cai->cik", functions.gradients(at), arms)
+            # written so that NaN counts as singular
             singular = ~(np.abs(np.linalg.det(jacobian)) > 0.0)
             jacobian[singular], at[singular] = np.eye(3), np.nan  # one singular matrix would stop the solution of all
             step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
             at -= np.clip(step, -1.0, 1.0)  # whole steps run away where a cell is strongly curved
             if np.nanmax(np.abs(step), initial=0.0) < _SMALL:
                 break
+    # the Jacobian is singular at the apex of a pyramid, where a node is
+    distance = np.linalg.norm(arms, axis=2)
+    nearest = distance.argmin(axis=1)
+    at_node = np.isnan(at).any(axis=1) & (distance.min(axis=1) <= INSIDE * distance.max(axis=1))
+    at[at_node] = functions.nodes[nearest[at_node]]
     return at
 
 
@@ -170,15 +180,15 @@ def _outside(at: Array, cell_type: str) -> Array:
     return np.asarray(np.where(np.isnan(far), np.inf, np.maximum(far, 0.0)))
 
 
-def nearest_surface_point(mesh: Mesh, point: Array) -> tuple[float, Array]:
-    """Distance of a point (3,) from the surface of a mesh, m, and the nearest point (3,) of its flat pieces."""
-    triangles = []
-    for pieces in Surface(mesh.nodes, boundary(mesh)).pieces:
-        corners = pieces.corners
-        triangles.append(corners[:, :3])
-        if corners.shape[1] == 4:
-            triangles.append(corners[:, [0, 2, 3]])
-    near = _nearest_in(np.concatenate(triangles), point)
+def nearest_surface_point(surface: Surface, point: Array, within: float = np.inf) -> tuple[float, Array]:
+    """Distance of a point (3,) from a surface, m, and the nearest point (3,) of its flat pieces; those whose boxes are
+    farther than ``within`` are not looked at, and the distance is infinite where all are."""
+    triangles, low, high = surface.triangles
+    if np.isfinite(within):
+        triangles = triangles[((low - within <= point) & (point <= high + within)).all(axis=1)]
+        if not len(triangles):
+            return np.inf, np.full(3, np.nan)
+    near = _nearest_in(triangles, point)
     distance = np.linalg.norm(near - point, axis=1)
     i = int(np.argmin(distance))
     return float(distance[i]), near[i]
@@ -195,6 +205,7 @@ def _nearest_in(triangles: Array, point: Array) -> Array:
     normal = np.cross(first, second)
     square = np.einsum("ti,ti->t", normal, normal)
     arm = point - triangles[:, 0]
+    # coordinates of the foot along ``first`` and ``second``, by the areas of the parts of the triangle
     one = np.einsum("ti,ti->t", np.cross(arm, second), normal) / square
     two = np.einsum("ti,ti->t", np.cross(first, arm), normal) / square
     foot = triangles[:, 0] + one[:, None] * first + two[:, None] * second

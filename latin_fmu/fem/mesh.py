@@ -130,6 +130,7 @@ def boundary(mesh: Mesh) -> FacetSet:
 def _single(block: FacetBlock) -> FacetBlock:
     """Facets whose corners no other facet of the block has."""
     _, inverse, count = np.unique(np.sort(block.corners, axis=1), axis=0, return_inverse=True, return_counts=True)
+    # its shape depends on the version of NumPy
     return FacetBlock(block.kind, block.facets[count[inverse.ravel()] == 1])
 
 
@@ -144,6 +145,7 @@ def unjoined(surface: FacetSet) -> int:
         corners[block.corners.shape[1]].append(np.sort(block.corners, axis=1))
     triangles, quads = (np.concatenate([np.zeros((0, n), dtype=np.int64), *corners[n]]) for n in (3, 4))
     halves = np.concatenate([np.delete(quads, i, axis=1) for i in range(4)])  # by either diagonal
+    # twice within a kind of facet corners (cells of two degrees), then triangles on halves of quadrilaterals
     again = sum(len(table) - len(np.unique(table, axis=0)) for table in (triangles, quads))
     both = np.concatenate([np.unique(table, axis=0) for table in (triangles, halves)])
     return again + len(both) - len(np.unique(both, axis=0))
@@ -181,6 +183,7 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
     nx, ny, nz = elements
     axes = [origin[i] + size[i] * np.arange(n + 1) / n for i, n in enumerate(elements)]
     grid = np.meshgrid(*axes, indexing="ij")
+    # the first axis runs fastest
     nodes = np.stack([g.ravel(order="F") for g in grid], axis=1)
     number = np.arange(len(nodes), dtype=np.int64).reshape((nx + 1, ny + 1, nz + 1), order="F")
     low, high = slice(None, -1), slice(1, None)
@@ -199,6 +202,7 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
     ]
     cells = np.stack(corners, axis=1)
     where = np.arange(len(cells)).reshape((nx, ny, nz), order="F")
+    # in the order of BOX_FACES, which is that of HEX_FACES
     layers = (where[0], where[-1], where[:, 0], where[:, -1], where[:, :, 0], where[:, :, -1])
     faces = {
         name: cells[layer.ravel(order="F")][:, list(local)]
@@ -209,6 +213,7 @@ def box_mesh(origin: Array, size: Array, elements: tuple[int, int, int]) -> Mesh
 
 def nearest(points: Array, candidates: Array) -> tuple[Array, Index]:
     """Distance (n_point,) to, and number of, the nearest of ``candidates`` (n, 3) for each of ``points``."""
+    # no candidates: argmin would fail, the tree gives infinite distances
     if 0 < points.shape[0] * candidates.shape[0] <= _FEW:
         square = np.sum((points[:, None] - candidates) ** 2, axis=2)
         number = np.argmin(square, axis=1)

@@ -33,15 +33,17 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
     MeshError : other cell types, unknown group, inverted or flat cells, no volume.
     """
     chosen = _volume_cells(content, group, where)
+    # nodes of other volumes of the file are left out
     node_ids, inverse = np.unique(np.concatenate([c.ravel() for c in chosen.values()]), return_inverse=True)
     nodes = np.ascontiguousarray(content.points[node_ids], dtype=float) * scale
-    if not np.all(np.abs(nodes) < _FAR):
+    if not np.all(np.abs(nodes) < _FAR):  # NaN, too
         raise MeshError.of("unusable mesh", where, f"node coordinates are not finite, or beyond {_FAR:g} m")
     blocks, start = [], 0
     for cell_type, cells in chosen.items():
         own = inverse[start : start + cells.size].reshape(cells.shape).astype(np.int64)
         start += cells.size
         blocks.append(_right_side_out(nodes, CellBlock(cell_type, own), where))
+    # -1: a point of the file that this volume does not have
     renumber = np.full(len(content.points), -1, dtype=np.int64)
     renumber[node_ids] = np.arange(len(node_ids))
     bare = Mesh(nodes, tuple(blocks), {})
@@ -107,6 +109,7 @@ def _right_side_out(nodes: Array, block: CellBlock, where: str) -> CellBlock:
     if bad.any():
         first = int(bad.argmax())
         place = ", ".join(f"{x:.4g}" for x in nodes[block.cells[first]].mean(axis=0))
+        # quadratic cells may be sound at their corners and tangled by their middle nodes
         corners = block.cells.shape[1] == CORNERS[block.cell_type]
         raise MeshError(
             [
@@ -193,9 +196,11 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
         piece = slice(first, first + size)
         with np.errstate(all="ignore"):  # cells of absurd size have no ratio, which is as bad as a small one
             jacobian = jacobians(nodes, CellBlock(block.cell_type, block.cells[piece]), rule)
+            # lengths of the columns d x / d xi_j: the ratio to their product has no unit, and is 1 at right angles
             lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
             ratio = np.linalg.det(jacobian) / np.where(lengths > 0, lengths, 1.0)
         low[piece], high[piece] = ratio.min(axis=1), ratio.max(axis=1)
+    # NaN is bad, too
     bad = ~((low > _FLAT) | (high < -_FLAT))
     cells = block.cells.copy()
     turned = high < 0
@@ -236,6 +241,7 @@ def refined(mesh: Mesh) -> Mesh:
     known, first = np.unique(np.concatenate(codes), return_index=True)
     number = np.argsort(np.argsort(first))  # nodes are counted in the order of the cells
     split = iter([number[np.searchsorted(known, table)] for table in tables])
+    # in the order of ``pieces``: all blocks, then the faces
     blocks = tuple(CellBlock(block.cell_type, next(split)) for block in mesh.blocks)
     faces = {
         name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
@@ -253,6 +259,7 @@ def _children(kind: str) -> tuple[Array, Index]:
         linear = {8: "hexahedron", 4: "tetra", 6: "wedge"}[N_CORNER[kind]]
         at = cell_functions(linear).values(cell_functions(kind).nodes)
         inside = np.einsum("na,pai->pni", at, _corners_of_parts(linear))
+    # rounded: a place that two parts share is one node
     places, children = np.unique(inside.reshape(-1, inside.shape[2]).round(9), axis=0, return_inverse=True)
     functions = shape(kind, places) if kind in FACET_CORNERS else cell_functions(kind).values(places)
     return functions, children.reshape(inside.shape[:2])
@@ -262,14 +269,17 @@ def _corners_of_parts(linear: str) -> Array:
     """Reference coordinates (8, n_corner, 3) of the corners of the parts of a cell."""
     corners = cell_functions(linear).nodes
     if linear == "hexahedron":
+        # part i is the cell shrunk by half towards its corner i
         return np.asarray(0.5 * (corners[None] + corners[:, None]))
     if linear == "wedge":
+        # four triangles below, four above; each twice, as bottom and top of its wedge
         flat = np.concatenate([np.concatenate([flat_pieces("triangle6", False)] * 2, axis=1)] * 2)
         height = 0.5 * (corners[:, 2] + np.repeat([-1.0, 1.0], 4)[:, None])
         return np.concatenate([flat, height[..., None]], axis=2)
     parts = np.concatenate([corners, [corners[list(edge)].mean(axis=0) for edge in TET_EDGES]])[
         np.array(_TET_CORNERS + _TET_INSIDE)
     ]
+    # the first two corners exchanged: volumes of parts are positive as that of the cell
     inverted = np.linalg.det(parts[:, 1:] - parts[:, :1]) < 0
     parts[inverted] = parts[inverted][:, [1, 0, 2, 3]]
     return np.asarray(parts)

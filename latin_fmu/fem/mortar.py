@@ -88,6 +88,7 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Ce
     arm = theirs.centres[two] - mine.centres[one]
     along = np.einsum("pi,pi->p", arm, normal)
     aside = np.linalg.norm(arm - along[:, None] * normal, axis=1)
+    # outward normals of faces in contact point against each other
     near = np.einsum("pi,pi->p", normal, theirs.normals[two]) < -_OPPOSED
     near &= aside < mine.radii[one] + theirs.radii[two]  # circles around the pieces; the clipping decides
     if reach is not None:  # its corners may be nearer than its centre
@@ -130,6 +131,7 @@ def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) 
     ahead: Array | float
     if plane and reach is None:  # however far away
         n = mine.normals[0]
+        # places across the normal: pieces may be opposite at any distance
         here, there = here - np.outer(here @ n, n), there - np.outer(there @ n, n)
         ahead = 0.0
     elif reach is None:
@@ -143,6 +145,7 @@ def _candidates(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) 
         members = np.flatnonzero(size == level)
         # radii of a level are below 2^(level + 1): a few large pieces do not widen the search for the small ones
         radius = (mine.radii + 2.0 ** (level + 1) + ahead) * (1 + 1e-9)
+        # sorted: sums over the cells are the same to the last bit in every run
         lists = cKDTree(there[members]).query_ball_point(here, radius, return_sorted=True)
         counts = np.array([len(numbers) for numbers in lists])
         ones.append(np.repeat(np.arange(len(here)), counts))
@@ -160,6 +163,7 @@ def _nearest_layer(mine: Pieces, row: list[Cells]) -> list[Cells]:
     twice = covered > _DOUBLE * mine.areas
     if not twice.any():
         return row
+    # infinite where a piece is covered once: its cells stay, whatever their distance
     limit = np.where(twice, least + 2 * mine.radii, np.inf)  # the distances of one layer differ by its inclination
     return [cells.picked(np.abs(cells.distance) <= limit[cells.owner]) for cells in row]
 
@@ -196,12 +200,14 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     left_next = _height(following, start, along)
     keeps = used & (left >= 0)  # a corner on the line stays; what has no area is left out later
     crosses = used & ((left >= 0) != (left_next >= 0))
+    # left and left - left_next have the same sign where the edge crosses
     fraction = np.divide(left, left - left_next, out=np.zeros_like(left), where=crosses)
     cut = corners + fraction[..., None] * (following - corners)
     both = np.stack([corners, cut], axis=2).reshape(n, 2 * width, 2)
     taken = np.stack([keeps, crosses], axis=2).reshape(n, 2 * width)
     total = taken.sum(axis=1)
     # a line cuts a convex polygon twice: one corner more at most
+    # taken corners come first, and keep their turn
     order = np.argsort(~taken, axis=1, kind="stable")[:, : width + 1]
     order = np.take_along_axis(order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1)
     return np.take_along_axis(both, order[..., None], axis=1), np.minimum(total, width + 1)
@@ -214,6 +220,7 @@ def _height(points: Array, start: Array, along: Array) -> Array:
 
 def areas(corners: Array) -> Array:
     """Signed areas (n,) of polygons (n, p, 2) with repeated last corners."""
+    # from the first corner: repeated last ones add nothing
     arm = corners[:, 1:] - corners[:, :1]
     return np.asarray(0.5 * (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(axis=1))
 
@@ -312,6 +319,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
         for some in np.array_split(np.arange(len(cells)), max(1, len(cells) // 20000)):
             part = cells.picked(some)
             weights, mine, other = _values(part, pieces, theirs)
+            # from phi to phi~, whose integrals are positive
             mine = mine @ change
             facet = pieces.facet[part.owner]
             weighted = weights[..., None] * mine
@@ -323,6 +331,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
             np.maximum.at(points.sags, at[facet], np.repeat(sag[:, None], n, axis=1))
     dual = _dual(gram, covered)
     np.add.at(points.areas, at, np.einsum("fab->fa", gram))  # the phi add up to one
+    # dual @ normal: int psi n
     np.add.at(points.vector_areas, at, dual @ normal)
     area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
     reached = covered > _NOTHING * area
@@ -330,7 +339,9 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     whole = _whole(pieces, change, n_facet)
     np.add.at(points.whole, at, whole)
     np.add.at(points.near, at[reached], whole[reached])
+    # in equal parts: read as a mark of touched points and in the sum over all alone
     np.add.at(points.covered, at, np.repeat(covered[:, None] / n, n, axis=1))
+    # diag(int phi) where the dual functions are regular, so that T_owner = 1
     own = dual @ gram
     points.own.append((np.repeat(at, n, axis=1), np.tile(at, (1, n)), own.reshape(n_facet, -1)))
     for facet, nodes, product in products:
@@ -362,6 +373,7 @@ def _whole(pieces: Pieces, change: Array, n_facet: int) -> Array:
     points, weights = triangle_quadrature(DEGREE[pieces.kind] + 2)
     total = np.zeros((n_facet, change.shape[0]))
     corners = pieces.corners.shape[1]
+    # a quadrilateral piece is two triangles
     for fan in ((0, 1, 2), (0, 2, 3))[: corners - 2]:
         p = pieces.corners[:, fan]
         # twice the area, as the weights add up to 1/2
@@ -378,6 +390,7 @@ def _values(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Array, A
     degree = DEGREE[mine.kind] + max(DEGREE[mine.kind], DEGREE[theirs.kind])
     if not (_affine(cells.owner_corners) and _affine(cells.other_corners)):
         degree = max(degree, _CURVED_DEGREE)
+    # not polynomials in the plane, since the map from the facet is bilinear: the rule is not exact then
     points, weights = triangle_quadrature(degree)
     barycentric = np.stack([1 - points.sum(axis=1), *points.T])
     at = np.einsum("kg,cki->cgi", barycentric, cells.corners)
@@ -415,23 +428,28 @@ def _finished(points: _Points, least: float) -> Mortar:
     A group has one pressure, its rows are the sum of those of its members (A T).
     """
     n, touched = len(points.nodes), np.flatnonzero(points.covered > 0)
+    # rows of the owner act on u~, which belong to phi~
     back = nodal_values(points.owner.facets, points.nodes)
     own = sp.csr_array(_collected(points.own, (n, n))[touched])
     other = sp.csr_array(_collected(points.entries, (n, len(points.other.nodes)))[touched])
     places = (back @ points.owner.nodes[points.nodes])[touched]
     shares = points.areas[touched] / points.whole[touched]
+    # near the edge of the owner face a point has less area than the whole: its covered facets count
     shares[points.areas[touched] > _INSIDE * points.near[touched]] = 1.0
     group = _groups(shares, sp.csr_array(own[:, touched]), places, least)
     joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
     areas = np.asarray(joined @ points.areas[touched])
+    # points whose group has next to no area are dropped
     joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])
     areas = np.asarray(joined @ points.areas[touched])
     mean = sp.csr_array(sp.diags_array(1 / areas) @ joined)
     select = sp.csr_array((np.ones(n), (np.arange(n), points.nodes)), shape=(n, len(points.owner.nodes)))
+    # a group stands as far off as the worst of its points
     sags = np.asarray((joined @ sp.diags_array(points.sags[touched])).max(axis=1).toarray()).ravel()
     return Mortar(
         areas,
         np.asarray(joined @ points.vector_areas[touched]),
+        # values u~ of the face from u of its nodes, then from those of the mesh
         sp.csr_array(_cleaned(sp.csr_array(mean @ own)) @ back @ select),
         _cleaned(sp.csr_array(mean @ other)),
         areas / np.asarray(joined @ points.whole[touched]),
@@ -452,6 +470,7 @@ def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> I
     for p in small[np.argsort(-shares[small], kind="stable")]:
         others = near.indices[near.indptr[p] : near.indptr[p + 1]]
         placed = others[taker[others] >= 0]
+        # neighbours that are points of their own, before slivers that were merged already
         large = placed[taker[placed] == placed]
         choice = large if len(large) else placed
         nearest = choice[np.argmin(np.linalg.norm(places[choice] - places[p], axis=1))] if len(choice) else p

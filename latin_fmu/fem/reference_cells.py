@@ -95,8 +95,10 @@ def _links(cell_type: str) -> Local:
         return edges
     links = [(end, corners + i) for i, edge in enumerate(edges) for end in edge]
     for face in CELL_FACES[cell_type]:
+        # 6 nodes: a triangle with middles; all other faces have 4 corners
         n = {6: 3}.get(len(face), 4)
         middles = face[n : 2 * n]
+        # middles of a triangle are joined by edges of its four parts, those of an 8-node face are not
         if n == 3:
             links += list(combinations(middles, 2))
         if cell_type == "hexahedron27":
@@ -134,6 +136,7 @@ class ShapeFunctions:
         slopes = []
         for axis in range(3):
             lowered = self.exponents.copy()
+            # not below 0: 0 ** -1 at a point with a coordinate 0 is infinite, and times the factor 0 NaN
             lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
             slopes.append((self.exponents[:, axis] * _monomials(points, lowered)) @ self.coefficients)
         return np.stack(slopes, axis=-1)
@@ -215,6 +218,7 @@ def _times(first: Rule, second: Rule) -> Rule:
     points = np.concatenate(
         [np.tile(first.points, (len(second.points), 1)), np.repeat(second.points, len(first.points), axis=0)], axis=1
     )
+    # the order of the points above
     return Rule(points, np.outer(second.weights, first.weights).ravel())
 
 
@@ -224,6 +228,7 @@ def simplex_rule(n: int, axes: int) -> Rule:
 
     points, weights = np.zeros((1, 0)), np.ones(1)
     for axis in range(axes):
+        # weight (1 - x)^axis: the cross-section of the cone at t = (1 + x) / 2
         x, w = roots_jacobi(n, axis, 0)
         x, w = 0.5 * (1 + x), w / 2.0 ** (axis + 1)
         # the rule of the axes so far, shrunk towards the new corner
@@ -236,6 +241,7 @@ def _corner_rule(axes: int) -> Rule:
     """One point towards each corner of the unit simplex, exact to degree 2."""
     a, volume = {2: (1 / 6, 1 / 2), 3: ((5 - np.sqrt(5)) / 20, 1 / 6)}[axes]
     points = np.full((axes + 1, axes), a)
+    # row i + 1 has its large coordinate on axis i; row 0 points to the corner at the origin
     points[1:][np.eye(axes, dtype=bool)] = 1 - axes * a
     return Rule(points, np.full(axes + 1, volume / (axes + 1)))
 

@@ -23,6 +23,7 @@ class Rotation:
         self._frames = frames
         self._one = frames[0] if len(frames) and (frames == frames[0]).all() else None
         self._along: list[tuple[int, float]] = []  # per global axis, component and factor: frames along these axes
+        # a permutation with signs
         if self._one is not None and (np.count_nonzero(self._one, axis=0) <= 1).all():
             rows = np.abs(self._one).argmax(axis=0)
             self._along = [(int(row), float(self._one[row, axis])) for axis, row in enumerate(rows)]
@@ -100,6 +101,7 @@ def local_frames(normals: Array) -> Array:
     normals = normals / np.linalg.norm(normals, axis=1)[:, None]
     frames = np.empty((len(normals), 3, 3))
     axis = np.argmax(np.abs(normals), axis=1)
+    # the global axis behind the largest component of N: never parallel to it
     first = np.eye(3)[(axis + 1) % 3]
     t1 = first - np.einsum("pi,pi->p", first, normals)[:, None] * normals
     t1 /= np.linalg.norm(t1, axis=1)[:, None]

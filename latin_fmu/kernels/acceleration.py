@@ -30,7 +30,7 @@ def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array,
     pivot is below RANK, as they depend on those before. gram (depth, depth), scratch ((depth + 1) depth,)."""
     factor, size = scratch[: depth * depth], scratch[depth * depth : depth * (depth + 1)]
     for a in range(n):
-        size[a] = np.sqrt(max(gram[a * depth + a], 1e-300))
+        size[a] = np.sqrt(max(gram[a * depth + a], 1e-300))  # unit diagonal: pivots are relative
         x[a] = 0.0
     for a in range(n):
         for b in range(a + 1):
@@ -38,6 +38,7 @@ def least_squares(gram: Array, depth: int, right: Array, n: int, scratch: Array,
             for e in range(b):
                 total -= factor[a * depth + e] * factor[b * depth + e]
             if b < a:
+                # a direction that was left out couples with no other
                 factor[a * depth + b] = total / factor[b * depth + b] if factor[b * depth + b] > 0.0 else 0.0
             else:
                 factor[a * depth + a] = np.sqrt(total) if total > RANK else 0.0
@@ -91,9 +92,10 @@ def take_step(
     products: Array,
 ) -> None:
     """q (n,) := next iterate; ``products`` (2 depth,): of the last difference with all, and of r with all."""
-    n, row, kept = len(q), (count - 1) % depth, min(count, depth)
+    n, row, kept = len(q), (count - 1) % depth, min(count, depth)  # a ring: the oldest difference is replaced
     right, gamma = least[:depth], least[depth : 2 * depth]
     for a in range(kept):
+        # row and column of the difference that is new
         gram[row * depth + a] = products[2 * a]
         gram[a * depth + row] = products[2 * a]
         right[a] = products[2 * a + 1]
@@ -111,6 +113,7 @@ def take_step(
 def relax(q: Array, residual: Array, relaxation: float, last_q: Array, last_r: Array) -> None:
     """q := q + relaxation times r, the first step."""
     for j in range(len(q)):
+        # before q changes
         last_q[j], last_r[j] = q[j], residual[j]
         q[j] += relaxation * residual[j]
 
@@ -138,6 +141,7 @@ def anderson(
     if depth == 0 or count <= 0:
         relax(q, residual, relaxation, last_q, last_r)
         return
+    # behind what ``take_step`` uses of ``least``: 2 depth and (depth + 1) depth numbers
     n, row, products = len(q), (count - 1) % depth, least[(depth + 3) * depth :]
     own_r = dr[row * n : (row + 1) * n]
     take_differences(q, residual, last_q, last_r, dq[row * n : (row + 1) * n], own_r)
@@ -167,6 +171,7 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
         work[new_r : new_r + n],
     )
     parts = work[run.own_parts : run.own_parts + run.n_interface * wide]
+    # behind the measures: both go with one message
     for e in range(run.n_interface):
         parts[e * wide + MEASURES : e * wide + MEASURES + 2 * kept] = 0.0
     for i in range(window):
@@ -174,6 +179,7 @@ def difference_parts(pools: Any, window: int, count: int) -> None:
             size = pools.fixed_int[run.segments + 3 * e + 2]
             for side in range(2):
                 at = pools.fixed_int[run.segments + 3 * e + side]
+                # weights are those of one instant: read before the place moves on to instant i
                 metric = pools.fixed[run.metric + at : run.metric + at + size]
                 at += i * n_flat
                 new, rest = work[new_r + at : new_r + at + size], work[run.r + at : run.r + at + size]
@@ -206,7 +212,7 @@ def next_iterate(pools: Any, window: int, count: int) -> None:
         count,
         work[run.totals + MEASURES : run.totals + MEASURES + 2 * depth],
     )
-    if run.longest_step < np.inf:
+    if run.longest_step < np.inf:  # without a limit no process sends anything
         step_parts(pools, window)
         exchange_parts(pools)
         shorten(pools, window)
@@ -217,6 +223,7 @@ def step_parts(pools: Any, window: int) -> None:
     """Squared lengths of the step and of the residual over each interface, into ``own_parts``."""
     run, work = pools.run[0], pools.moving
     for e in range(run.n_interface):
+        # the first two numbers of a row are free: the measures have been read
         at_part = run.own_parts + e * run.part_width
         work[at_part], work[at_part + 1] = 0.0, 0.0
         size = pools.fixed_int[run.segments + 3 * e + 2]
@@ -244,6 +251,7 @@ def shorten(pools: Any, window: int) -> None:
     n = window * run.n_flat
     add_parts(pools, 0, 2)
     step, allowed = work[run.totals], work[run.totals + 1]
+    # no step at all: the factor is large, and nothing is shortened
     factor = run.longest_step * np.sqrt(allowed) / max(np.sqrt(step), 1e-300)
     q, last_q = work[run.q : run.q + n], work[run.last_q : run.last_q + n]
     if factor < 1.0:
@@ -266,6 +274,7 @@ class Anderson:
 
     def next(self, q: Array, residual: Array) -> Array:
         """Next iterate (n,) from q and its residual."""
+        # a copy: the caller keeps its iterate
         out = np.array(q, dtype=float)
         last_q, last_r, dq, dr, gram, least = self._arrays
         anderson(

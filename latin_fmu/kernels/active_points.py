@@ -43,15 +43,17 @@ def coupling(pools: Any, p: int, q: int, block: Array) -> bool:
         first = at_p + side * gp.n_point * gp.n_component
         for other in range(2):
             second = at_q + other * gq.n_point * gq.n_component
-            if owner[first] < 0 or owner[first] != owner[second]:
+            if owner[first] < 0 or owner[first] != owner[second]:  # another body, or ground
                 continue
             coupled = True
             row = pools.classes[fixed_int[run.owner_class + first]]
+            # A acts on the jump: plus from the same sides, minus across
             weight = pools.fixed[run.area + second] if side == other else -pools.fixed[run.area + second]
             n, plain, m = row.n_live, row.plain_response, row.m
             table = pools.fixed[row.admittance : row.admittance + symmetric_size(n, plain, m)]
             for a in range(gp.n_component):
                 i = place[first + a]
+                # the channel cannot move
                 if i < 0:
                     continue
                 for b in range(gq.n_component):
@@ -78,12 +80,12 @@ def activate(pools: Any) -> int:
             call_out(pools, TANGENTS, g, 0, 0)
     count, b = 0, 0
     for p in range(run.n_place):
-        while p == block_points[b]:
+        while p == block_points[b]:  # blocks without points begin at the same one
             block_start[b] = count
             b += 1
         unknown_of[p] = count
         if pools.fixed_int[run.point_group + p] < 0:  # of an interface between other processes
-            for i in range(numbers[run.elsewhere + p]):
+            for i in range(numbers[run.elsewhere + p]):  # added by their process
                 work[run.unknowns + count + i] = 0.0
             count += numbers[run.elsewhere + p]
             continue
@@ -115,11 +117,12 @@ def activate(pools: Any) -> int:
         for i in range(made):
             total = 0.0
             for a in range(h):
+                # F and F' of the linear stage are not opposite yet: z rho of each side by its own
                 rest = z[first + a] * f[first + a] - z[second + a] * f[second + a] - z_sum[min(a, 1)] * f_hat[first + a]
                 total -= rows[3 * i + a] * rest
             work[run.unknowns + count + i] = total
         count += made
-    while b <= run.n_block:
+    while b <= run.n_block:  # blocks without points behind the last one
         block_start[b] = count
         b += 1
     unknown_of[run.n_place] = count
@@ -160,17 +163,20 @@ def assemble(pools: Any) -> int:
     matrix[:] = 0.0
     for b in range(run.n_block):
         for p in range(points[b], points[b + 1]):
+            # nothing to add: it has no unknowns, or no substructure here
             if unknown_of[p] == unknown_of[p + 1] or pools.fixed_int[run.point_group + p] < 0:
                 continue
             for q in range(points[low[b]], points[high[b] + 1]):
                 if unknown_of[q] == unknown_of[q + 1] or not coupling(pools, p, q, block):
                     continue
                 for i in range(unknown_of[p], unknown_of[p + 1]):
+                    # r_i . A of one pair of points, then its product with each c_j
                     r0, r1, r2 = rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]
                     x = r0 * block[0] + r1 * block[3] + r2 * block[6]
                     y = r0 * block[1] + r1 * block[4] + r2 * block[7]
                     w = r0 * block[2] + r1 * block[5] + r2 * block[8]
                     for j in range(unknown_of[q], unknown_of[q + 1]):
+                        # a pair of points once: both sides are in ``block``
                         matrix[row_at[i] + j] = x * columns[3 * j] + y * columns[3 * j + 1] + w * columns[3 * j + 2]
     return size
 
@@ -210,6 +216,7 @@ def is_factored(pools: Any, count: int) -> bool:
         same = same and numbers[run.factored_of + p] == numbers[run.unknown_of + p]
     for kind in range(3):
         at = run.columns if kind == 0 else run.rows if kind == 1 else run.softness
+        # to the bit: any other matrix has other factors
         for i in range(3 * count if same else 0):
             same = same and work[run.factored_tangents + kind * width + i] == work[at + i]
     if same:

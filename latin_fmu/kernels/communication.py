@@ -37,37 +37,51 @@ with an amplitude of input i for which the initial state of the image does not h
 @kernel
 def communicate(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
     """Make n time steps of a communication step of ``whole``, of which ``before`` are made; how many converged, or a
-    negative status. Row i of the outputs is that after i time steps; row 0, that before the first. None: the
-    communication step ends after those made, at its own end before the next instant where ``whole`` is 0. Where fewer
-    converged than n, and always where the caller solves the windows (``by_caller``), the histories of the others are
-    there: the caller solves the next ones, and has each end (``conclude``)."""
-    run, moving = pools.run[0], pools.moving
-    made = int(moving[run.progress])
+    negative status, after which the caller restores the state. Row i of the outputs is that after i time steps; row 0,
+    that before the first. None: the communication step ends after those made, at its own end before the next instant
+    where ``whole`` is 0. Where fewer converged than n, and always where the caller solves the windows (``by_caller``),
+    the state is that after those which did, and the histories of the others are there: the caller solves the next ones,
+    and has each end (``conclude``), or calls again for the rest with another record of the run."""
+    run = pools.run[0]
     if n == 0:
         keep_inputs(pools, before, whole, rule)
     if n < 1 or n >= run.n_time or before + n > whole:
         return 0
+    status = begin_rows(pools, n, rule, before, whole)
+    if status != 0:
+        return status
+    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)  # none: the caller solves them
+    for i in range(1, done + 1):
+        count_iterations(pools, i - 1)
+        conclude(pools, i, before + i - 1, whole, rule)
+    return done
+
+
+@kernel
+def begin_rows(pools: Any, n: int, rule: int, before: int, whole: int) -> int:
+    """Row 0 of the state, and the histories of the n time steps behind it (``communicate``); 0, or a negative
+    status."""
+    run, moving = pools.run[0], pools.moving
+    made = int(moving[run.progress])
+    # -1: the last row of the table holds ever after
     if run.law_end >= 0 and not run.law_first <= made <= run.law_first + run.law_end - n:
         return BEYOND_LAWS
     if before == 0:
-        moving[run.progress + 1] = 0.0
+        moving[run.progress + 1] = 0.0  # counted over the whole communication step
         moving[run.progress + 2] = 0.0
     if made == 0:
         status = open_run(pools, rule, whole)
         if status != 0:
             return status
     else:
+        # rows of the last call stand in the place of row 0
         put_back(pools)
         set_ratios(pools, 0)
         if run.static == 1 and before == 0:
             set_start_columns(pools, made, whole, rule)
     for i in range(1, n + 1):
         set_histories(pools, i, before + i, made + i, whole, rule)
-    done = 0 if run.by_caller == 1 else march_instants(pools, 1, n)
-    for i in range(1, done + 1):
-        count_iterations(pools, i - 1)
-        conclude(pools, i, before + i - 1, whole, rule)
-    return done
+    return 0
 
 
 @kernel
@@ -95,11 +109,18 @@ def place(pools: Any) -> int:
 
 
 @kernel
-def present(pools: Any, rule: int, whole: int) -> int:
+def present(pools: Any, rule: int, whole: int, by_caller: int) -> int:
     """Put the outputs of the present state, and its fields at the points, into row 0; before the first time step those
     at t = 0 under the inputs as they are set, where a simulation begins; with ``whole`` under those of a first
-    communication step of so many time steps. 0, or a negative status."""
+    communication step of so many time steps; of a segment that the caller marches (1), or begins with (2), from the
+    fields and drives in row 0. 0, or a negative status."""
     run, moving = pools.run[0], pools.moving
+    if by_caller > 0:
+        if by_caller == 2:
+            open_outputs(pools)
+        row_of_state(pools)
+        set_ratios(pools, 0)
+        return 0
     if whole > 0:
         return open_run(pools, rule, whole)
     if moving[run.progress] > 0.0:
@@ -142,7 +163,7 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
     own = run.n_source - run.n_input
     row = run.law_table + own * min(made - run.law_first, max(run.law_end, 0))
     for e in range(own):
-        moving[to + run.n_input + e] = pools.fixed[row + e]
+        moving[to + run.n_input + e] = pools.fixed[row + e]  # the last row holds ever after
 
 
 @kernel
@@ -150,12 +171,14 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     """Columns of an instant of the segment, which ends the time step j of the communication step, and its drives."""
     run, moving = pools.run[0], pools.moving
     z, wide, n_x = run.drive + instant * run.n_drive, run.n_drive, run.n_motion_state
+    # the motion state after the instant before is x of this one
     move(pools, z - wide, z, n_x)
     set_sources(pools, z + n_x, j - 1, made - 1, whole, rule)
     set_sources(pools, z + n_x + run.n_source, j, made, whole, rule)
-    moving[z + wide - 1] = 1.0
+    moving[z + wide - 1] = 1.0  # the constant part of a column
     drives, columns = moving[z : z + wide], moving[run.column : run.column + run.column_rows]
     if run.static == 1:
+        # those of the instant before, for ``continuation``
         move(pools, run.column, run.last_columns, run.column_rows)
     columns[:] = 0.0
     add_matrix(pools, run.column_rows, run.column_starts, run.column_columns, run.column_values, 1, drives, columns)
@@ -165,6 +188,7 @@ def set_histories(pools: Any, instant: int, j: int, made: int, whole: int, rule:
     state = moving[run.next_state : run.next_state + n_x]
     state[:] = 0.0
     add_matrix(pools, n_x, run.motion_starts, run.motion_columns, run.motion_values, 1, drives, state)
+    # from now on the row holds the state at its end: the signals of the instant read it there
     move(pools, run.next_state, z, n_x)
 
 
@@ -191,6 +215,7 @@ def continuation(pools: Any, j: int) -> float:
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         n, first = row.force_terms, at - run.column
+        # change of the loads on that of the step before, in the products of their patterns
         for p in range(n):
             for q in range(n):
                 weight = pools.fixed[product + p * n + q]
@@ -204,10 +229,11 @@ def continuation(pools: Any, j: int) -> float:
         at += row.acceleration_terms + row.work_terms + 3 * row.n_motion * row.m
     same = False
     for e in range(run.n_ground):
+        # the ground moves on as it did
         same = same or moving[at + e] * moving[at + e - run.column + old] > 0.0
     for i in range(run.column_rows):
         moving[last + i] = moving[new + i] - moving[old + i]
-    if j < 2:
+    if j < 2:  # two increments make a direction
         return 1.0
     share = along / size if size > 0.0 and change > 0.0 else (1.0 if same else 0.0)
     return min(max(share, 0.0), 1.0)
@@ -216,6 +242,7 @@ def continuation(pools: Any, j: int) -> float:
 @kernel
 def spread_columns(pools: Any, instant: int) -> None:
     """Write the columns of an instant to their places in the histories."""
+    # in the order of ``cosim.drives.Drives.columns``
     run, at = pools.run[0], pools.run[0].column
     for c in range(len(pools.classes)):
         row = pools.classes[c]
@@ -250,10 +277,12 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     run, moving = pools.run[0], pools.moving
     n_x, n_s, wide = run.n_motion_state, run.n_source, run.n_drive
     z = run.drive
+    # the motion state stays 0: there is none before t = 0
     moving[z : z + wide] = 0.0
     set_sources(pools, z + n_x, 0, 0, whole, rule)
     set_sources(pools, z + n_x + n_s, 1, 1, whole, rule)
     moving[z + wide - 1] = 1.0
+    # before anything of the state is written
     for e in range(run.n_input):
         if departs(pools, e):
             return -2 - e
@@ -272,6 +301,7 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
     add_matrix(pools, n_x, starts, numbers, values, 1, drives, state)
     move(pools, run.next_state, z, n_x)
     move(pools, run.next_state, run.motion_state, n_x)
+    # row 0 is t = 0: both amplitudes of its drives are those at the start
     move(pools, z + n_x, z + n_x + n_s, n_s)
     open_accounts(pools)
     read_start(pools)
@@ -283,7 +313,7 @@ def open_run(pools: Any, rule: int, whole: int) -> int:
 def open_outputs(pools: Any) -> None:
     """Outputs of row 0, in which a simulation begins."""
     run, moving = pools.run[0], pools.moving
-    moving[run.impulse : run.impulse + 3 * run.n_interface] = 0.0
+    moving[run.integral : run.integral + run.n_integral] = 0.0
     gather(pools, 0)
     at = run.output + run.of_solver
     moving[at], moving[at + 1], moving[at + 2], moving[at + 3] = 0.0, 0.0, 1.0, 0.0
@@ -294,24 +324,6 @@ def open_outputs(pools: Any) -> None:
 
 
 @kernel
-def follow(pools: Any, row: int, n: int, made: int) -> None:
-    """Outputs of n rows from ``row`` on, whose fields and drives the caller has filled; ``made`` time steps lie before
-    the first of them. The last one is row 0 of the next call. From row 0 on: the start of a simulation, or with n = 0
-    the present state."""
-    run = pools.run[0]
-    if row == 0 and n > 0:
-        open_outputs(pools)
-    elif n > 0:
-        for i in range(n):
-            keep_outputs(pools, row + i, made + i + 1, made + i + 1)
-        last = row + n - 1
-        move(pools, run.output + last * run.n_output, run.present, run.n_output)
-        move(pools, run.drive + last * run.n_drive, run.motion_state, run.n_motion_state)
-    row_of_state(pools)
-    set_ratios(pools, 0)
-
-
-@kernel
 def departs(pools: Any, e: int) -> bool:
     """Whether the initial state is not known for the amplitudes of an input in the first time step."""
     run, moving = pools.run[0], pools.moving
@@ -319,6 +331,7 @@ def departs(pools: Any, e: int) -> bool:
     if held == FREE:
         return False
     first, start = run.drive + run.n_motion_state + e, pools.fixed[run.input_start + e]
+    # driven by its rate: the amplitude itself is compared
     if kind == DISPLACEMENT:
         moves = moving[first] != 0.0 or moving[first + run.n_source] != 0.0
         return bool(moving[run.inputs + DRIVEN * run.n_input + e] != start or (held == BY_BOTH and moves))
@@ -343,6 +356,7 @@ def set_opening(pools: Any) -> None:
                 still = 0.0
             if moving[row.a + i] != 0.0 or moving[row.residual + i] != 0.0:
                 still = 0.0
+        # else it is as the image was made
         if n > 0:
             moving[row.rest] = still
     e = _write_opening(pools, e, passed, run.n_flat, run.f_hat)
@@ -353,6 +367,7 @@ def set_opening(pools: Any) -> None:
 def _write_opening(pools: Any, e: int, passed: int, size: int, to: int) -> int:
     """Write the numbers whose places lie in an array; the number of the next one."""
     run = pools.run[0]
+    # places ascend: one pass serves all arrays
     while e < run.opening_rows and pools.fixed_int[run.opening_place + e] < passed + size:
         pools.moving[to + pools.fixed_int[run.opening_place + e] - passed] = pools.moving[run.opening + e]
         e += 1

@@ -101,8 +101,9 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.damping_rows > 0:
         whole_product(pools, c, DAMPING, v, now[wide : 2 * wide])
     copied(u, past[:wide])
+    # instant -1 has the forces of instant 0: places 0 and 1 of the ring
     copied(now, past[(_RING + 4) * wide : (_RING + 8) * wide])
-    state[row.turn] = 2.0
+    state[row.turn] = 2.0  # place of the next instant in the ring
     _write(pools, c, instant)
 
 
@@ -134,6 +135,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
         scratch[2 * wide : 3 * wide],
         scratch[3 * wide :],
     )
+    # now, two instants before, one before; the next instant takes the place of the oldest
     new, earlier, then = (
         ring[4 * turn * wide :],
         ring[4 * ((turn + 1) % 3) * wide :],
@@ -162,6 +164,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC and row.n_motion > 0:
         _account_moved_inertia(pools, c, instant, step, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
+    # (K u)_w - mean K u
     add_work(m, (before, old - 0.5, now - 0.5), step, earlier[:wide], then[:wide], new[:wide], of_scheme)
     at, end = 2 * wide, 2 * wide + size
     add_work(m, (before, old, now), step[:size], earlier[at:end], then[at:end], new[at:end], of_loads)
@@ -201,6 +204,7 @@ def _account_viscosity(pools: Any, c: int, instant: int, step: Array, force: Arr
     whole_product(pools, c, LANDING, weighted, image)
     add_dot(m, 1.0, step, image, landing)
     if row.damped == 1:
+        # the rest of C, where there is any
         for i in range(wide):
             image[i] = force[i] - image[i]
         add_dot(m, 1.0, step, image, totals[DAMPED * m : (DAMPED + 1) * m])
@@ -231,7 +235,8 @@ def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
         of_scheme[j] += drift * total
     for i in range(size):
         mass_v[i] += of_old * mass_a_old[i] + of_new * mass_a[i]
-    copied(mass_a, mass_a_old)
+    copied(mass_a, mass_a_old)  # M a of the next step's old instant
+    # with motions ``_account_moved_inertia`` keeps a, as it needs the old one
     if row.n_motion == 0:
         copied(a, a_old)
 
@@ -246,6 +251,7 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loa
     mean, image = scratch[wide : 2 * wide], scratch[3 * wide :]
     a, of_old, of_new = whole_field(pools, c, row.a, 2, instant, scratch[:wide]), run.energy_a_old, run.energy_a_new
     for i in range(wide):
+        # a_w, and Da in the place of the old accelerations, which are put back below
         mean[i], kept[i] = of_old * kept[i] + of_new * a[i], a[i] - kept[i]
     image[:] = 0.0
     add_borders(pools, c, MASS, kept, image)
@@ -296,13 +302,14 @@ def _account_loads(pools: Any, c: int, instant: int) -> None:
     earlier = past[(_RING + 4 * ((turn + 1) % 3) + 2) * size :][:size]
     then = past[(_RING + 4 * ((turn + 2) % 3) + 2) * size :][:size]
     state[row.turn] = (turn + 1) % 3
+    # constant loads, then those that vary
     copied(state[row.work_loads : row.work_loads + size], new)
     add_sum(pools, c, LOADS, instant, 1.0, new)
     u = state[row.u : row.u + size]
     for i in range(size):
         step[i] = u[i] - past[i]
     weights = run.energy_before, run.energy_old, run.energy_new
-    if row.kind == EXPLICIT:
+    if row.kind == EXPLICIT:  # mean of both instants
         weights = 0.0, 0.5, 0.5
     add_work(m, weights, step, earlier, then, new, state[row.totals + WORK_OF_LOADS * m :][:m])
     copied(u, past[:size])
@@ -342,9 +349,10 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
         totals[WORK_OF_LOADS * m : (WORK_OF_LOADS + 1) * m],
         totals[OF_SCHEME * m : (OF_SCHEME + 1) * m],
     )
-    totals[: 2 * m] = 0.0
+    totals[: 2 * m] = 0.0  # kinetic and elastic energy are those of now
     add_dot(m, 0.5, v, mass_v, totals[KINETIC * m : (KINETIC + 1) * m])
     add_dot(m, 0.5, u, new[:wide], totals[ELASTIC * m : (ELASTIC + 1) * m])
+    # -dt^2/8 D[v.K v]
     add_dot(m, -dt * dt / 8, v, k_v, of_scheme)
     add_dot(m, dt * dt / 8, v_old, past[_K_V * wide : (_K_V + 1) * wide], of_scheme)
     step_of(pools, c, u, past[:wide], step, inner)  # in place of the old displacements
@@ -356,6 +364,7 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
         moved, k_v_old = step[size:], past[_K_V * wide + size : (_K_V + 1) * wide]
         mass_v_old = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide]
         k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
+        # of M Dv / dt and C v, then of K u + dt/2 K v
         add_work(m, (-1 / dt, 1 / dt, 1.0), moved, mass_v_old, mass_v[size:], damping[size:], of_loads)
         add_work(m, (0.0, 1.0, 0.5 * dt), moved, k_u_old, k_u_old, k_v_old, of_loads)
     copied(u, past[:wide])

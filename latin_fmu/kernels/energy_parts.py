@@ -49,7 +49,7 @@ def add_border(n: int, count: int, starts: Any, columns: Any, values: Array, m: 
             column, value = np.int64(columns[e]), values[e]
             for j in range(m):
                 out[(n + i) * m + j] += value * x[column * m + j]
-                if column < n:
+                if column < n:  # among motions the rows are whole: no transpose
                     out[column * m + j] += value * x[(n + i) * m + j]
 
 
@@ -182,6 +182,7 @@ def state_energies(pools: Any, c: int, u: Array, v: Array, mass_v: Array, elasti
     if row.kind != STATIC:
         add_dot(m, 0.5, v[:size], mass_v, kinetic)
     if row.kind != STATIC and row.n_motion > 0:
+        # M between motions and dofs, and of the motions, which ``mass_v`` leaves out
         image[:] = 0.0
         add_borders(pools, c, MASS, v, image)
         add_dot(m, 0.5, v, image, kinetic)

@@ -11,32 +11,24 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import entry, fields, kernel, share
+from ..compiled import entry, fields, share
 from .acceleration import difference_parts, shorten, weighted_products
-from .communication import communicate, conclude, follow, place, present
+from .communication import communicate, conclude, place, present
+from .derivatives import derive
 from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
+    begin_at,
     correct,
+    end_at,
     end_instant,
-    end_window_instant,
     first_guess,
     free_motion,
+    leave_window,
     march_instants,
     open_accounts,
     read_start,
 )
-from .iteration import (
-    balance,
-    begin_window,
-    force_norms,
-    force_residual,
-    iterate,
-    judge,
-    linear_stage,
-    measure,
-    next_stage,
-    rewind,
-)
+from .iteration import balance, force_norms, force_residual, iterate, judge, linear_stage, measure, next_stage
 from .local_stage import (
     finish,
     open_window,
@@ -60,45 +52,15 @@ from .newton import (
 )
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN
-from .substructure import linear_response, predict
-from .sums import exchange
+from .substructure import predict
 from .tasks import end_class, serve
 
-(
-    MARCH,
-    ITERATE,
-    CORRECT,
-    PREDICT,
-    END_CLASS,
-    END_INSTANT,
-    FIRST_GUESS,
-    FREE_MOTION,
-    LINEAR_STAGE,
-    OUTGOING,
-    PREPARE,
-    POINTS,
-    FINISH,
-    MEASURE,
-    JUDGE,
-    NEXT,
-    OPEN,
-    BEGIN,
-    REWIND,
-    END_WINDOW,
-    ACCEPT,
-    READ_START,
-    OPEN_ACCOUNTS,
-    RESPOND,
-    FORCES,
-    COMMUNICATE,
-    PRESENT,
-    FIELDS,
-    SERVE,
-    FOLLOW,
-    PLACE,
-    CONCLUDE,
-) = range(32)
-"""Actions of ``call``."""
+START, MARCH, BEGIN, ITERATE, CORRECT, LEAVE, END, FORCES, SERVE = range(9)
+"""Actions of ``call`` on a run: begin at t = 0; march windows of one instant; of a window on its own the start, its
+iterations, their correction by the exact motion, their end, the march over an instant; size of the forces; a thread."""
+PRESENT, PLACE, COMMUNICATE, CONCLUDE, FIELDS, DERIVE = range(9, 15)
+"""Actions on communication steps (``communication``): outputs at the present instant; time steps of a step; make them;
+end one that the caller has solved; fields at the points; derivatives of the outputs."""
 
 Array = NDArray[np.float64]
 
@@ -179,75 +141,34 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
     if action == MARCH:
         return march_instants(pools, a, b)
     if action == ITERATE:
+        # ``begin`` in the count of the first instant, ``limit`` in the record: there are four arguments
         return iterate(pools, a, b, 0, pools.moving_int[run.iterations], c, d, run.limit)
     if action == CORRECT:
         return correct(pools, a, 0)
-    if action == JUDGE:
-        return judge(pools, a, b, c, d == 1)
     if action == COMMUNICATE:
         return communicate(pools, a, b, c, d)
     if action == PRESENT:
-        return present(pools, a, b)
+        return present(pools, a, b, c)
     if action == PLACE:
         return place(pools)
-    if action == END_INSTANT:
-        end_instant(pools, a, b)
-    elif action == FIRST_GUESS:
-        first_guess(pools, a)
-    elif action == FREE_MOTION:
-        free_motion(pools, a, pools.moving[run.w : run.w + run.n_flat])
-        exchange(pools, run.w, run.n_flat, 1)
-    elif LINEAR_STAGE <= action <= MEASURE:
-        _part_of_stage(pools, action, a, b, c)
-    elif action == NEXT:
-        advance_iterate(pools, a, b, c)
-    elif action == OPEN:
-        open_window(pools, a, b)
-    elif action == BEGIN:
-        begin_window(pools)
-    elif action == REWIND:
-        rewind(pools)
-    elif action == END_WINDOW:
-        end_window_instant(pools, a, b)
-    elif action == ACCEPT:
-        accept(pools, a)
-    elif action == READ_START:
+    if action == DERIVE:
+        return derive(pools, a, b, c, d)
+    if action == START:
+        if a == 1:
+            open_accounts(pools)
         read_start(pools)
-    elif action == OPEN_ACCOUNTS:
-        open_accounts(pools)
+    elif action == BEGIN:
+        begin_at(pools, a, b, c)
+    elif action == LEAVE:
+        leave_window(pools, a)
+    elif action == END:
+        end_at(pools, a, b, c)
     elif action == FORCES:
         force_residual(pools, a)
-    elif action == FOLLOW:
-        follow(pools, a, b, c)
     elif action == CONCLUDE:
         conclude(pools, a, b, c, d)
     elif action == FIELDS:
         gather_fields(pools, a)
     elif action == SERVE:
         serve(pools, a)
-    elif action == PREDICT:
-        predict(pools, a, b)
-    elif action == END_CLASS:
-        end_class(pools, a, b)
-    elif action == RESPOND:
-        q, w = run.q + b * run.n_flat, run.w + b * run.n_flat
-        linear_response(pools, a, pools.moving[q : q + run.n_flat], pools.moving[w : w + run.n_flat])
     return 0
-
-
-@kernel
-def _part_of_stage(pools: Any, action: int, a: int, b: int, c: int) -> None:
-    """Parts of an iteration: of the window, of an instant, of the group ``a`` at an instant."""
-    if action == LINEAR_STAGE:
-        linear_stage(pools, a, b, c)
-    elif action == OUTGOING:
-        for g in range(len(pools.groups)):
-            outgoing(pools, g, a, 0, pools.groups[g].n_point)
-    elif action == PREPARE:
-        prepare(pools, a, b, 0, pools.groups[a].n_point)
-    elif action == POINTS:
-        solve_points(pools, a, 0, pools.groups[a].n_point)
-    elif action == FINISH:
-        finish(pools, a, b, c, 0, pools.groups[a].n_point)
-    elif action == MEASURE:
-        measure(pools, a, 0)

@@ -31,7 +31,7 @@ def place_rows(n_block: int, start: Any, low: Any, high: Any, row_at: Any) -> in
     for b in range(n_block):
         first, width = start[low[b]], start[high[b] + 1] - start[low[b]]
         for i in range(start[b], start[b + 1]):
-            row_at[i] = at - first
+            row_at[i] = at - first  # so that a column of the whole matrix is an index
             at += width
     return at
 
@@ -49,9 +49,10 @@ def _eliminate_panel(
             if now > largest:
                 picked, largest = i, now
         pivots[k] = picked
-        if not largest > 0.0:
+        if not largest > 0.0:  # NaN, too
             return False
         pivot_range[0], pivot_range[1] = min(pivot_range[0], largest), max(pivot_range[1], largest)
+        # from ``left`` on: factors of the columns before are exchanged with the row
         own = a[row_at[k] + left : row_at[k] + right]
         if picked != k:
             other = a[row_at[picked] + left : row_at[picked] + right]
@@ -61,13 +62,14 @@ def _eliminate_panel(
                 other[j] = kept
         inverse = 1.0 / a[row_at[k] + k]
         for c in range(b, high[b] + 1):
-            if low[c] > b:
+            if low[c] > b:  # its rows begin behind this block
                 continue
             for i in range(max(k + 1, start[c]), start[c + 1]):
                 factor = a[row_at[i] + k] * inverse
                 a[row_at[i] + k] = factor
                 for j in range(k + 1, k1):
                     a[row_at[i] + j] -= factor * a[row_at[k] + j]
+    # the rows of the panel itself: their rest by the unit triangle of its columns
     for k in range(k0 + 1, k1):
         row = a[row_at[k] + k1 : row_at[k] + right]
         for e in range(k0, k):
@@ -103,7 +105,7 @@ def _update_rest(
     right, tile, factors = start[high[b] + 1], scratch[: PANEL * TILE], scratch[PANEL * TILE : PANEL * (TILE + 1)]
     for first in range(k1, right, TILE):
         width = min(TILE, right - first)
-        tile[:] = 0.0
+        tile[:] = 0.0  # columns that are not there add nothing
         for k in range(k0, k1):
             for j in range(width):
                 tile[(k - k0) * TILE + j] = a[row_at[k] + first + j]
@@ -133,7 +135,7 @@ def factorise(
             if not _eliminate_panel(b, k0, k1, start, low, high, row_at, a, pivots, pivot_range):
                 return 0.0
             _update_rest(b, k0, k1, start, low, high, row_at, a, scratch)
-    return float(pivot_range[0] / pivot_range[1]) if pivot_range[1] > 0.0 else 1.0
+    return float(pivot_range[0] / pivot_range[1]) if pivot_range[1] > 0.0 else 1.0  # no unknowns
 
 
 @kernel
@@ -141,6 +143,7 @@ def substitute(n_block: int, start: Any, low: Any, high: Any, row_at: Any, a: Ar
     """Solution in the place of the right-hand side x (n,), by the factors of ``factorise``."""
     for b in range(n_block):
         left = start[low[b]]
+        # all exchanges of the block first: its factors were exchanged with the rows
         for i in range(start[b], start[b + 1]):
             kept = x[i]
             x[i] = x[pivots[i]]

@@ -33,6 +33,7 @@ def place_of(n: int, m: int, i: int, j: int) -> int:
     """Place of entry i of member j among the vectors of ``substitute``."""
     if m < TILED:
         return n * j + i
+    # in tiles of LANES members, which lie next to each other within a row
     return n * (j - j % LANES) + LANES * i + j % LANES
 
 
@@ -59,7 +60,7 @@ def forward(pools: Any, c: int) -> None:
     order = pools.fixed_int[row.order : row.order + n]
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + row.n_inner * m]
     x = work[row.half_solution : row.half_solution + n * tile_width(m)]
-    if m >= TILED:
+    if m >= TILED:  # lanes without a member
         x[:] = 0.0
     alone = m == 1  # without a loop over the members, as most classes are
     for i in range(n):
@@ -141,6 +142,7 @@ def add_reference(pools: Any, c: int) -> None:
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     reference, nodal = work[row.reference : row.reference + size], work[row.channel : row.channel + size]
     inner, load = work[row.inner : row.inner + n_inner * m], work[row.load : row.load + row.n * m]
+    # 0 where nothing is added
     reference[:] = 0.0
     if run.from_last == 0 or work[row.passed] == 1.0 or row.kind == STATIC:
         return
@@ -167,6 +169,7 @@ def face_response(pools: Any, c: int, with_k: bool, force: Array, answer: Array)
     inner = pools.moving[row.inner : row.inner + row.n_inner * row.m]
     inner[:] = 0.0
     add_spread(pools, c, force, inner)
+    # L^-1, then L^-T, on the rows and columns of the face alone
     to_face(pools, c, inner)
     substitute(pools, c, row.face_vector, with_k, False, False)
     substitute(pools, c, row.face_vector, with_k, True, False)

@@ -108,6 +108,7 @@ def _add_parts(pools: Any, e: int, i: int, window: int, parts: Array) -> None:
             acting = f_hat[j] if alone or k[j] == 0.0 else f[j]
             power += area[j] * (acting * w[j] - f_hat[j] * w_hat[j])
     near, far = pools.fixed_int[run.segments + 3 * e], pools.fixed_int[run.segments + 3 * e + 1]
+    # the same at both sides: read at side E
     of_w = fixed[run.weights + 3 * n + near :][:size]
     near, far = near + i * n, far + i * n
     first, second = work[run.w + near :][:size], work[run.w + far :][:size]
@@ -131,8 +132,10 @@ def set_error(pools: Any, window: int) -> float:
     add_parts(pools, 0, MEASURES)
     totals = work[run.totals : run.totals + MEASURES]
     measure, scales = work[run.measure : run.measure + 9], pools.moving[run.scales : run.scales + 3]
+    # share of the tractions that changes, in the norm of the indicator
     measure[7] = min(1.0, max(STILL, np.sqrt(totals[3] / totals[2]))) if totals[2] > 0.0 else 1.0
     measure[2] = max(scales[0], max(totals[1], STILL * STILL * totals[2]) / window)
+    # numbers out of range are no round-off
     nothing = np.isfinite(totals[4]) and totals[0] <= min(NOTHING, run.tolerance) ** 2 * totals[4]
     measure[0] = 0.0 if nothing else np.sqrt(totals[0] / window / measure[2])
     measure[1] = np.nan
@@ -149,6 +152,7 @@ def class_norms(pools: Any, c: int, window: int) -> None:
     pools.moving[row.cross : row.cross + window] = 0.0
     for i in range(window):
         start, at = 0, 0
+        # by the tables of C, by substitution on the face, or by dense C
         if row.swept == 1 and row.normal_points > 0:
             for part in range(parts):
                 add_table_norms(pools, c, i, part, gain_of(row, pools.run[0]))
@@ -186,6 +190,7 @@ def own_norms(pools: Any, window: int) -> None:
         for e in range(4 * window):
             work[to] = work[pools.classes[c].class_norms + e]
             to += 1
+    # at the last instant of the window
     f_hat, acts = work[run.local_f + (window - 1) * run.n_flat : run.local_f + window * run.n_flat], 0.0
     for j in range(run.n_flat):
         if f_hat[j] != 0.0:
@@ -201,6 +206,7 @@ def add_all_norms(pools: Any, window: int) -> None:
     run, work = pools.run[0], pools.moving
     for e in range(4 * window):
         total = 0.0
+        # rows of classes first, then one of each process
         for r in range(run.n_norm - run.n_process):
             total += work[run.all_norms + pools.fixed_int[run.norm_order + r] * 4 * window + e]
         work[run.norms + e] = total
@@ -234,6 +240,7 @@ def relative_forces(pools: Any, window: int) -> float:
     for i in range(window):
         total = work[run.norms + 4 * i : run.norms + 4 * i + 4]
         for part in range(parts):
+            # the largest so far is of what changes: the norm is that of the whole tractions
             measure[3 + part] = max(measure[3 + part], measure[7] * np.sqrt(max(total[2 * part], 0.0)))
         # of forces that stay as they are the tolerance is below their round-off; without inertia parts of the forces
         # alone are not in balance, and their norm on weak dashpots is no size
@@ -264,7 +271,7 @@ def own_put_in(pools: Any) -> float:
     total = state[run.works + STORED] + state[run.works + OF_GROUND]
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        if row.accounted == 0:
+        if row.accounted == 0:  # not known
             return -1.0
         for j in range(row.m):
             total += state[row.totals + WORK_OF_LOADS * row.m + j]
@@ -275,6 +282,7 @@ def own_put_in(pools: Any) -> float:
 def take_works(pools: Any, put_in: float, drift: float) -> None:
     """Largest energy put in so far, and work of the drift, of all processes."""
     works = pools.moving[pools.run[0].works : pools.run[0].works + N_WORK]
+    # never falls: what was put in counts when it is taken out again; -1: not known
     works[PUT_IN], works[NET] = max(works[PUT_IN], put_in) if put_in >= 0.0 else -1.0, drift
     works[LARGEST] = max(works[LARGEST], abs(drift))
 
@@ -294,6 +302,7 @@ def work_of_error(pools: Any, window: int, power: float) -> float:
     put_in = max(put_in, work[run.measure + 2] * window * run.dt)
     share, budget = (SHARE, BUDGET) if run.from_last == 1 else (SHARE_OF_LONG, OF_LONG)
     share = share if window == 1 else SHARE_OF_WINDOW
+    # a share of what the drift has left of the budget, but never less than LEAST of the whole
     allowed = share * budget * put_in * max(1.0 - abs(net) / (budget * put_in), LEAST)
     return float(abs(power) * run.dt / allowed) if allowed > 0.0 else 0.0
 
@@ -330,7 +339,7 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
         for e in range(n * m):
             force += x[2 * e] * y[2 * e]
             half += x[2 * e + 1] * y[2 * e + 1]
-            cross += x[2 * e + 1] * y[2 * e]
+            cross += x[2 * e + 1] * y[2 * e]  # half residual . C force
     work[row.class_norms + 4 * i + into] += force
     work[row.class_norms + 4 * i + into + 1] += half
     work[row.cross + i] += cross
@@ -351,6 +360,7 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
     r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
     x, tail = work[row.face_vector : row.face_vector + LANES * n], work[row.tile : row.tile + SPARE * LANES]
     gain, four = gain_of(row, run), count <= 4 and row.grouped == 0
+    # entry d of vector l at step d + apart l: tiles, or vectors one after the other
     step, apart = (1, n) if four else (LANES, 1)
     for first in range(0, count, LANES):
         x[:] = 0.0
@@ -359,13 +369,14 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
             for d in range(row.n_inner):
                 total = 0.0
                 for e in range(starts[d], starts[d + 1]):
-                    if normal[columns[e]] == part:
+                    if normal[columns[e]] == part:  # normal or tangential
                         at = channels[np.int64(columns[e]) * m + member]
                         total += values[e] * area[at] * (0.5 * r[at] if half else f_hat[at])
                 x[step * face[d] + apart * lane] = total
         forward_on_face(pools, c, four, x, tail)
         for lane in range(min(LANES, count - first)):
             part, odd, own, total, cross = (first + lane) // (2 * m), lane % 2, apart * lane, 0.0, 0.0
+            # forces stand in even lanes, their half residuals next to them
             other = apart * (lane - odd)  # the force of this half residual
             for d in range(n):
                 total += x[step * d + own] ** 2
@@ -391,7 +402,7 @@ def accept(pools: Any, window: int) -> None:
     for i in range(window):
         r = work[run.r + i * n : run.r + (i + 1) * n]
         for j in range(n):
-            share[interface[j]] += weights[j] * r[j] * r[j] / window
+            share[interface[j]] += weights[j] * r[j] * r[j] / window  # mean over the instants, as in ``set_error``
     worst, scale = state[run.worst : run.worst + run.n_interface], state[run.scales]
     for e in range(run.n_interface):
         worst[e] = max(worst[e], np.sqrt(share[e] / scale))

@@ -49,6 +49,7 @@ def rate_over(given: Any, memory: Any, kinds: Any, e: int, span: float, rule: in
     value, rate = given[0][e], given[1][e]
     if rule != CAUSAL or kinds[e] == WAVE or rate != 0.0 or memory[RATED * n + e] != 0.0:
         return float(rate)
+    # no step before, or a jump from a value that was held
     held = span == 0.0 or memory[HELD * n + e] == 1.0
     return float(0.0 if held else (value - memory[BEFORE * n + e]) / span)
 
@@ -64,6 +65,7 @@ def amplitude(
     if rule == HOLD:
         return float(value)
     if rule == LINE:
+        # the value itself at the end, whatever the round-off
         return float(value if x == total else x * ((value - reached) / total) + reached)
     return float(value + rate_over(given, memory, kinds, e, span, rule) * (x * dt))
 
@@ -74,11 +76,13 @@ def at_instant(
 ) -> float:
     """Amplitude of an input that drives the run after j of the time steps that the communication step ends."""
     n, kind = len(kinds), kinds[e]
+    # a step that begins between two instants goes on from what drove the run, and so does a motion
     if j == 0 and (begin > 0.0 or kind not in (LOAD, WAVE)):
         return float(memory[DRIVEN * n + e])
     now = amplitude(given, memory, kinds, e, span, j - begin, total, rule, dt)
     if begin == 0.0 or j > 1 or kind == DISPLACEMENT:
         return now
+    # the integral of a line is its middle value times its length
     middle = amplitude(given, memory, kinds, e, span, -0.5 * begin, total, rule, dt)
     return float(now + (memory[CARRIED * n + e] / dt - begin * middle))
 
@@ -112,12 +116,15 @@ def keep(
     """Memory after ``done`` of the ``whole`` time steps, with which the communication step ends, at an instant unless
     they are all; its length, s."""
     n, total, behind = len(kinds), (whole + rest) - begin, rest if done == whole else 0.0
+    # length that was made, in time steps
     ended = (done + behind) - begin
     for e in range(n):
         value, carried = given[0][e], 0.0
         if behind > 0.0:
+            # since the last instant: the whole step where it has reached none
             part = behind if done > 0 else ended
             middle = amplitude(given, memory, kinds, e, span, ended - 0.5 * part, total, rule, dt)
+            # what was carried is carried on as long as no instant is reached
             carried = part * dt * middle + (memory[CARRIED * n + e] if done == 0 else 0.0)
         last = at_instant(given, memory, kinds, e, span, done, begin, total, rule, dt)
         if done > 0:
@@ -126,6 +133,7 @@ def keep(
         memory[DRIVEN * n + e] = last
         memory[REACHED * n + e] = amplitude(given, memory, kinds, e, span, ended, total, rule, dt)
         memory[CARRIED * n + e] = carried
+        # BEFORE is still that of the step before
         memory[HELD * n + e] = 1.0 if span > 0.0 and value == memory[BEFORE * n + e] else 0.0
         memory[BEFORE * n + e] = value
         if given[1][e] != 0.0:
@@ -144,10 +152,12 @@ def placed(made: float, begin: float, end: float, length: float, off: float) -> 
         n = int(max(end - made, 0.0))
         rest = max(end - made, 0.0) - n
         near = _SAME_STEP + _DRIFT * end + off
+        # within round-off of the next instant
         if rest > 1.0 - near:
             n, rest = n + 1, 0.0
         elif rest < near and n > 0:
             rest = 0.0
+        # no instant is reached: the fractions add up
         elif n == 0:
             rest = begin + length
     return n, rest

@@ -12,7 +12,7 @@ from .callouts import SUM, call_out, has_failed
 from .energy import open_account
 from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
 from .indicator import accept, cross_of_classes, work_of_error
-from .iteration import iterate, precise
+from .iteration import begin_window, iterate, precise, rewind
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
 from .newton import MADE, POWER, RESIDUAL
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 WITHIN, CORRECTED, FAILED = 1, 0, -1
 """Results of ``correct``."""
+OPENINGS, GUESS, FREE = range(3)
+"""How much ``begin_at`` does."""
 
 
 @kernel
@@ -47,12 +49,51 @@ def march_instants(pools: Any, first: int, n: int) -> int:
             if used <= 0:
                 return call
         if pools.run[0].shared == 1:
+            # by the tractions of the last iterate, on all processes
             pools.moving[pools.run[0].touched] = pools.moving[pools.run[0].acting]
-        each_class(pools, END, instant, 0)
-        end_instant(pools, instant, 0)
+        end_at(pools, instant, 0, 1)
         if has_failed(pools):
             return call
     return n
+
+
+@kernel
+def begin_at(pools: Any, window: int, first: int, further: int) -> None:
+    """Begin a window that starts with instant ``first``: keep the states, read the openings; of one instant the free
+    response, and with GUESS its first guess. FREE, in a window that has begun: the velocities without tractions, into
+    ``w``."""
+    run = pools.run[0]
+    if further != FREE:
+        begin_window(pools)
+        open_window(pools, window, first - 1)
+    if window == 1:
+        each_class(pools, PREDICT, first, 0)
+    if further == GUESS:
+        first_guess(pools, first)
+    elif further == FREE:
+        free_motion(pools, first, pools.moving[run.w : run.w + run.n_flat])
+        exchange(pools, run.w, run.n_flat, 1)
+
+
+@kernel
+def leave_window(pools: Any, accepted: int) -> None:
+    """End the iterations over a window whose last iterate is accepted for so many instants, 0 where it is not, and
+    return to the states at its start; those of one instant have not changed."""
+    if accepted > 0:
+        accept(pools, accepted)
+    # a long window has marched the classes to its end
+    if accepted != 1:
+        rewind(pools)
+
+
+@kernel
+def end_at(pools: Any, instant: int, i: int, window: int) -> None:
+    """End the instant i of a window with the accepted iterate: motion, gaps, energies, probes, fields."""
+    if window == 1:
+        each_class(pools, END, instant, 0)
+        end_instant(pools, instant, 0)
+    else:
+        end_window_instant(pools, instant, i)
 
 
 @kernel
@@ -60,7 +101,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     """Iterate over the instant whose free responses are known; whether it converged."""
     run, work = pools.run[0], pools.moving
     open_window(pools, 1, instant - 1)
-    if run.n_part == 0:
+    if run.n_part == 0:  # of all processes: each of them takes this way then
         pools.moving[run.errors + call * run.max_iterations] = 0.0
         pools.moving[run.force_residuals + call * run.max_iterations] = 0.0
         pools.moving_int[run.iterations + call] = 1
@@ -76,7 +117,7 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
         return False
     pools.moving[run.defects + call] = 0.0
     pools.moving_int[run.corrections + call] = 0
-    if run.sparse == 0:
+    if run.sparse == 0:  # else it is accepted by ``correct``
         accept(pools, 1)
     return True
 
@@ -101,6 +142,7 @@ def correct(pools: Any, instant: int, call: int) -> int:
         call_out(pools, SUM, course + RESIDUAL, 2, 0)
         squared, power = pools.moving[course + RESIDUAL], pools.moving[course + POWER]
     size = float(np.sqrt(squared / pools.moving[run.measure + 2]))
+    # after the last correction the tolerance alone decides: the work of the error is left as it is
     last = pools.moving_int[run.corrections + call] == MOST_CORRECTIONS
     allowed = run.tolerance if last or work_of_error(pools, 1, power) <= 1.0 else precise(run.tolerance) * run.tolerance
     if size <= allowed:
@@ -112,6 +154,7 @@ def correct(pools: Any, instant: int, call: int) -> int:
     pools.moving_int[run.corrections + call] += 1
     guess_from_reference(pools, pools.moving[run.q : run.q + run.n_flat], True)
     exchange(pools, run.q, run.n_flat, 1)
+    # their solution is that under tractions that are not the last ones
     for c in range(len(pools.classes)):
         if pools.classes[c].sparse == 1:
             pools.moving[pools.classes[c].ended] = 0.0
@@ -136,12 +179,14 @@ def first_guess(pools: Any, instant: int) -> None:
         add_made_up(pools, w)
         q[:] = 0.0
         add_dense(n, n, direction[run.bonds : run.bonds + n * n], w, q)
+        # q is that of the motion of the sides, whose jumps are those of the law less what is made up
         w[:] = 0.0
         add_made_up(pools, w)
         for j in range(n):
             q[j] -= k[j] * w[j]
         return
     touched, carry = run.shared == 1 and state[run.touched] != 0.0, state[run.carry]
+    # loads that turn back do not carry the last velocities on
     if run.static == 1:
         carry *= pools.moving[run.continuation + instant]
     f_hat, w_hat, w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n], work[run.w : run.w + n]
@@ -176,6 +221,7 @@ def guess_from_reference(pools: Any, q: Array, sparse: bool) -> None:
             continue
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]
+            # W of the linear stage is w_free for this q, without a product (``linear_response``)
             q[j] = work[row.reference + at] + pools.fixed[run.k + j] * work[row.w_free + at]
 
 
@@ -201,14 +247,17 @@ def end_instant(pools: Any, instant: int, i: int) -> None:
     """Gaps and drifts at the end of an instant, and its accepted fields among histories and as the start of the next
     one; they are those of instant i of the window."""
     run, moving, of_ground = pools.run[0], pools.moving, 0.0
+    # arrays of N numbers one behind the other: displacement, moved, layer
     exchange(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
     for e in range(run.n_ground):
         at, velocity = pools.fixed_int[run.ground + e], moving[run.ground_velocity + instant * run.n_ground + e]
         moving[run.moved + at] = velocity
         if pools.fixed_int[run.interface + at] < run.n_owned:
+            # F_hat acts on the ground: the ground does the opposite work
             of_ground -= pools.fixed[run.area + at] * moving[run.local_f + i * run.n_flat + at] * velocity * run.dt
     moving[run.works + OF_GROUND] += of_ground
     moving[run.works + INSTANTS] += 1.0
+    # before the fields are kept: W_hat becomes that of the law here
     follow_drift(pools, i)
     keep_fields(pools, instant, i)
     moving[run.history_works + instant - run.first_row] = moving[run.works + OF_DRIFT]
@@ -259,6 +308,7 @@ def read_start(pools: Any) -> None:
         read_channels(pools, c, 0, 1.0, run.gap_offset, 0.0, True, displacement)
         if run.layers == 1:
             read_channels(pools, c, 0, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
+        # row 0
         for j in range(N_TERM * pools.classes[c].m * pools.classes[c].accounted):
             output[pools.classes[c].energies + j] = state[pools.classes[c].totals + j]
     for j in range(n):

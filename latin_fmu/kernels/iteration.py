@@ -69,15 +69,19 @@ def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
     One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched in every iteration.
     """
     run, work = pools.run[0], pools.moving
+    # every process has to decide alike whether a divided class is solved again: by the change at all its members
     if run.shared == 1 and run.reuse >= 0.0 and iteration > 0:
         changes(pools, window)
     if window == 1:
+        # not in the first iteration: the last solution is that of another instant then
         each_class(pools, RESPONSE, 1 if iteration > 0 and run.reuse >= 0.0 else 0, 0)
     else:
         each_class(pools, WINDOW, window, first)
     for c in range(len(pools.classes)):
+        # substructure-instants marched, or solved through Y
         work[run.counts + (1 if window == 1 else 0)] += work[pools.classes[c].solved]
     for i in range(window):
+        # channels of ground belong to no class
         w = work[run.w + i * run.n_flat : run.w + (i + 1) * run.n_flat]
         at = run.ground_velocity + (first + i) * run.n_ground
         for e in range(run.n_ground):
@@ -125,6 +129,7 @@ def balance(pools: Any) -> None:
     n, size, own = run.n_flat, run.n_coarse, run.n_coarse_here
     q, w = work[run.q : run.q + n], work[run.w : run.w + n]
     total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + own]
+    # F + F' over each interface, which is 0 in balance
     for i in range(size):
         first, second = pools.fixed_int[run.coarse_order + i], pools.fixed_int[run.coarse_order + size + i]
         total[i] = work[run.coarse_parts + first] + work[run.coarse_parts + second]
@@ -132,7 +137,7 @@ def balance(pools: Any) -> None:
         line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
         now = 0.0
         for j in range(size):
-            now -= line[j] * total[j]
+            now -= line[j] * total[j]  # against what is out of balance
         motion[i] = now
     add_matrix(
         pools, n, run.coarse_incoming_starts, run.coarse_incoming_columns, run.coarse_incoming_values, 1, motion, q
@@ -148,7 +153,7 @@ def measure(pools: Any, window: int, made: int) -> None:
     if pools.run[0].shared == 1:
         difference_parts(pools, window, made)
         exchange_parts(pools)
-    if set_error(pools, window) <= pools.run[0].tolerance:
+    if set_error(pools, window) <= pools.run[0].tolerance:  # else its products with C decide nothing
         force_residual(pools, window)
 
 
@@ -187,7 +192,7 @@ def newton_step(pools: Any, first: int) -> bool:
     linear_stage(pools, 1, first, 1)
     keep_end(pools)
     search(pools)
-    measure(pools, 1, 0)
+    measure(pools, 1, 0)  # no differences for the acceleration
     return True
 
 
@@ -203,6 +208,7 @@ def next_stage(pools: Any, window: int, first: int, iteration: int, begin: int, 
         if newton_step(pools, first):
             return
         leave(pools, iteration)
+    # 0 after a new reference too: what was solved under the old one is not taken again
     stage(pools, window, first, iteration - begin, steps_made(pools, window, iteration, phase))
 
 
@@ -220,6 +226,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     merits = work[run.merits : run.merits + 2 * (iteration + 1)]
     error, forces = numbers[0], numbers[1]
     if iteration == 0:
+        # their ratio where both are known; scale of the best iterate
         numbers[5], numbers[6] = 1.0, pools.moving[run.scales]
     merit, known = error / run.tolerance, np.nan
     if np.isfinite(forces) and np.isfinite(merit):
@@ -243,9 +250,10 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if not np.isfinite(error):
         return BROKEN
     since = int(work[run.course + PHASE])
+    # the acceleration may have begun anew where Newton's method was left
     phase, best, before, recent = max(phase, since), np.inf, np.inf, np.inf
     for i in range(since, iteration + 1):
-        now = merits[2 * i + 1] if np.isfinite(merits[2 * i + 1]) else numbers[5] * merits[2 * i]
+        now = merits[2 * i + 1] if np.isfinite(merits[2 * i + 1]) else numbers[5] * merits[2 * i]  # NaN: not measured
         if i < iteration:
             best = min(best, now)
         elif now <= best:
@@ -258,10 +266,11 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if best == -1.0:
         bits, numbers[6] = BEST, numbers[2]
         merit = known if np.isfinite(known) else numbers[5] * merit
+        # where Newton's method is left, it goes back to there (``leave``)
         if run.newton == 1 and (work[run.course + ACTIVE] == 0.0 or merit < GAIN * work[run.course + BEGUN]):
             for j in range(run.n_flat):
                 work[run.best_q + j] = work[run.q + j]
-    if work[run.course + ACTIVE] == 1.0:
+    if work[run.course + ACTIVE] == 1.0:  # its progress is judged by ``continues``
         return bits
     if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
         # without inertia relaxation passes most stalls of the acceleration: a stack of 64 plates takes 31 iterations
@@ -291,6 +300,7 @@ def iterate(pools: Any, window: int, first: int, call: int, begin: int, start: i
     run = pools.run[0]
     for iteration in range(start, limit):
         next_stage(pools, window, first, iteration, begin, phase)
+        # the call has a row for each of its instants
         pools.moving[run.errors + call * run.max_iterations + iteration] = pools.moving[run.measure]
         pools.moving[run.force_residuals + call * run.max_iterations + iteration] = pools.moving[run.measure + 1]
         bits = judge(pools, window, phase, iteration, run.depth > 0)
@@ -304,6 +314,7 @@ def iterate(pools: Any, window: int, first: int, call: int, begin: int, start: i
         stalled = bits & STALLED != 0 and not (run.static == 1 and run.depth == 0)
         if stalled or bits & BROKEN:
             return -(iteration + 1)
+        # after the last iteration q stays that of the fields
         if iteration + 1 < limit:
             advance_iterate(pools, window, iteration, phase)
     return -limit

@@ -50,6 +50,7 @@ def admit(pools: Any, x: Array, out: Array) -> None:
             pools.fixed_int[row.live : row.live + n_live],
         )
         area = pools.fixed[row.area : row.area + row.n_channel]
+        # without inertia the factor has the dashpots k in it: D is a table there (``newton.make_admittances``)
         if row.swept == 1 and row.kind != STATIC:
             force, velocity = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
             gain = gain_of(row, run)
@@ -88,6 +89,7 @@ def widen(pools: Any) -> None:
         rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
         jump, traction = work[group.jump : group.jump + size], work[group.traction : group.traction + size]
         first, second = group.start, group.start + size
+        # s = W - z F of both sides with another z
         for j in range(size):
             a, b = first + j, second + j
             jump[j] += (wide[a] - z[a]) * f[a] - (wide[b] - z[b]) * f[b]
@@ -158,7 +160,7 @@ def invert_diagonal(pools: Any, out: Array) -> None:
             for a in range(group.n_component):
                 z = pools.fixed[group.z_sum + 2 * at + min(a, 1)]
                 total += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
-            out[i] = 1.0 / total if total > 0.0 else 1.0
+            out[i] = 1.0 / total if total > 0.0 else 1.0  # nothing at its own point: no scaling
 
 
 @kernel
@@ -171,40 +173,63 @@ def length_of(x: Array) -> float:
 
 
 @kernel
+def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> float:
+    """Orthonormalise the vector k + 1 of ``basis`` (n each) to those before it, and turn its coefficients; the residual
+    of the least-squares problem. ``small`` : columns of the triangle (most, most + 1), cosines and sines of the
+    rotations, the right-hand side, whose first number is the residual at the start."""
+    width, new = most + 1, basis[(k + 1) * n : (k + 2) * n]
+    cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
+    column = small[k * width : (k + 1) * width]
+    # modified Gram-Schmidt
+    for e in range(k + 1):
+        other, total = basis[e * n : (e + 1) * n], 0.0
+        for i in range(n):
+            total += other[i] * new[i]
+        column[e] = total
+        for i in range(n):
+            new[i] -= total * other[i]
+    below = length_of(new)
+    for i in range(n):
+        new[i] /= max(below, 1e-300)  # 0: the solution lies in the vectors so far
+    # rotations of the columns before, then one that takes the number below the diagonal
+    for e in range(k):
+        upper, lower = column[e], column[e + 1]
+        column[e] = cosine[e] * upper + sine[e] * lower
+        column[e + 1] = cosine[e] * lower - sine[e] * upper
+    size = max(np.hypot(column[k], below), 1e-300)
+    cosine[k], sine[k] = column[k] / size, below / size
+    column[k] = size
+    right[k + 1] = -sine[k] * right[k]  # before right[k] changes
+    right[k] = cosine[k] * right[k]
+    return float(abs(right[k + 1]))
+
+
+@kernel
+def combine(small: Array, used: int, most: int) -> None:
+    """Solve the triangle of the first ``used`` vectors: their coefficients, in the place of the right-hand side."""
+    width, right = most + 1, small[(most + 2) * (most + 1) :]
+    for k in range(used - 1, -1, -1):
+        total = right[k]
+        for e in range(k + 1, used):
+            # columns one after the other
+            total -= small[e * width + k] * right[e]
+        right[k] = total / small[k * width + k]
+
+
+@kernel
 def expand(pools: Any, n: int, rest: float, enough: float) -> int:
     """Arnoldi vectors from the first one of ``basis`` on, until the residual ``rest`` is at most ``enough``; their
     number. The coefficients are the columns of the triangle, rotations, and the rotated right-hand side."""
     run, work = pools.run[0], pools.moving
     width, inverse, scaled = VECTORS + 1, work[run.krylov_work + SMALL :][:n], work[run.krylov_work + SMALL + n :][:n]
     small = work[run.krylov_work : run.krylov_work + SMALL]
-    cosine, sine, right = small[VECTORS * width :], small[(VECTORS + 1) * width :], small[(VECTORS + 2) * width :]
-    right[0] = rest
+    small[(VECTORS + 2) * width] = rest
     for k in range(VECTORS):
         own, new = work[run.basis + k * n : run.basis + (k + 1) * n], work[run.basis + (k + 1) * n :][:n]
         for i in range(n):
             scaled[i] = inverse[i] * own[i]
         multiply(pools, scaled, new)
-        column = small[k * width : (k + 1) * width]
-        for e in range(k + 1):
-            other, total = work[run.basis + e * n : run.basis + (e + 1) * n], 0.0
-            for i in range(n):
-                total += other[i] * new[i]
-            column[e] = total
-            for i in range(n):
-                new[i] -= total * other[i]
-        below = length_of(new)
-        for i in range(n):
-            new[i] /= max(below, 1e-300)
-        for e in range(k):
-            upper, lower = column[e], column[e + 1]
-            column[e] = cosine[e] * upper + sine[e] * lower
-            column[e + 1] = cosine[e] * lower - sine[e] * upper
-        size = max(np.hypot(column[k], below), 1e-300)
-        cosine[k], sine[k] = column[k] / size, below / size
-        column[k] = size
-        right[k + 1] = -sine[k] * right[k]
-        right[k] = cosine[k] * right[k]
-        if not abs(right[k + 1]) > enough:
+        if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:  # ends for NaN, too
             return k + 1
     return VECTORS
 
@@ -216,15 +241,11 @@ def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
     width, small = VECTORS + 1, work[run.krylov_work : run.krylov_work + SMALL]
     right, inverse = small[(VECTORS + 2) * width :], work[run.krylov_work + SMALL :][:n]
     left = abs(right[used])
-    for k in range(used - 1, -1, -1):
-        total = right[k]
-        for e in range(k + 1, used):
-            total -= small[e * width + k] * right[e]
-        right[k] = total / small[k * width + k]
+    combine(small, used, VECTORS)
     for k in range(used):
         own = work[run.basis + k * n : run.basis + (k + 1) * n]
         for i in range(n):
-            solution[i] += inverse[i] * right[k] * own[i]
+            solution[i] += inverse[i] * right[k] * own[i]  # preconditioned from the right: x = P y
     return float(left)
 
 
@@ -240,12 +261,13 @@ def solve_by_products(pools: Any, n: int) -> bool:
     for i in range(n):
         residual[i] = right[i]
     for _ in range(CYCLES):
-        if not rest > TOLERANCE * size:
+        if not rest > TOLERANCE * size:  # NaN: nothing to be gained
             break
         for i in range(n):
             residual[i] /= rest
         if add_combination(pools, n, expand(pools, n, rest, TOLERANCE * size), solution) <= TOLERANCE * size:
             break
+        # the true residual, as that of the recursion has lost its digits
         multiply(pools, solution, residual)
         for i in range(n):
             residual[i] = right[i] - residual[i]

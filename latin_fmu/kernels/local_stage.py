@@ -51,6 +51,7 @@ def outgoing(pools: Any, g: int, i: int, low: int, high: int) -> None:
         at = i * run.n_flat + first
         q, w = work[run.q + at : run.q + at + n], work[run.w + at : run.w + at + n]
         f, s = work[run.f + at : run.f + at + n], work[run.s + at : run.s + at + n]
+        # z = 0 where k = 0, on ground: s = W there
         k, z = direction[run.k + first : run.k + first + n], direction[run.z + first : run.z + first + n]
         for j in range(n):
             traction = q[j] - k[j] * w[j]
@@ -66,6 +67,7 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
     h = group.n_component
     size, first = (high - low) * h, run.s + i * run.n_flat + group.start + low * h
     second = first + group.n_point * h
+    # far is read up to ``size``
     jump, near, far = work[group.jump + low * h : group.jump + high * h], work[first : first + size], work[second:]
     if i == 0 and run.longest_window > 1:
         _start_window(pools, g, low, high)
@@ -82,6 +84,7 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
             reach[j] = start[j] * rate
     else:
         rate, deepest = 1.0 / run.dt, run.deepest
+        # a penetrated point is not pushed out; without inertia, where ``deepest`` is -inf, it is
         for j in range(end - begin):
             reach[j] = max(start[j], deepest) * rate
 
@@ -114,6 +117,7 @@ def solve_points(pools: Any, g: int, low: int, high: int) -> None:
     width = h if group.elastic == 1 else 1
     rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
     law = group.law
+    # ``traction`` and ``reach`` go on to the end of the block: only the points from ``low`` to ``high`` are read
     jump, traction = work[group.jump + low * h : group.jump + high * h], work[group.traction + low * h :]
     z, reach = pools.fixed[group.z_sum + 2 * low : group.z_sum + 2 * high], work[group.reach + low * width :]
     parameters = pools.fixed[group.parameters + low * n_parameter : group.parameters + high * n_parameter]
@@ -138,13 +142,13 @@ def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None
     at, n = i * run.n_flat, (high - low) * h
     traction = work[group.traction + low * h : group.traction + high * h]
     for side in range(2):
-        first, sign = group.start + (side * group.n_point + low) * h, 1.0 - 2.0 * side
+        first, sign = group.start + (side * group.n_point + low) * h, 1.0 - 2.0 * side  # on E' the opposite
         s, z = work[run.s + at + first : run.s + at + first + n], pools.fixed[run.z + first : run.z + first + n]
         f_hat = work[run.local_f + at + first : run.local_f + at + first + n]
         w_hat = work[run.local_w + at + first : run.local_w + at + first + n]
         for j in range(n):
             f_hat[j] = sign * traction[j]
-            w_hat[j] = s[j] + z[j] * f_hat[j]
+            w_hat[j] = s[j] + z[j] * f_hat[j]  # E+: F_hat - k W_hat = -k s
     if window > 1:
         _follow(pools, g, work[run.local_w + at : run.local_w + at + run.n_flat], low, high)
         _follow_plan(pools, g, low, high)
@@ -153,6 +157,7 @@ def finish(pools: Any, g: int, i: int, window: int, low: int, high: int) -> None
 @kernel
 def points_stage(pools: Any, g: int, window: int, low: int, high: int) -> None:
     """Fields of the local stage over the window at the points from ``low`` to ``high`` of a group."""
+    # one instant after the other: the opening of the next one follows from this
     for i in range(window):
         outgoing(pools, g, i, low, high)
         prepare(pools, g, i, low, high)
@@ -178,6 +183,7 @@ def _follow(pools: Any, g: int, w_hat: Array, low: int, high: int) -> None:
             j = p * width + c
             moved = w_hat[group.start + size + p * h + c] - w_hat[group.start + p * h + c]
             moved += run.make_up * work[group.planned + p * h + c]  # as the law says
+            # the new rate before the new velocity: both follow from the old ones
             gap[j] += run.opening_v * velocity[j] + run.opening_a * rate[j] + run.opening_new * moved
             rate[j] = run.rate_v * velocity[j] + run.rate_a * rate[j] + run.rate_new * moved
             velocity[j] = moved
@@ -197,6 +203,7 @@ def _follow_plan(pools: Any, g: int, low: int, high: int) -> None:
     for p in range(low, high):
         held = work[group.traction + p * h : (p + 1) * h + group.traction]
         for c in range(h):
+            # the sides move as the law says but for what is made up
             error = -run.make_up * work[group.planned + p * h + c]
             _advance_drift(pools, g, group.planned, p * h + c, error, _kept(group, held, c))
 
@@ -219,7 +226,7 @@ def _advance_drift(pools: Any, g: int, to: int, j: int, error: float, kept: bool
     group, run, work = pools.groups[g], pools.run[0], pools.moving
     size = group.n_point * group.n_component
     velocity, rate = work[to + size + j], work[to + 2 * size + j]
-    if not kept:
+    if not kept:  # nothing to be made up where the place is free
         work[to + j], work[to + size + j], work[to + 2 * size + j] = 0.0, 0.0, 0.0
         return
     work[to + j] += run.opening_v * velocity + run.opening_a * rate + run.opening_new * error
@@ -243,21 +250,24 @@ def follow_drift(pools: Any, i: int) -> None:
         if i == 0:
             _start_window(pools, g, 0, group.n_point)
         for p in range(group.n_point):
-            owned = pools.fixed_int[run.interface + first + p * h] < run.n_owned
+            owned = pools.fixed_int[run.interface + first + p * h] < run.n_owned  # by one process
             held = work[run.local_f + at + first + p * h : run.local_f + at + first + (p + 1) * h]
             for c in range(h):
                 j = p * h + c
                 planned = run.make_up * work[group.planned + j]
                 near, far = run.local_w + at + first + j, run.local_w + at + second + j
+                # the law was given the jump of the sides and what is made up (``prepare``): W_hat has the former alone
                 if planned != 0.0:
                     share = _share(pools, g, p, c)
                     work[near] -= share * planned
                     work[far] += (1.0 - share) * planned
                 moved = work[run.moved + second + j] - work[run.moved + first + j]
+                # before the drift is advanced
                 kept, error, before = _kept(group, held, c), moved - (work[far] - work[near]), work[group.drift + j]
                 _advance_drift(pools, g, group.drift, j, error, kept)
                 if owned and kept:
                     lost += area[first + j] * held[c] * (work[group.drift + j] - before)
+                # longer windows: what the next instant makes up
                 _advance_drift(pools, g, group.planned, j, -planned, kept)
     work[run.works + OF_DRIFT] -= lost
 
@@ -266,7 +276,7 @@ def follow_drift(pools: Any, i: int) -> None:
 def _share(pools: Any, g: int, p: int, c: int) -> float:
     """Share of side E in a jump of velocities at a point in the direction c, in the ratio of the 1/k of both sides."""
     group = pools.groups[g]
-    both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]
+    both = pools.fixed[group.z_sum + 2 * p + min(c, 1)]  # normal or tangential
     own = pools.fixed[pools.run[0].z + group.start + p * group.n_component + c]
     return float(own / both) if both > 0.0 else 0.0
 
@@ -284,6 +294,7 @@ def take_drift(pools: Any, w: Array) -> None:
                 planned = run.make_up * work[group.drift + j]
                 if planned != 0.0:
                     share = _share(pools, g, p, c)
+                    # opposite to ``follow_drift``
                     w[group.start + j] += share * planned
                     w[second + j] -= (1.0 - share) * planned
 
@@ -296,6 +307,7 @@ def add_made_up(pools: Any, w: Array) -> None:
         group = pools.groups[g]
         size = group.n_point * group.n_component
         for j in range(size):
+            # jumps alone count, so one side takes it all
             w[group.start + size + j] += run.make_up * work[group.drift + j]
 
 
@@ -316,10 +328,12 @@ def open_window(pools: Any, window: int, instant: int) -> None:
         start, state = work[group.opened + 3 * count : group.opened + 4 * count], work[kept : kept + count]
         for j in range(count):
             start[j] = state[j]
+        # the gap of the law is G - D
         if group.elastic == 0 and group.keeps_normal == 1:
             for p in range(group.n_point):
                 start[p] -= work[group.drift + p * h]
         _start_window(pools, g, 0, group.n_point)
+    # one instant needs no velocities of the openings: its gaps are at their end already
     for kind in range(3 if window > 1 else 0):
         read_motion(pools, instant, kind)
         exchange(pools, run.displacement, run.n_flat, 1)
@@ -353,6 +367,7 @@ def read_jumps(pools: Any, kind: int) -> None:
         _jumps(pools, g, kind, flat)
     for g in range(len(pools.groups)):
         group = pools.groups[g]
+        # with the last kind all three jumps are there
         if kind == 2 and group.elastic == 1:
             count = group.n_point * group.n_component
             at = group.opened
@@ -386,8 +401,10 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
     for p in range(group.n_point):
         for c in range(width):
             out[p * width + c] = flat[group.start + size + p * h + c] - flat[group.start + p * h + c]
+        # the initial gap adds to the displacement, not to its rates
         if kind == 0:
             out[p * width] += pools.fixed[group.initial_gap + p]
+        # drift, its velocity, its acceleration in turn: the jump of the law
         if group.elastic == 0 and group.keeps_normal == 1:
             out[p] -= pools.moving[group.drift + (kind * group.n_point + p) * h]
 
@@ -418,5 +435,5 @@ def read_gaps(pools: Any, instant: int) -> None:
             start = pools.moving[group.layer : group.layer + n_point * h]
             for j in range(n_point * h):
                 start[j] = layer[second + j] - layer[first + j]
-            for p in range(n_point):
+            for p in range(n_point):  # along N
                 start[p * h] += initial[p]

@@ -59,6 +59,7 @@ def add_sum(pools: Any, c: int, which: int, instant: int, factor: float, out: Ar
         values_at, at = row.work_values, row.work_amplitudes
     if n == 0:
         return
+    # a row of amplitudes for every instant
     starts, at = pools.moving_int[starts_at : starts_at + n + 1], at + n * instant
     rows = pools.moving_int[rows_at : rows_at + starts[n]]
     values = pools.moving[values_at : values_at + starts[n]]
@@ -84,6 +85,7 @@ def add_trace(pools: Any, c: int, x: Array, out: Array, normal: bool) -> None:
         return
     if not normal:
         _add_table(pools, c, row.n_channel, row.n_inner, row.trace_table, x, out)
+        # rows of the normal channels alone, which are apart in ``out``
         return
     n, m = row.n_normal, row.m
     normals = pools.moving[row.answers : row.answers + n * m]
@@ -118,6 +120,7 @@ def read_channels(
     for i in range(n_inner):
         for j in range(m):
             inner[i * m + j] = of_u * u[dofs[i] * m + j]
+    # gaps of schemes without an offset need displacements alone
     if of_v != 0.0 or of_a != 0.0:
         for i in range(n_inner):
             for j in range(m):

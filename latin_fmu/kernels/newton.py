@@ -104,7 +104,7 @@ def admit_residual(pools: Any) -> None:
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     for j in range(n):
-        x[j] = work[run.local_f + j] - work[run.f + j]
+        x[j] = work[run.local_f + j] - work[run.f + j]  # -rho
     admit(pools, x, v)
     exchange(pools, run.step_w, n, 1)
 
@@ -125,9 +125,10 @@ def active_matrix(pools: Any) -> int:
     if run.krylov == 1:
         return count
     if is_factored(pools, count):
-        return count
+        return count  # more than 0: the matrix is not read
     size = assemble(pools)
     soften(pools)
+    # sums over processes follow: each right-hand side is counted by the owner of its point
     for p in range(run.n_place if run.shared == 1 else 0):
         if pools.fixed_int[run.point_owned + p] == 0:
             for i in range(pools.moving_int[run.unknown_of + p], pools.moving_int[run.unknown_of + p + 1]):
@@ -147,7 +148,7 @@ def change_tractions(pools: Any, size: int) -> bool:
     if size > 0 and run.krylov == 1:
         if not solve_by_products(pools, size):
             return False
-        for j in range(n):
+        for j in range(n):  # -rho again: the products took it for scratch
             x[j] = work[run.local_f + j] - work[run.f + j]
     elif size > 0 and not solve_active(pools):
         return False
@@ -170,7 +171,7 @@ def full_step(pools: Any) -> None:
     kept_q, kept_w = work[run.old_q : run.old_q + n], work[run.old_w : run.old_w + n]
     for j in range(n):
         kept_q[j], kept_w[j] = q[j], w[j]
-        q[j] = f[j] + x[j] + k[j] * (w[j] + v[j])
+        q[j] = f[j] + x[j] + k[j] * (w[j] + v[j])  # F + k W with F + dF, W + dW
     for e in range(run.n_interface):
         total, size = 0.0, pools.fixed_int[run.segments + 3 * e + 2]
         for side in range(2):
@@ -264,10 +265,11 @@ def search(pools: Any) -> None:
         size = trial_size(pools)
         if size < best:
             best, best_length = size, length
+        # as much as a linear residual would fall, but for a share
         if size <= (1.0 - DECREASE * length) * before:
             break
         length *= 0.5
-    if last != best_length:
+    if last != best_length:  # the fields are those of a worse trial
         try_length(pools, best_length)
     count_step(pools, best)
 
@@ -303,8 +305,9 @@ def continues(pools: Any, iteration: int) -> bool:
     if course[ACTIVE] == 1.0:
         if course[MADE] >= STEPS or course[WITHOUT] >= SLOW:
             leave(pools, iteration + 1)
+        # either way q is known: the acceleration makes no step
         return True
-    count, warm = iteration + 1, finish[0] > 0.0
+    count, warm = iteration + 1, finish[0] > 0.0  # the last instant ended with a step
     # not without inertia: on weak dashpots a step gains little beyond the tolerance
     now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0 and run.static == 0
     # factors that serve many instants are worth what the iterations of these have cost
@@ -313,9 +316,11 @@ def continues(pools: Any, iteration: int) -> bool:
         return True
     if count < (WARM if warm else COLD):
         return False
+    # at least WARM iterations: there are two before
     past = _merit(pools, iteration - 2)
     if not warm and now <= FAR and count < LATE:
         return False
+    # at the rate of the last two iterations two more do: now (now / past) <= 1
     if now * now <= past:
         return False
     span = min(RECENT, iteration) if run.static == 1 else 2
@@ -335,6 +340,7 @@ def price(pools: Any) -> float:
     one that ended with some, dynamic instants two."""
     run, steps = pools.run[0], EXPECTED
     if run.static == 1:
+        # negative where the last instant did without
         steps = max(EXPECTED, int(abs(pools.moving[run.finish])))
     return float(run.newton_price * steps)
 
@@ -363,6 +369,7 @@ def keep_course(pools: Any) -> None:
         return
     compared = course[MADE] > 0.0 or course[LAST] >= COLD  # after few iterations no step is in sight
     if course[MADE] == 0.0 and compared:
+        # the active points of an instant without steps, to be compared with those of the next
         activate(pools)
         course[TANGENTS] = sum_of_tangents(pools)
     if run.shared == 1 and compared:
@@ -380,9 +387,10 @@ def _pays(cost: float, count: int, now: float, past: float, span: int) -> bool:
     """Whether steps that cost so many iterations cost less than those that they save: those left at the rate
     of the last ``span``. Where the iterations made have cost as much already, that rate is not relied on: the whole
     costs at most twice the better of both ways."""
+    # no decrease: no rate
     if count >= cost or not now < past:
         return bool(count >= cost)
-    left = span * np.log10(max(now, 1.0)) / np.log10(past / now)
+    left = span * np.log10(max(now, 1.0)) / np.log10(past / now)  # log10 of the distance over that lost in an iteration
     return bool(left > cost)
 
 

@@ -1,8 +1,8 @@
 """Outputs of a communication step at its instants, and the fields of the interfaces at their points.
 
 The outputs after a time step are linear in its signals (tractions, velocities, gaps, what sensors and probes read,
-drives), but for the smallest gap and the shares of the contact, which are read point by point, the running impulses
-(trapezoidal rule), energies, and the numbers of the iteration.
+drives, energies), or integrals of others over time (trapezoidal rule). Written here are the smallest gap and the shares
+of the contact, which are read point by point, contact events, and the numbers of the iteration.
 """
 
 from __future__ import annotations
@@ -14,15 +14,22 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import contact_status
-from .energy_parts import DAMPED, ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, OF_LANDING, WORK_OF_LOADS
+from .energy_parts import ELASTIC, KINETIC, N_TERM, TERMS
 from .matrices import add_matrix
 
 Array = NDArray[np.float64]
 
-N_SOLVER: Final = 5
-"""Outputs of the solver: iterations, indicator, converged, time steps, instant."""
-NORMAL_FORCE: Final = 15
-"""Outputs of an interface before its normal force."""
+READ: Final = ("normalForce", "smallestGap", "closed", "sticking", "slipping", "touches")
+"""Outputs of an interface whose places begin its row of ``summary``, -1 where it has no such one; the number of its
+group and its points follow."""
+PRESSING, SMALLEST, CLOSED, STICKING, SLIPPING, TOUCHES, OF_GROUP, BEGIN, END = range(9)
+"""Columns of ``summary``."""
+N_SUMMARY: Final = 9
+WRITTEN: Final = READ[SMALLEST : SLIPPING + 1]
+"""Of those, written here as they are no linear functions."""
+ENERGIES: Final = (*TERMS, "friction_dissipation", "start")
+"""Energies among the signals, J: terms of the account over all members, energy dissipated by friction, kinetic and
+elastic energy at t = 0."""
 
 
 @kernel
@@ -39,6 +46,7 @@ def count_iterations(pools: Any, call: int) -> None:
     run, moving = pools.run[0], pools.moving
     used = pools.moving_int[run.iterations + call]
     moving[run.progress + 1] += used
+    # that of the last iteration
     reached = moving[run.errors + call * run.max_iterations + used - 1] if used > 0 else 0.0
     moving[run.progress + 2] = max(moving[run.progress + 2], reached)
 
@@ -61,22 +69,22 @@ def gather(pools: Any, row: int) -> None:
     before."""
     run, moving = pools.run[0], pools.moving
     set_signals(pools, row)
+    # energies are signals where the scene has output.energy
+    if run.of_energy >= 0:
+        set_energies(pools, row, moving[run.signal + run.of_energy : run.signal + run.n_signal])
     at = run.output + row * run.n_output
     outputs, signals = moving[at : at + run.n_output], moving[run.signal : run.signal + run.n_signal]
     outputs[:] = 0.0
     add_matrix(pools, run.n_output, run.output_starts, run.output_columns, run.output_values, 1, signals, outputs)
+    for i in range(run.n_integral):
+        of, to = pools.fixed_int[run.integrals + 2 * i], pools.fixed_int[run.integrals + 2 * i + 1]
+        if row > 0:
+            moving[run.integral + i] += 0.5 * run.dt * (outputs[of] + moving[at - run.n_output + of])
+        outputs[to] = moving[run.integral + i]
     for i in range(run.n_interface):
-        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
-        for k in range(3):
-            total = run.impulse + 3 * i + k
-            if row > 0:
-                old = moving[at - run.n_output + summary[0] + k]
-                moving[total] += 0.5 * run.dt * (outputs[summary[0] + k] + old)
-            outputs[summary[1] + k] = moving[total]
-        if summary[2] >= 0:
+        summary = summary_of(pools, i)
+        if summary[SMALLEST] >= 0:
             summarise(pools, row, summary, outputs)
-    if run.of_event > run.of_solver + N_SOLVER:
-        add_energies(pools, row, outputs[run.of_solver + N_SOLVER :])
 
 
 @kernel
@@ -97,59 +105,47 @@ def set_signals(pools: Any, row: int) -> None:
 
 
 @kernel
-def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
-    """Smallest gap of an interface, and the shares of its area that are closed, stick and slip."""
-    run, moving = pools.run[0], pools.moving
-    group, first, last, to = pools.groups[summary[3]], summary[4], summary[5], summary[2]
-    gaps, smallest = run.history_gap + row * run.n_point + group.first_point, np.inf
-    closed, stuck, slipping = 0.0, 0.0, 0.0
-    for p in range(first, last):
-        smallest = min(smallest, moving[gaps + p])
-        status, share = status_at(pools, row, summary[3], p), pools.fixed[run.area_share + group.first_point + p]
-        closed += share if status != 0 else 0.0
-        stuck += share if status == 1 else 0.0
-        slipping += share if status == 2 else 0.0
-    outputs[to], outputs[to + 1], outputs[to + 2], outputs[to + 3] = smallest, closed, stuck, slipping
+def summary_of(pools: Any, i: int) -> Any:
+    """Places of the outputs of an interface that are read or written here, its group and its points, a view."""
+    at = pools.run[0].summary + N_SUMMARY * i
+    return pools.fixed_int[at : at + N_SUMMARY]
 
 
 @kernel
-def add_energies(pools: Any, row: int, outputs: Array) -> None:
-    """Energies of a row: kinetic, elastic, work of loads and of interfaces, dissipation by friction, damping, landing
-    and scheme, and what the balance leaves over, J."""
+def summarise(pools: Any, row: int, summary: Any, outputs: Array) -> None:
+    """Smallest gap of an interface, and the shares of its area that are closed, stick and slip."""
+    run, moving = pools.run[0], pools.moving
+    group = pools.groups[summary[OF_GROUP]]
+    gaps, smallest = run.history_gap + row * run.n_point + group.first_point, np.inf
+    closed, stuck, slipping = 0.0, 0.0, 0.0
+    for p in range(summary[BEGIN], summary[END]):
+        smallest = min(smallest, moving[gaps + p])
+        status = status_at(pools, row, summary[OF_GROUP], p)
+        share = pools.fixed[run.area_share + group.first_point + p]
+        closed += share if status != 0 else 0.0
+        stuck += share if status == 1 else 0.0
+        slipping += share if status == 2 else 0.0
+    outputs[summary[SMALLEST]], outputs[summary[CLOSED]] = smallest, closed
+    outputs[summary[STICKING]], outputs[summary[SLIPPING]] = stuck, slipping
+
+
+@kernel
+def set_energies(pools: Any, row: int, energies: Array) -> None:
+    """The ``ENERGIES`` of a row, J."""
     run, moving, progress = pools.run[0], pools.moving, pools.run[0].progress
-    for k in range(9):
-        outputs[k] = 0.0
+    energies[:] = 0.0
     for c in range(len(pools.classes)):
         of = pools.classes[c]
         for term in range(N_TERM):
             at = of.energies + (row * N_TERM + term) * of.m
-            to = place_of_term(term)
             for j in range(of.m):
-                outputs[to] += moving[at + j]
-    stored = outputs[0] + outputs[1]
+                energies[term] += moving[at + j]
     if row == 0:
-        moving[progress + 4] = stored
+        moving[progress + 4] = energies[KINETIC] + energies[ELASTIC]  # the balance counts from t = 0
         moving[progress + 5] = 0.0
     else:
         moving[progress + 5] += run.dt * friction_power(pools, row)
-    outputs[4] = moving[progress + 5]
-    outputs[8] = stored - moving[progress + 4] + outputs[5] + outputs[6] + outputs[7] - outputs[2] - outputs[3]
-
-
-@kernel
-def place_of_term(term: int) -> int:
-    """Place of a term of the account among the outputs of energies."""
-    if term == KINETIC:
-        return 0
-    if term == ELASTIC:
-        return 1
-    if term == WORK_OF_LOADS:
-        return 2
-    if term == INTERFACE_WORK:
-        return 3
-    if term == DAMPED:
-        return 5
-    return 6 if term == OF_LANDING else 7
+    energies[N_TERM], energies[N_TERM + 1] = moving[progress + 5], moving[progress + 4]
 
 
 @kernel
@@ -165,6 +161,7 @@ def friction_power(pools: Any, row: int) -> float:
         for p in range(group.n_point):
             for k in range(1, h):
                 at = p * h + k
+                # of E' over E; traction on E along it dissipates
                 slip = moving[w + second + at] - moving[w + group.start + at]
                 power += moving[f + group.start + at] * slip * pools.fixed[run.area + group.start + at]
     return power
@@ -180,9 +177,9 @@ def gather_fields(pools: Any, row: int) -> None:
     add_matrix(pools, run.field_rows, run.field_starts, run.field_columns, run.field_values, 1, signals, fields)
     for i in range(run.n_interface):
         to = pools.fixed_int[run.status_place + i]
-        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
-        for p in range(summary[4], summary[5] if to >= 0 else summary[4]):
-            fields[to + p - summary[4]] = status_at(pools, row, summary[3], p)
+        summary = summary_of(pools, i)
+        for p in range(summary[BEGIN], summary[END] if to >= 0 else summary[BEGIN]):
+            fields[to + p - summary[BEGIN]] = status_at(pools, row, summary[OF_GROUP], p)
 
 
 @kernel
@@ -206,7 +203,7 @@ def set_ratios(pools: Any, row: int) -> None:
     shear[:] = 0.0
     add_matrix(pools, n, run.shear_starts, run.shear_columns, run.shear_values, 1, signals, shear)
     for i in range(run.n_interface):
-        normal = moving[run.output + row * run.n_output + pools.fixed_int[run.summary + 6 * i] + NORMAL_FORCE]
+        normal = moving[run.output + row * run.n_output + summary_of(pools, i)[PRESSING]]
         x, y, z = shear[3 * i], shear[3 * i + 1], shear[3 * i + 2]
         ratio = np.sqrt(x * x + y * y + z * z) / normal if normal > 0.0 else 0.0
         moving[run.friction_ratio + row * run.n_interface + i] = ratio
@@ -217,26 +214,28 @@ def follow_events(pools: Any, row: int, made: int) -> None:
     """Counts and instants of touches, separations and slips in the time step that ends at a row."""
     run, moving, dt = pools.run[0], pools.moving, pools.run[0].dt
     set_ratios(pools, row)
-    new, to = run.output + row * run.n_output, run.of_event
-    move(pools, new - run.n_output + to, new + to, run.n_output - to)
+    new = run.output + row * run.n_output
+    # counts and instants go on from the row before
+    move(pools, new - run.n_output + run.of_event, new + run.of_event, run.n_output - run.of_event)
     for i in range(run.n_interface):
-        summary = pools.fixed_int[run.summary + 6 * i : run.summary + 6 * (i + 1)]
-        if summary[2] < 0:
+        summary = summary_of(pools, i)
+        if summary[TOUCHES] < 0:
             continue
-        old, shares = new - run.n_output, summary[2] + 1
-        was, closed = moving[old + shares] > 0.0, moving[new + shares] > 0.0
-        stuck, sticks = moving[old + shares + 1] > 0.0, moving[new + shares + 1] > 0.0
-        pressing, ratio = summary[0] + NORMAL_FORCE, run.friction_ratio + row * run.n_interface + i
+        old, to = new - run.n_output, new + summary[TOUCHES]
+        was, closed = moving[old + summary[CLOSED]] > 0.0, moving[new + summary[CLOSED]] > 0.0
+        stuck, sticks = moving[old + summary[STICKING]] > 0.0, moving[new + summary[STICKING]] > 0.0
+        pressing, ratio = summary[PRESSING], run.friction_ratio + row * run.n_interface + i
         rates, rate = run.event_rates + 2 * i, (moving[ratio] - moving[ratio - run.n_interface]) / dt
         if closed and not was:
-            count_event(pools, new + to, made, time_to_touch(pools, row, summary))
+            count_event(pools, to, made, time_to_touch(pools, row, summary))
         elif was and not closed:
-            count_event(pools, new + to + 2, made, time_of(moving[old + pressing], -moving[rates]))
+            # the force falls to zero at its last rate
+            count_event(pools, to + 2, made, time_of(moving[old + pressing], -moving[rates]))
         elif was and stuck and not sticks:
-            count_event(pools, new + to + 4, made, time_of(rate * dt, moving[rates + 1]))
+            # the ratio reaches that of sliding, its new value, at its last rate
+            count_event(pools, to + 4, made, time_of(rate * dt, moving[rates + 1]))
         moving[rates] = (moving[new + pressing] - moving[old + pressing]) / dt if closed else 0.0
         moving[rates + 1] = rate if closed else 0.0
-        to += 6
 
 
 @kernel
@@ -257,12 +256,12 @@ def time_of(way: float, speed: float) -> float:
 @kernel
 def time_to_touch(pools: Any, row: int, summary: Any) -> float:
     """Time from the instant before a row until the first of the points that touch there has no gap."""
-    run, moving, group = pools.run[0], pools.moving, pools.groups[summary[3]]
+    run, moving, group = pools.run[0], pools.moving, pools.groups[summary[OF_GROUP]]
     gaps = run.history_gap + (row - 1) * run.n_point + group.first_point
     first = run.history_w + (row - 1) * run.n_flat + group.start
     second, least = first + group.n_point * group.n_component, np.inf
-    for p in range(summary[4], summary[5]):
-        if status_at(pools, row, summary[3], p) != 0:
-            at = p * group.n_component
+    for p in range(summary[BEGIN], summary[END]):
+        if status_at(pools, row, summary[OF_GROUP], p) != 0:
+            at = p * group.n_component  # approach along N
             least = min(least, time_of(moving[gaps + p], moving[first + at] - moving[second + at]))
     return least

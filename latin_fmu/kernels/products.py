@@ -39,6 +39,7 @@ def half_product(
     begin, middle, own_x, own_out = starts[low : high + 1], diagonal[low:high], x[low:high], out[low:high]
     i, rows = 0, high - low
     while i < rows:
+        # a node may be cut by the end of the part
         count = min(int(together[low + i]), rows - i)
         column, first = columns[begin[i] : begin[i + 1]], values[begin[i] : begin[i + 1]]
         n, x0, own0, t0 = len(column), own_x[i], factor * own_x[i], middle[i] * own_x[i]
@@ -56,7 +57,9 @@ def half_product(
                 at, value = column[e], x[column[e]]
                 t0 += first[e] * value
                 t1 += second[e] * value
+                # the sums in the order of the rows, as if one had followed the other
                 out[at] = (out[at] + first[e] * own0) + second[e] * own1
+            # behind the n columns in common stands the entry with the first row
             own_out[i] = (own_out[i] + factor * t0) + second[n] * own1
             own_out[i + 1] += factor * (t1 + second[n] * x0)
             i += 2
@@ -109,6 +112,7 @@ def add_dense_members(rows: int, columns: int, table: Array, m: int, x: Array, o
         for first in range(0, m, LANES):
             add_dense_tile(rows, columns, table, m, first, x, out, scratch)
         return
+    # one member at a time, side by side in memory
     own, total = scratch[:columns], scratch[columns : columns + rows]
     for j in range(m):
         for i in range(columns):
@@ -125,7 +129,7 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
     is the cost of a product with a matrix larger than the cache. Two rows at a time."""
     at, i = 0, 0
     while i + 2 <= n:
-        first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]
+        first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]  # rows i and i + 1
         corner, below, last = a[at + i], a[at + 2 * i + 1], a[at + 2 * i + 2]
         x0, x1 = x[i], x[i + 1]
         t0, t1 = corner * x0 + below * x1, below * x0 + last * x1
@@ -135,7 +139,7 @@ def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
             t1 += second[j] * known[j]
             into[j] += first[j] * x0 + second[j] * x1
         out[i], out[i + 1] = t0, t1
-        at += 2 * i + 3
+        at += 2 * i + 3  # to row i + 2
         i += 2
     if i < n:
         first, t0 = a[at : at + i], a[at + i] * x[i]
@@ -199,7 +203,7 @@ def two_norms(n: int, a: Array, x: Array) -> tuple[float, float, float]:
             t0 += line[j] * x0[j]
             t1 += line[j] * x1[j]
         corner = a[at + i]
-        first += x0[i] * (2.0 * t0 + corner * x0[i])
+        first += x0[i] * (2.0 * t0 + corner * x0[i])  # both triangles
         second += x1[i] * (2.0 * t1 + corner * x1[i])
         cross += x1[i] * (t0 + corner * x0[i]) + x0[i] * t1
         at += i + 1
@@ -211,7 +215,7 @@ def add_terms(n: int, starts: Any, rows: Any, values: Array, amplitudes: Array, 
     """out += factor x sum of patterns (starts, rows, values) times their amplitudes (n,) at an instant."""
     for t in range(n):
         now = factor * amplitudes[t]
-        if now != 0.0:
+        if now != 0.0:  # loads that have ended, or not begun
             for e in range(starts[t], starts[t + 1]):
                 out[rows[e]] += now * values[e]
 
@@ -362,8 +366,10 @@ def lower_pattern(pointers: Any, columns: Any, starts: Any, lower: Any, together
     for k in range(n):
         i = n - 1 - k
         together[i] = 1
+        # the next row has the same columns and this one
         if k == 0 or starts[i + 2] - starts[i + 1] != starts[i + 1] - starts[i] + 1:
             continue
+        # how far an entry of the next row lies behind
         same, ahead = lower[starts[i + 2] - 1] == i, starts[i + 1] - starts[i]
         for e in range(starts[i], starts[i + 1]):
             same = same and lower[e] == lower[e + ahead]

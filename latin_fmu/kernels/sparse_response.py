@@ -62,9 +62,11 @@ MOST_CORRECTIONS: Final = 8
 def multiply(points: int, width: int, starts: Any, runs: Any, values: Any, x: Array, out: Array) -> None:
     """out (points h,) = a table times x (points h,)."""
     at = 0
+    # up to three sums side by side: the components of the point
     for p in range(points):
         s0 = s1 = s2 = 0.0
         for r in range(starts[p], starts[p + 1]):
+            # components in a run follow each other: no index for each entry
             n = runs[2 * r + 1]
             part = x[runs[2 * r] : runs[2 * r] + n]
             l0 = values[at : at + n]
@@ -144,9 +146,11 @@ def add_table_norms(pools: Any, c: int, i: int, part: int, gain: float) -> None:
             multiply(points, width, starts, runs, values, x, product)
             for e in range(size):
                 total += x[e] * product[e]
+                # C is symmetric: the product with the forces serves their half residuals, too
                 if half == 0 and places[e] >= 0:
                     at = channels[places[e] * m + j]
                     cross += 0.5 * area[at] * r[at] * product[e]
+        # a truncated table need not be positive
         work[row.class_norms + 4 * i + 2 * part + half] += gain * max(total, 0.0)
     work[row.cross + i] += gain * cross
 
@@ -165,6 +169,7 @@ def squared_defect(pools: Any) -> float:
         exact, power = row.sparse == 1 and work[row.ended] == 1.0, 0.0
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]
+            # of classes without a table those of the linear stage
             apart = (work[row.w_free + at] if exact else work[run.w + j]) - w_hat[j]
             power += area[j] * f_hat[j] * apart
             total += weights[j] * apart * apart if exact else 0.0

@@ -57,6 +57,7 @@ def leaf(pools: Any, action: int, t: int, c: int, a: int, b: int, d: int, factor
     the t-th vector or tile of a product of a dense matrix.
     """
     if action == FORWARD:
+        # d: 4 for ``with_k``, 2 for ``backwards``, 1 for ``whole``
         _forward_piece(pools, c, a + t, t, b, d // 4 == 1, d % 2 == 1)
     elif action == BACKWARD:
         _backward_piece(pools, c, a + t, t, b, d // 4 == 1, d % 2 == 1)
@@ -73,6 +74,7 @@ def leaf(pools: Any, action: int, t: int, c: int, a: int, b: int, d: int, factor
 @kernel
 def each_leaf(pools: Any, n: int, action: int, c: int, a: int, b: int, d: int, factor: float) -> None:
     """Do the tasks of an action, by the threads of the run where they share the class."""
+    # one task, or nobody to share it with
     if pools.run[0].threads <= 1 or pools.classes[c].split == 0 or n == 1:
         for t in range(n):
             leaf(pools, action, t, c, a, b, d, factor)
@@ -98,7 +100,7 @@ def sweep(
     first = numbers[row.first + low : row.first + high + 1]
     row_start = numbers[row.row_start + low : row.row_start + high + 1]
     panel_start = numbers[row.panel_start + low : row.panel_start + high + 1]
-    begin = row.face_start + low if row.swept == 1 else 0
+    begin = row.face_start + low if row.swept == 1 else 0  # columns for the face: swept classes alone
     face_start = numbers[begin : begin + (high - low if row.swept == 1 else 0)]
     rows = numbers[row.rows : row.rows + row.n_rows]
     halved = row.single == 1 or (with_k and row.single == 2)
@@ -145,11 +147,13 @@ def substitute(pools: Any, c: int, at: int, with_k: bool, backwards: bool, whole
     row = pools.classes[c]
     n, m, levels = row.n, row.m, row.n_level
     width = 1 if m < TILED else LANES
+    # three flags in one number, as a task has so many arguments
     ways = 4 * (1 if with_k else 0) + 2 * (1 if backwards else 0) + (1 if whole else 0)
     if row.n_piece == 0:
         each_leaf(pools, tiles(m), VECTORS, c, 0, at, ways, 0.0)
     for start in range(0, m, width):
         vector = at + n * start
+        # forward from the leaves of the tree, backward from its root
         for i in range(levels):
             level = levels - 1 - i if backwards else i
             begin = pools.fixed_int[row.pieces + level]
@@ -187,7 +191,7 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
         line[:] = 0.0
     for e in range(len(children)):
         front, source = _list(pools, c, children[e], FRONT), _vector_of(pools, c, children[e], at)
-        if source != into:
+        if source != into:  # the first child sums in the vector of its parent
             for i in range(len(front)):
                 for j in range(front[i] * width, (front[i] + 1) * width):
                     work[into + j] += work[source + j]
@@ -195,6 +199,7 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
         low, high = ranges[e], ranges[e + 1]
         begin, end = pools.fixed_int[row.first + low] * width, pools.fixed_int[row.first + high] * width
         own, given = work[into + begin : into + end], work[at + begin : at + end]
+        # what the children left is there, and the right-hand side is added; a leaf begins with the latter
         if into != at and len(children) > 0:
             for i in range(len(own)):
                 own[i] += given[i]
@@ -202,7 +207,7 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
             for i in range(len(own)):
                 own[i] = given[i]
         sweep(pools, c, into, low, high, row.piece_tile + t * SPARE * LANES, with_k, False, whole)
-        if into != at:
+        if into != at:  # the solution belongs to the vector itself
             for i in range(len(own)):
                 given[i] = own[i]
 
@@ -211,6 +216,7 @@ def _forward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, wh
 def _backward_piece(pools: Any, c: int, p: int, t: int, at: int, with_k: bool, whole: bool) -> None:
     """Backward substitution through the piece p, task t of its level."""
     row, ranges = pools.classes[c], _list(pools, c, p, RANGES)
+    # the last range first, against the order of elimination
     for e in range(len(ranges) - 2, -1, -2):
         tile = row.piece_tile + t * SPARE * LANES
         sweep(pools, c, at, ranges[e], ranges[e + 1], tile, with_k, True, whole)
@@ -303,6 +309,7 @@ def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Ar
         together = pools.fixed_col[together_at : together_at + n]
         half_product(0, n, diagonal, together, starts, columns, values, factor, x, out)
         return
+    # places instead of arrays: tasks of other threads have numbers for arguments
     source, into, m = place_in(work, x), place_in(work, out), row.m
     if m > 1 and row.n_piece == 0:
         each_leaf(pools, tiles(m), PRODUCT, c, which, source, into, factor)
@@ -314,6 +321,7 @@ def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Ar
         return
     each_leaf(pools, PARTS if m == 1 else m, PRODUCT, c, which, source, into, factor)
     parts = pools.fixed_int[parts_at : parts_at + 3 * PARTS]
+    # in the order of the parts, whichever thread made them
     for t in range(1, PARTS if m == 1 else 0):
         own = work[row.piece_work + (t - 1) * n : row.piece_work + t * n]
         for i in range(parts[3 * t + 2], parts[3 * t + 1]):
@@ -329,10 +337,11 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
     m, starts = row.m, pools.fixed_int[starts_at : starts_at + n + 1]
     columns = pools.fixed_col[columns_at : columns_at + starts[n]]
     values, diagonal = pools.fixed[values_at : values_at + starts[n]], pools.fixed[diagonal_at : diagonal_at + n]
-    if m == 2:
+    if m == 2:  # two members: each a vector of its own
         x, out = work[source : source + 2 * n], work[into : into + 2 * n]
         tile = tile_at(row, t)
         own, total = work[tile : tile + n], work[tile + n : tile + 2 * n]
+        # one member out of rows of two, side by side in memory
         for i in range(n):
             own[i], total[i] = x[2 * i + t], 0.0
         together = pools.fixed_col[together_at : together_at + n]
@@ -354,6 +363,7 @@ def _product_part(pools: Any, c: int, t: int, which: int, source: int, into: int
     if m == 1:
         at = into if t == 0 else row.piece_work + (t - 1) * n
         out = work[at : at + n]
+        # the part writes to no row before ``least``
         if t > 0:
             out[least:high] = 0.0
         together = pools.fixed_col[together_at : together_at + n]
@@ -371,6 +381,7 @@ def dense(pools: Any, c: int, n: int, matrix: Array, plain: int, m: int, x: Arra
         product(n, matrix, plain, m, x, out, tile_of(pools.classes[c], pools.moving))
         return
     table = place_in(pools.fixed, matrix)
+    # two sizes in the one real argument: whole numbers below 2^53 are exact
     each_leaf(
         pools, tiles(m), DENSE, c, table, place_in(pools.moving, x), place_in(pools.moving, out), 1.0 * (m + n * MOST)
     )

@@ -87,6 +87,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
         u_free[:] = 0.0
         v_free[:] = 0.0
         load[:] = 0.0
+        # nothing has moved and nothing drives it: no product
         work[row.free_a : row.free_a + row.n_inner * m] = 0.0
         work[row.w_free : row.w_free + row.n_channel * m] = 0.0
         return
@@ -94,6 +95,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
     for i in range(size):
         load[i] = constant[i]
     add_sum(pools, c, FORCES, instant, 1.0, load)
+    # increments: K u of the old displacements stands on the right-hand side
     if row.kind == STATIC:
         for i in range(size):
             u_free[i] = u[i]
@@ -108,6 +110,7 @@ def free_load(pools: Any, c: int, instant: int) -> None:
     weight, memory, old = run.force_weight, run.memory_weight, run.force_old
     if old != 0.0:
         mean = work[row.mass_a : row.mass_a + size]
+        # old and new parts before the products: one product with K, one with C
         for i in range(size):
             load[i] = weight * load[i] - residual[i]
             mean[i] = weight * u_free[i] + old * u[i]
@@ -138,6 +141,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
     if row.swept == 1:
         half = work[row.half_solution : row.half_solution + row.n * tile_width(m)]
         vector = work[row.face_vector : row.face_vector + row.n * tile_width(m)]
+        # a copy: the end of the instant needs the half solution
         for i in range(len(half)):
             vector[i] = half[i]
         substitute(pools, c, row.face_vector, on_springs(pools, c), True, False)
@@ -148,7 +152,7 @@ def free_velocity(pools: Any, c: int, instant: int) -> None:
                 free_a[i] = inner[i]  # the load condensed on the interface
             springs(pools, c, inner, reached)
         dt = run.dt
-        for i in range(n_inner * m):
+        for i in range(n_inner * m):  # displacements of the increment -> velocities
             reached[i] /= dt
         w_free[:] = 0.0
         add_trace(pools, c, reached, w_free, False)
@@ -182,6 +186,7 @@ def channel_velocity(pools: Any, c: int, instant: int) -> None:
     for i in range(n_inner):
         for j in range(m):
             at, own = dofs[i] * m + j, i * m + j
+            # u is that of the old instant still; the acceleration enters by ``gain`` alone
             reached[own] = of_old * u[at] + of_u * u_free[at] + of_v * v_free[at] + gain * free_a[own]
     w_free[:] = 0.0
     add_trace(pools, c, reached, w_free, False)
@@ -208,6 +213,7 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
         largest = 0.0
         for at in range(size):
             largest = max(largest, abs(q[channels[at]]))
+        # small tractions do not wake a class
         if largest <= run.rest_traction:
             for at in range(size):
                 solved_q[at], solved_w[at] = q[channels[at]], 0.0
@@ -215,6 +221,7 @@ def interface_response(pools: Any, c: int, row_of_window: int, reuse: bool) -> i
             return 0
     if reuse:
         change = work[row.changes] if row.divided == 1 else change_of(pools, c, row_of_window)
+        # of each class its share, so that all together stay below
         if change <= run.reuse * pools.moving[run.scales] / run.n_class:
             for at in range(size):
                 w[channels[at]] = solved_w[at]
@@ -260,6 +267,7 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
             largest, apart = max(largest, abs(now)), max(apart, abs(change))
             incoming[at] = area[i] * change
             w[channels[at]] = w_free[at]
+    # the first guess of an instant is q_0 but for round-off
     if apart <= ROUND_OFF * largest:
         return
     if row.swept == 1:
@@ -282,7 +290,7 @@ def commit(pools: Any, c: int, instant: int, flat: Array) -> int:
     substructures marched."""
     work, row = pools.moving, pools.classes[c]
     rested = work[row.passed] != 0.0  # before the class is woken
-    if row.sparse == 1 and work[row.ended] == 1.0:
+    if row.sparse == 1 and work[row.ended] == 1.0:  # solved by ``solve_under_tractions``, for these tractions
         work[row.ended] = 0.0
     elif interface_load(pools, c, flat):
         if row.factored == 1:
@@ -307,6 +315,7 @@ def solve_under_tractions(pools: Any, c: int, instant: int) -> None:
         return
     backward(pools, c)
     end_velocity(pools, c, instant)
+    # velocities under these tractions are exact from now on: the table of Y acts on changes alone
     for at in range(row.n_channel * m):
         work[row.reference + at] = f_hat[pools.fixed_int[row.channels + at]]
 
@@ -317,6 +326,7 @@ def end_velocity(pools: Any, c: int, instant: int) -> None:
     ``advance``, as W may depend on the old displacements."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner = row.m, row.n_inner
+    # ``load`` holds the solution here
     for i in range(n_inner):
         for j in range(m):
             work[row.free_a + i * m + j] = work[row.load + pools.fixed_int[row.dofs + i] * m + j]
@@ -348,12 +358,14 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             nodal[i * m + j] = area[i] * now
             largest = max(largest, abs(now))
     reference = work[row.reference : row.reference + size]
+    # the reference is among the loads already
     for i in range(n_channel):
         for j in range(m):
             nodal[i * m + j] -= area[i] * reference[i * m + j]
     if work[row.passed] == 1.0:
         if largest <= run.rest_traction:
             return False
+        # half a solution of no load: nothing was substituted while it rested
         work[row.half_solution : row.half_solution + row.n * tile_width(m)] = 0.0
         work[row.passed] = 0.0
     inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
@@ -369,6 +381,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
         if row.swept == 1:
             add_on_face(pools, c, inner)
             return True
+        # the load condensed on the interface
         for i in range(n_inner * m):
             inner[i] += free_a[i]
         springs(pools, c, inner, last)
@@ -409,9 +422,11 @@ def advance(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             weighted[i] = old * v[i] + new * (v_free[i] + gain_v * solved[i])
     massless = pools.fixed_int[row.massless : row.massless + row.n_massless]
+    # old displacements, in v until the new ones are known
     for e in range(row.n_massless):
         for j in range(m):
             v[massless[e] * m + j] = u[massless[e] * m + j]
+    # before ``solved`` is used for the velocities of massless dofs
     for i in range(size):
         a[i] = solved[i]
     # statics alone moves them: their velocity is the difference quotient, and their acceleration is zero
@@ -428,6 +443,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
             at = massless[e] * m + j
             v[at] = solved[at]
             a[at] = 0.0
+    # neither the scheme nor the account needs forces of this instant
     if run.memory_weight == 0.0 and run.force_old == 0.0 and (row.accounted == 0 or row.loads_only == 1):
         return
     keep_memory(pools, c, instant)
@@ -445,12 +461,14 @@ def keep_memory(pools: Any, c: int, instant: int) -> None:
     memory, weight, old = run.memory_weight, run.force_weight, run.force_old
     if old != 0.0:
         constant, mass_old = work[row.constant : row.constant + size], run.mass_old
+        # what the next instant takes of this one, each with its weight
         for i in range(size):
             residual[i] = mass_old * mass_a[i] - old * constant[i]
         add_sum(pools, c, INERTIA, instant, mass_old, residual)
         add_sum(pools, c, FORCES, instant, -old, residual)
         return
     for i in range(size):
+        # the equation of motion solved for the forces of this instant
         residual[i] = memory * residual[i] + mass_a[i]
     add_sum(pools, c, INERTIA, instant, 1.0, residual)
     for i in range(size):

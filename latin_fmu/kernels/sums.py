@@ -87,6 +87,7 @@ def exchange(pools: Any, at: int, stride: int, n: int) -> None:
     run, moving = pools.run[0], pools.moving
     if run.shared == 0:
         return
+    # neighbour after neighbour, field after field: so the other side takes them
     to = run.outbox
     for s in range(run.n_neighbour):
         first, last = pools.fixed_int[run.send_starts + s], pools.fixed_int[run.send_starts + s + 1]

@@ -62,6 +62,7 @@ def each_class(pools: Any, action: int, a: int, b: int) -> None:
         for c in range(n):
             task(pools, action, c, a, b)
         return
+    # the threads share the pieces of a large class: one after the other, before the classes that have a thread each
     for c in range(n):
         if pools.classes[c].split == 1:
             task(pools, action, c, a, b)
@@ -112,6 +113,7 @@ def _work(pools: Any, ticket: int, thread: int) -> None:
     at = pools.run[0].team + ARGUMENTS + LINE * (ticket % 2)
     n, action, c, a = numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3]
     b, d, factor = numbers[at + 4], numbers[at + 5], pools.moving[at + 6]
+    # each thread begins at its own part of the tasks, the same in every region
     home = n * thread // pools.run[0].threads
     order = pools.run[0].order
     k = claimed(pools, ticket, n, home, 0)
@@ -143,10 +145,10 @@ def end_class(pools: Any, c: int, instant: int) -> None:
     inertia takes the incoming quantity q, which determines the position of a floating body."""
     run, work, row = pools.run[0], pools.moving, pools.classes[c]
     flat = work[run.local_f : run.local_f + run.n_flat]
-    incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat
+    incoming = work[run.q : run.q + run.n_flat] if run.static == 1 else flat  # position of a floating body
     marched = commit(pools, c, instant, incoming)
     work[row.marched] += marched
-    acting = work[run.f : run.f + run.n_flat] if run.static == 1 else flat
+    acting = work[run.f : run.f + run.n_flat] if run.static == 1 else flat  # work of the tractions, not of k W
     after_class(pools, c, instant, acting, marched > 0)
 
 
@@ -159,6 +161,7 @@ def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: boo
     probe(pools, c, instant)
     displacement, row = work[run.displacement : run.displacement + run.n_flat], pools.classes[c]
     read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
+    # ``w_free`` holds the velocities at the end of the instant now (``advance``)
     for at in range(row.n_channel * row.m):
         work[run.moved + pools.fixed_int[row.channels + at]] = work[row.w_free + at]
     if run.layers == 1:
@@ -200,6 +203,7 @@ def first_changed(pools: Any, c: int, window: int) -> int:
     if work[row.known] == 0.0 or run.reuse < 0.0:
         return 0
     change = 0.0
+    # the best iterate counts, too: in the first window no scale has been accepted yet
     level = run.reuse * max(pools.moving[run.scales], work[run.measure + 6]) * window / run.n_class
     for i in range(window):
         change += work[row.changes + i] if row.divided == 1 else change_of(pools, c, i)
@@ -216,11 +220,13 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
     n, size, stride = run.n_flat, row.n_channel * row.m, stride_of(window)
     channels = pools.fixed_int[row.channels : row.channels + size]
     changed, marched = first_changed(pools, c, window), 0
+    # not marched: W of the last iterate holds
     for i in range(changed):
         for at in range(size):
             work[run.w + i * n + channels[at]] = work[row.solved_w + i * size + at]
     if changed == window:
         return 0
+    # back to the last state kept before the change
     begin = changed // stride
     for e in range(row.n_state):
         pools.moving[row.state + e] = work[row.kept_states + begin * row.n_state + e]
@@ -237,6 +243,7 @@ def march_window(pools: Any, c: int, window: int, first: int) -> int:
             f[channels[at]] = q[channels[at]] - pools.fixed[run.k + channels[at]] * w[channels[at]]
         marched += commit(pools, c, first + i, f)
         for at in range(size):
+            # instants before the change are passed through for the state alone: their W stays, to the bit
             if i < changed:
                 w[channels[at]] = work[row.solved_w + i * size + at]
             else:

@@ -139,11 +139,13 @@ def open_region(pools: Any, n: int, action: int, c: int, a: int, b: int, d: int,
     """Open a region of n tasks of an action with its arguments; its ticket."""
     team, numbers = pools.run[0].team, pools.moving_int
     ticket = numbers[team + TICKET] + 1
+    # a thread that is late may still read those of the region before
     at = team + ARGUMENTS + LINE * (ticket % 2)
     numbers[at], numbers[at + 1], numbers[at + 2], numbers[at + 3] = n, action, c, a
     numbers[at + 4], numbers[at + 5] = b, d
     pools.moving[at + 6] = factor
     numbers[team + OPENED] += n
+    # last: a thread that reads the ticket reads these arguments
     write_shared(numbers, team + TICKET, ticket)
     return int(ticket)
 
@@ -172,6 +174,7 @@ def end_task(pools: Any) -> None:
 def close_region(pools: Any) -> None:
     """Wait until all tasks are done."""
     team, numbers, looks = pools.run[0].team, pools.moving_int, 0
+    # counts of all regions so far, never set back: no thread can be a region behind
     while read_shared(numbers, team + DONE) < numbers[team + OPENED]:
         looks += 1
         if looks > PATIENCE:

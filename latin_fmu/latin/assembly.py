@@ -86,6 +86,7 @@ class Layout:
 
     def __init__(self, interfaces: Sequence[InterfaceUnit]) -> None:
         kinds: dict[tuple[type, int], list[int]] = {}
+        # contact with friction and without are two groups: they have unlike numbers of components
         for i, unit in enumerate(interfaces):
             kinds.setdefault((type(unit.behaviour), unit.behaviour.n_component), []).append(i)
         self.groups: list[Group] = []
@@ -114,7 +115,7 @@ class Layout:
         self.interface = np.zeros(start, dtype=np.int64)  # the interface that each channel belongs to
         for group in self.groups:
             normal = group.block(self.normal)
-            normal[..., 0] = True
+            normal[..., 0] = True  # N comes first
             for i, points in group.members.items():
                 group.block(self.area)[:, points] = interfaces[i].geometry.areas[:, None]
                 self.interface[self.channels(i, 0)] = self.interface[self.channels(i, 1)] = i
@@ -140,8 +141,10 @@ def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: 
     for i, unit in enumerate(interfaces):
         for side in (0, 1):
             own = row[layout.channels(i, side)]
+            # a side belongs to one substructure: its first channel is enough
             if own[0, 0] >= 0:
                 positions.append(unit.geometry.points)
+                # of a frictionless interface N alone
                 at.append(np.pad(own, ((0, 0), (0, 3 - own.shape[1])), constant_values=-1))
     return Points(np.concatenate(positions), np.concatenate(at), np.repeat(np.arange(len(at)), list(map(len, at))))
 
@@ -190,6 +193,7 @@ class Ground:
         """Set the motion in a segment; see ``Assembly.begin``."""
         self._dt, self.velocity, self.start = dt, dict(velocity), dict(start)
         self.travel = {
+            # a ground that does not move: its velocity, zeros, is its travel too
             i: np.concatenate([np.zeros((1, 3)), np.cumsum(dt * self._mean(v), axis=0)]) if v.any() else v
             for i, v in velocity.items()
         }
@@ -212,6 +216,7 @@ class Ground:
     def write(self, flat: Array, of: Callable[[int], Array]) -> None:
         """Write vectors of the ground, ``of(interface)`` (3,), into the channels of a flat vector."""
         for i, (channels, frames) in self._frames.items():
+            # rows of the frames are N, t1, t2
             flat[channels] = frames @ of(i)
 
     def displacement(self, interface: int, instant: int) -> Array:
@@ -224,6 +229,7 @@ class Ground:
         start, velocity = self.start[interface], self.velocity[interface]
         if instant == 0 and start.acceleration is not None:
             return start.acceleration
+        # without a known acceleration at t = 0 that of the first step
         i = max(instant, 1)
         slope: Array = (velocity[i] - velocity[i - 1]) / self._dt
         return slope
@@ -326,6 +332,7 @@ class Assembly:
     def impedance(self) -> Array:
         """Impedance of the side of every channel (n_flat,), Pa s m-1: of its material, without inertia of its stiffness
         over an increment."""
+        # stiffness per area times an increment: force per velocity over it
         return self._impedance * self.dt if self.quasi_static else self._impedance
 
     def begin(self, time: Array, dt: float, ground: Mapping[int, Array], start: Mapping[int, GroundState]) -> None:
@@ -342,6 +349,7 @@ class Assembly:
         for group in self.layout.groups:
             if isinstance(group.behaviour, NoSlip):
                 impedance = self.impedance
+                # of both sides: what a traction makes them yield within a step
                 yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
                 compliance = group.block(yielding)[..., 0].sum(axis=0)
                 group.parameters[:, 0] = _TOUCH * self.characteristic_traction * compliance

@@ -46,6 +46,7 @@ class CoarseProblem:
         second = np.zeros(layout.n_flat)
         for group in layout.groups:
             group.block(second)[1] = 1.0
+        # the sides E of all motions, then the sides E': in a distributed run each process has the sums of its own sides
         sides = [sp.diags_array(layout.area * of_side) for of_side in (1.0 - second, second)]
         self._balance = sp.csr_array(sp.vstack([motions.T @ side for side in sides]))
         self._balance.eliminate_zeros()
@@ -56,10 +57,12 @@ class CoarseProblem:
             for member in range(channels.shape[1]):
                 own = channels[:, member]
                 load = self._incoming[own]
+                # only columns of the interfaces of this substructure
                 touched = np.unique(load.indices)
                 responses[own[:, None], touched] = _responses(propagator, load[:, touched].toarray())
         self._response = sp.csr_array(responses)
         operator = (self._balance @ (self._incoming - sp.diags_array(k) @ self._response)).toarray()
+        # the balance is that of both sides together
         operator = operator[:n] + operator[n:]
         self._inverse = _pseudo_inverse(0.5 * (operator + operator.T))
 
@@ -69,6 +72,7 @@ class CoarseProblem:
         """The coarse problem as process ``rank`` holds it, with these channels and interfaces; ``sides`` : per
         interface of the assembly the processes of its sides."""
         part, here = copy.copy(self), np.flatnonzero(np.isin(self._interface, interfaces))
+        # in the order of ``_balance``: all first sides, then all second ones
         processes = np.array(sides, dtype=np.int64).reshape(-1, 2)[self._interface].T.ravel()
         shares = [np.flatnonzero(processes == r) for r in range(int(np.max(sides)) + 1)]
         part.shares, part._order = [len(s) for s in shares], np.argsort(np.concatenate(shares))
@@ -109,10 +113,11 @@ def _motions(assembly: Assembly, k: Array) -> tuple[sp.csr_array, Index]:
     rows: list[Index] = []
     for i, unit in enumerate(assembly.interfaces):
         first, second = (assembly.layout.channels(i, side).ravel() for side in (0, 1))
-        moves = (k[first] > 0) & (k[second] > 0)
+        moves = (k[first] > 0) & (k[second] > 0)  # where a side is rigid nothing balances
         if moves.any():
             basis = affine_motions(unit) * moves[:, None]
             size = np.sqrt(assembly.layout.area[first])[:, None]
+            # orthonormal in the area of the points; dependent motions have no strength
             shapes, strength, _ = la.svd(size * basis, full_matrices=False)
             kept = strength > _SAME * strength[0]
             rows.append(np.concatenate([first, second]))
@@ -135,7 +140,7 @@ def affine_motions(unit: InterfaceUnit) -> Array:
     """Velocities (n_point * n_component, 12) of the points of an interface in the motions 1, x, y, z along each axis,
     local frames; some depend on others (12 on 9 where the points lie in a plane)."""
     points = unit.geometry.points - unit.geometry.points.mean(axis=0)
-    size = float(np.abs(points).max()) or 1.0
+    size = float(np.abs(points).max()) or 1.0  # of one point
     shapes = np.concatenate([np.ones((len(points), 1)), points / size], axis=1)
     motions = np.einsum("ps,ij->pijs", shapes, np.eye(3)).reshape(len(points), 3, -1)
     frames = unit.geometry.frames[:, : unit.behaviour.n_component]

@@ -33,11 +33,13 @@ class Exchange:
         self.parts = gathering(own, every, [n * width for n in owned])
         self._norms: dict[int, Callable[[], None]] = {}
         self._neighbours: dict[int, Callable[[], None]] = {}
+        # classes of which several processes have members
         self._divided = len(set(part.whole.part_of)) < len(part.whole.part_of)
         self._point_owned = direction.relative.get("point_owned")
         self.has_coarse = bool(run.get("n_coarse", 0))
         if self.has_coarse and direction.coarse is not None:
             shares = direction.coarse.shares
+            # processes without sums are among those that gather
             shares = [*shares, *[0] * (part.size - len(shares))]
             self.coarse = gathering(
                 image.field("coarse_own", shares[part.rank]), image.field("coarse_parts", sum(shares)), shares
@@ -58,6 +60,7 @@ class Exchange:
     def neighbours(self, n: int) -> None:
         """Exchange messages of n fields with the neighbours."""
         if n not in self._neighbours:
+            # outbox and inbox hold the messages of all neighbours one behind the other
             messages, at, start = [], 0, 0
             for rank, given, taken in self.part.neighbours:
                 end, last = at + n * len(given), start + n * len(taken)
@@ -83,6 +86,7 @@ class Exchange:
     def touch(self) -> None:
         """Find out whether any traction of the last accepted instant acts."""
         acts = np.array([float(self._image.field("f_hat", self._image.n_flat).any())])
+        # a sum over processes: above 0 where any of them has one
         self.processes.add(acts)
         self._image.field("touched", 1)[0] = float(acts[0] > 0.0)
 
@@ -100,6 +104,7 @@ class Exchange:
         numbers = [part.whole.part_of[c] for r in rows for c in r]
         for field, c in zip(own, rows[part.rank], strict=True):
             total = np.zeros(n)
+            # the members of one class, wherever they are
             for number, values in zip(numbers, every, strict=True):
                 if number == part.whole.part_of[c]:
                     total += values
@@ -109,6 +114,7 @@ class Exchange:
         """Unknowns of a Newton step at the points that other processes hold."""
         image = self._image
         n = int(image.run_fields["n_place"])
+        # each point is counted by one process: the sum has all of them
         every = (np.diff(image.counts("unknown_of", n + 1)) * self._point_owned).astype(float)
         self.processes.add(every)
         image.counts("elsewhere", n)[:] = every

@@ -71,10 +71,11 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
     """Write preloads, tractions of compliant interfaces in this state, and tractions of a static start."""
     for group in assembly.layout.groups:
         block = group.block(traction)
-        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload
+        block[0, :, 0], block[1, :, 0] = -group.preload, group.preload  # F.N = -P on side E
     groups = [g for g in assembly.layout.groups if g.behaviour.compliant]
     if groups:
         _compliant_tractions(assembly, groups, traction)
+    # after preloads: a static start has them in its tractions
     for i, known in assembly.start_tractions.items():
         traction[assembly.layout.channels(i, 0)] = known
         traction[assembly.layout.channels(i, 1)] = -known
@@ -83,10 +84,12 @@ def _known_tractions(assembly: Assembly, traction: Array) -> None:
 def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Array) -> None:
     """Write the tractions of compliant interfaces in the present state."""
     u, v = assembly.displacement(), assembly.velocity()
+    # displacements of explicit schemes are ahead of the instant
     u -= assembly.scheme.gap_offset(assembly.dt) * v
     for group in groups:
         displacement, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
         displacement[:, 0] += group.gap
+        # both sides held (z = 0): the traction follows from the jumps alone
         held = np.zeros((group.n_point, 2))
         jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding
         block = group.block(traction)
@@ -132,6 +135,7 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
         return flat
     first, second = (np.concatenate([assembly.layout.channels(i, side).ravel() for i in perfect]) for side in (0, 1))
     area = assembly.layout.area[first]
+    # accelerations without them, and compliances of the channels under M
     free, compliances = _free_accelerations(assembly, unbalance, factors)
     diagonal = np.zeros_like(flat)
     for channels, compliance in zip(assembly.channels, compliances, strict=True):
@@ -141,12 +145,14 @@ def _perfect_tractions(assembly: Assembly, unbalance: list[Array], factors: list
         """Jump of the accelerations due to tractions x, weighted by areas, which makes it symmetric."""
         force, acceleration = np.zeros_like(flat), np.zeros_like(flat)
         force[first], force[second] = area * x, -area * x
+        # C of a class is that of each of its members
         for channels, compliance in zip(assembly.channels, compliances, strict=True):
             acceleration[channels] = compliance @ force[channels]
         weighted: Array = area * (acceleration[first] - acceleration[second])
         return weighted
 
     scale = area**2 * (diagonal[first] + diagonal[second])
+    # both sides held: any number, the residual is zero there
     inverse = np.divide(1.0, scale, out=np.ones_like(scale), where=scale > 0)
     n = len(first)
     x, _ = spla.cg(
@@ -164,6 +170,7 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
     """Group and number of the points of closed contacts with a rigid body whose sides do not move along N."""
     rigid = np.zeros(assembly.layout.n_flat, dtype=bool)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        # rigid bodies know their dofs by ``nodal``
         rigid[channels] = propagator.members[0].nodal is not None
     if not rigid.any():
         return set()
@@ -174,6 +181,7 @@ def closed_points(assembly: Assembly) -> set[tuple[int, int]]:
         if not isinstance(group.behaviour, Contact):
             continue
         normal = group.block(velocity)[..., 0]
+        # no relative motion along N: closed and staying closed
         closed = (gap <= 0) & (np.abs(normal[1] - normal[0]) <= level)
         of_rigid = group.block(rigid)[..., 0].any(axis=0)
         points |= {(g, int(p)) for p in np.flatnonzero(closed & of_rigid)}
@@ -199,6 +207,7 @@ def _contact_tractions(
     admittances = [c * a for c, a in zip(dense, areas, strict=True)]
     solver = PointByPoint(assembly, admittances, points)
     known = np.zeros_like(traction)
+    # the solver starts from the known tractions, and adds what they do: it must not be in ``free`` as well
     known[solver.channels] = traction[solver.channels]
     for admittance, channels in zip(admittances, assembly.channels, strict=True):
         free[channels] -= admittance @ known[channels]
@@ -208,6 +217,7 @@ def _contact_tractions(
             sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
             group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
     no_gaps = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
+    # no gap: the law for velocities, read as accelerations
     solution, _ = solver.solve(free, known, no_gaps, (1.0 / assembly.dt, 0.0))
     added[solver.channels] = solution[solver.channels] - known[solver.channels]
     return added

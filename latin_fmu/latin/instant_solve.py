@@ -57,6 +57,7 @@ class PerfectInterfaceSolve:
         self._area = assembly.layout.area[self._first]
         self._matrix = self._assemble()
         diagonal = self._matrix.diagonal()
+        # redundant interfaces stay regular by the shift, which the refinement takes out again; 1 where nothing can move
         shift = np.where(diagonal > 0, _SHIFT * diagonal, 1.0)
         none = np.zeros(0, dtype=np.int64)
         self._factor = interface_factor(sp.csr_array(self._matrix + sp.diags_array(shift)), none)
@@ -64,6 +65,7 @@ class PerfectInterfaceSolve:
     def _assemble(self) -> sp.csr_array:
         """S: velocities per nodal force, m s-1 N-1."""
         n_flat, n = self.assembly.layout.n_flat, len(self._first)
+        # both sides of a channel are one unknown, the force on E; on E' it has the other sign
         row, sign = np.empty(n_flat, dtype=np.int64), np.ones(n_flat)
         row[self._first] = row[self._second] = np.arange(n)
         sign[self._second] = -1.0
@@ -101,6 +103,7 @@ class PerfectInterfaceSolve:
         jump[np.arange(len(self._first)), self._first] = -1.0
         force = self._factor.solve(jump)
         force += self._factor.solve(jump - self._matrix @ force)
+        # written so that NaN is not consistent
         if not np.abs(self._matrix @ force - jump).max(initial=0.0) <= _CONSISTENT:
             return None
         traction = np.zeros((n_flat, n_flat))
@@ -168,6 +171,7 @@ class PointByPoint:
             point
             for g, group in enumerate(assembly.layout.groups)
             for p in range(group.n_point)
+            # without z neither side can move, and the traction is not determined
             if (points is None or (g, p) in points) and (point := self._point(g, group, p)).z.any()
         ]
 
@@ -179,6 +183,7 @@ class PointByPoint:
 
     def _side(self, channels: Index) -> _Side:
         """One side of a point with these flat channels; without admittance on the ground."""
+        # the ground has no owner, and no admittance
         if int(channels[0]) not in self._owner:
             return _Side(channels, np.zeros(0, dtype=np.int64), np.zeros((0, len(channels))))
         c, _, member = self._owner[int(channels[0])]
@@ -193,6 +198,7 @@ class PointByPoint:
         own = np.zeros(group.n_component)
         for side in sides:
             for component, flat in enumerate(side.channels):
+                # the diagonal of both sides: z of one instant
                 own[component] += side.columns[side.neighbours == flat, component].sum()
         return _Point(group, g, p, sides, np.array([[own[0], own[1:].max(initial=0.0)]]))
 
@@ -203,6 +209,7 @@ class PointByPoint:
         f, v = f_hat.copy(), free.copy()
         for admittance, channels in zip(self._admittances, self.assembly.channels, strict=True):
             v[channels] += admittance @ f[channels]
+        # a bound on the work, whatever the number of points
         for _ in range(min(_SWEEPS, _WORK // max(len(self._points), 1) + 1)):
             before = f.copy()
             for point in self._points:
@@ -222,6 +229,7 @@ class PointByPoint:
         if not elastic:
             gap = gap.reshape(-1)
         new = group.behaviour.local(
+            # v has the share of the old traction: z f is taken out again
             (v[second] - v[first] + z * old)[None],
             point.z,
             gap,
@@ -231,5 +239,6 @@ class PointByPoint:
         step = new - old
         if step.any():
             f[first], f[second] = new, -new
+            # f acts on E, -f on E'
             for side, sign in zip(point.sides, (1.0, -1.0), strict=True):
                 v[side.neighbours] += sign * (side.columns @ step)

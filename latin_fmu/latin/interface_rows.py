@@ -44,7 +44,7 @@ class InterfaceRows:
                 self.gaps[g] = table[:, at : at + group.n_point]
                 at += group.n_point
         for i, unit in enumerate(assembly.interfaces):
-            if unit.behaviour.n_component == 1:
+            if unit.behaviour.n_component == 1:  # no tangential unknowns
                 size = 6 * unit.geometry.n_point
                 self.slide[i] = table[:, at : at + size].reshape(len(table), 2, unit.geometry.n_point, 3)
                 at += size
@@ -77,6 +77,7 @@ class InterfaceRows:
         self.f_hat[into] = image.field("history_f", image.rows, image.n_flat)[rows]
         self.w_hat[into] = image.field("history_w", image.rows, image.n_flat)[rows]
         gaps = image.field("history_gap", image.rows, int(image.run[0]["n_point"]))[rows]
+        # the image keeps a place for every point, also of groups that do not open
         place = 0
         for g, group in enumerate(self._assembly.layout.groups):
             if g in self.gaps:
@@ -129,6 +130,7 @@ class InterfaceStream:
 
     def keep(self, image: Image, probes: Probes | None, first: int, n: int, row: int) -> None:
         """Keep instants as ``InterfaceRows.keep`` does."""
+        # views of the table are made anew where it grows
         if len(self._next.table) < image.rows:
             self._next = InterfaceRows(self._assembly, np.zeros((image.rows, self._width)), self.every)
         count = self._next.keep(image, probes, first, n, row, at=0)
@@ -136,7 +138,7 @@ class InterfaceStream:
 
     def append(self, rows: Array) -> None:
         """Put rows (n, width) behind those that are there."""
-        self._file.seek(8 * self.n_row * self._width)
+        self._file.seek(8 * self.n_row * self._width)  # ``rows`` moves the place in the file
         self._file.write(np.ascontiguousarray(rows).tobytes())
         self.n_row += len(rows)
 
@@ -169,6 +171,7 @@ def joined_rows(own: InterfaceRows, part: Part) -> InterfaceRows:
     interface, what slides along a side has the process of the side."""
     processes, n_row = part.processes, len(own.table)
     width, wide = InterfaceRows.width_of(part.assembly), InterfaceRows.width_of(part.whole)
+    # tables whose entries are their column numbers: views of them tell where each field stands
     here, there = (InterfaceRows(a, np.arange(float(n))[None]) for a, n in ((part.assembly, width), (part.whole, wide)))
     picked, into = [np.zeros(0)], [np.zeros(0)]
     for number, i in enumerate(part.interfaces):
@@ -177,6 +180,7 @@ def joined_rows(own: InterfaceRows, part: Part) -> InterfaceRows:
             picked += here.columns(number)
             into += there.columns(i)
         for side, process in enumerate(part.sides[i] if i in there.slide else ()):
+            # the ground has no process: its side is that of the owner
             if process == part.rank or (process < 0 and owned):
                 picked.append(here.slide[number][0, side].ravel())
                 into.append(there.slide[i][0, side].ravel())
@@ -208,6 +212,7 @@ def point_fields(
         tangential = slide[: len(f_hat)]
         # one normal after the other: einsum takes four times as long for products of three
         along = ((tangential * normal)[..., None] * normal[:, None, :]).sum(axis=-2)
+        # of the velocities of the sides what is not along N, which ``velocity`` has already
         velocity = velocity + tangential - along
     if behaviour.opens:
         status = behaviour.status(f_hat, group.parameters[points])
@@ -244,10 +249,12 @@ def interface_history(
     if behaviour.opens and behaviour.n_component > 1:
         density = np.zeros(f_hat.shape[:-1])
         for c in range(1, behaviour.n_component):
+            # F on E is along the motion of E' relative to E: friction dissipates, >= 0
             density += f_hat[..., c] * (w_hat[:, 1, :, c] - w_hat[:, 0, :, c])
         friction_power = density @ geometry.areas
     layer = as_layer(behaviour)
     layer_energy = None if layer is None else layer.stored_energy(f_hat, parameters) @ geometry.areas
+    # viscous joints: power of the tractions on the jump of velocities
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
     return InterfaceHistory(

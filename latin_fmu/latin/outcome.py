@@ -148,11 +148,13 @@ class InterfaceHistory:
         if self.gap is None or self.contact_status is None or not self._penetrable:
             return np.zeros(len(self.points))
         touches = self.contact_status != SEPARATION
+        # argmax of no contact at all is 0: masked by ``stayed``
         first, instants = np.argmax(touches, axis=0), np.arange(len(touches))[:, None]
         stayed = touches.any(axis=0) & (touches | (instants < first)).all(axis=0)
         settled = np.where(first == 0, 0, np.minimum(first + SETTLED, len(touches) - 1))
         at_first = np.take_along_axis(self.gap, settled[None], axis=0)[0]
         depth: Array = at_first - np.where(instants >= settled, self.gap, np.inf).min(axis=0, initial=np.inf)
+        # open by more than a hundredth of its depth before it touched: a landing, no closed joint
         before = np.where(instants < first, self.gap, -np.inf).max(axis=0, initial=-np.inf)
         return np.where(stayed & (before <= _CLOSED * depth), depth.clip(min=0.0), 0.0)
 

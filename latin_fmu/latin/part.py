@@ -40,10 +40,11 @@ class Part:
         for process, channels in zip(whole.owner, whole.channels, strict=True):
             owner[channels] = process
         every = range(len(whole.interfaces))
+        # all channels of a side belong to one substructure
         self.sides = [[int(owner[whole.layout.channels(i, side)[0, 0]]) for side in (0, 1)] for i in every]
         """Per interface of the whole the processes of its sides, -1 for ground."""
         self.owned = [[i for i in every if self.sides[i][0] == r] for r in range(size)]
-        others = [i for i in every if self.sides[i][1] == rank != self.sides[i][0]]
+        others = [i for i in every if self.sides[i][1] == rank != self.sides[i][0]]  # E' here, E elsewhere
         self.interfaces, self.n_owned = [*self.owned[rank], *others], len(self.owned[rank])
         self.classes = [c for c, process in enumerate(whole.owner) if process == rank]
         counts = np.bincount(whole.part_of) if whole.part_of else np.zeros(0)
@@ -56,6 +57,7 @@ class Part:
         whole, part = self.whole, copy.copy(self.whole)
         part.interfaces = [whole.interfaces[i] for i in self.interfaces]
         layout = part.layout = Layout(part.interfaces)
+        # numbers in the whole of the channels of the part
         self.channels = np.zeros(layout.n_flat, dtype=np.int64)
         for own, i in enumerate(self.interfaces):
             group, wide = layout.group(own), whole.layout.group(i)
@@ -63,6 +65,7 @@ class Part:
                 getattr(group, name)[group.members[own]] = getattr(wide, name)[wide.members[i]]
             for side in (0, 1):
                 self.channels[layout.channels(own, side)] = whole.layout.channels(i, side)
+        # numbers in the part of the channels of the whole, -1 elsewhere
         place = np.full(whole.layout.n_flat, -1)
         place[self.channels] = np.arange(layout.n_flat)
         part.propagators = [whole.propagators[c] for c in self.classes]
@@ -75,8 +78,10 @@ class Part:
         """See the attribute."""
         given: dict[int, list[Index]] = {}
         taken: dict[int, list[Index]] = {}
+        # in the order of the whole, so that sender and receiver have the channels in one order
         for i in sorted(self.interfaces):
             own = self.interfaces.index(i)
+            # ``other`` has the opposite side: it gets this one, and gives its own
             for side, other in ((0, self.sides[i][1]), (1, self.sides[i][0])):
                 if other not in (-1, self.rank):
                     given.setdefault(other, []).append(self.assembly.layout.channels(own, side).ravel())
@@ -85,6 +90,7 @@ class Part:
 
     def gathered_order(self) -> Index:
         """Row of every interface of the whole among those of all processes, one process after the other."""
+        # of a permutation its inverse
         order: Index = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *map(_integers, self.owned)]))
         return order
 
@@ -108,9 +114,10 @@ class Part:
         first = np.cumsum([0, *(n + 1 for n in counts)])  # rows of norms: classes of a process, then its flag
         seen, rows = [0] * self.size, []
         for r in classes:
+            # the next row of its process
             rows.append(int(first[r]) + seen[r])
             seen[r] += 1
-        rows += [int(first[r + 1]) - 1 for r in range(self.size)]
+        rows += [int(first[r + 1]) - 1 for r in range(self.size)]  # flags
         given, taken = [n[1] for n in self.neighbours], [n[2] for n in self.neighbours]
         none = np.zeros(0, dtype=np.int64)
         return {
@@ -152,7 +159,7 @@ class Part:
             return whole
         groups = self.assembly.layout.groups
         table = np.full((len(self.whole.layout.groups), max(g.n_point for g in self.whole.layout.groups), 3), -1)
-        table[..., 2] = 0
+        table[..., 2] = 0  # counted here: set below
         for own, i in enumerate(self.interfaces):
             group, wide = self.assembly.layout.group(own), self.whole.layout.group(i)
             g = next(g for g, other in enumerate(self.whole.layout.groups) if other is wide)
@@ -160,6 +167,7 @@ class Part:
             points = table[g, wide.members[i]]
             points[:, 0], points[:, 1] = here, np.arange(group.members[own].start, group.members[own].stop)
             points[:, 2] = own < self.n_owned
+        # points in the order of the whole
         numbers = table[whole["point_group"], whole["point_number"]].T
         names = ("point_group", "point_number", "point_owned")
         owners = zip(("owner", "owner_class", "live_row"), self.assembly.owners(), strict=True)

@@ -114,6 +114,7 @@ class Support:
 
     def full_rows(self, model: SubstructureModel, explicit: bool, /) -> sp.csr_array | Array:
         """e K, e C, e M one below the other, (9, n_full); explicit schemes have the lumped mass of ``model``."""
+        # what the equation of motion of the march has: lumped in explicit schemes
         mass = model.mass if explicit and model.nodal is None else self.model.mass
         e, nothing = self.sum, sp.csr_array((3, self.model.n_full))
         matrices = (self.model.stiffness, self.model.damping, mass)
@@ -283,6 +284,7 @@ class Probes:
                     if place.substructure not in propagator.names:
                         continue
                     full = place.full_rows(model, assembly.scheme.explicit)
+                    # models with shapes have other full dofs than the nodes
                     full = full if model.nodal is None else full @ model.nodal
                     own = sp.csr_array(sp.csr_array(full) @ model.expansion)
                     member, part = propagator.names.index(place.substructure), slice(at, at + own.shape[0])
@@ -361,6 +363,7 @@ def reaction_histories(
     for name, support in supports.items():
         static, inertia = forces[name].transpose(1, 0, 2)
         if assembly.scheme.explicit:
+            # the equation of motion of a step takes K u, C v and f as means over it
             static = np.concatenate([static[:1], 0.5 * (static[1:] + static[:-1])])
         histories[name] = ReactionHistory(name, support.substructure, support.face, static + inertia)
     return histories
@@ -398,7 +401,7 @@ class SlideProbes:
                         trace = unit.geometry.traces[side]
                         if trace is None or face.split(".")[0] != name:
                             continue
-                        if member == 0:
+                        if member == 0:  # the rows of all members are those of the first
                             faces[c].append(trace)
                         self.places.append((c, member, slice(at, at + trace.shape[0]), i, side))
                         at += trace.shape[0]

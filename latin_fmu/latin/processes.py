@@ -62,6 +62,7 @@ class Processes:
         self.rank, self.size, self.waited = int(communicator.Get_rank()), int(communicator.Get_size()), 0.0
         self.ended = False
         self._requests: list[Any] = []
+        # processes on this machine
         beside = sum(name == os.uname().nodename for name in self.collect(os.uname().nodename))
         self._crowded = beside > usable_cores()
 
@@ -122,6 +123,7 @@ class Processes:
         looks = 0
         while not test():
             looks += 1
+            # first only the core is given away, for a message that is nearly there
             clock.sleep(0.0 if looks < _PATIENT else _SLEEP)
 
     def add(self, values: Array) -> None:
@@ -129,6 +131,7 @@ class Processes:
         own = np.ascontiguousarray(values).ravel()
         every = self.gather(own, [rank * own.size for rank in range(self.size + 1)])
         total = np.zeros(own.size)
+        # in the order of the processes, alike on all of them: the reductions of the library promise no order
         for part in every.reshape(self.size, -1):
             total += part
         values[...] = total.reshape(values.shape)
@@ -146,6 +149,7 @@ class Processes:
         if failed := [r for r, what in enumerate(told) if what is not None]:
             self.ended = True
             kind, problems, text = told[failed[0]]
+            # the error itself where it was raised, a copy of its text elsewhere
             raise error or (kind(problems) if problems else SolverError(f"process {failed[0]} of {self.size}: {text}"))
 
     def abort(self, code: int) -> NoReturn:
@@ -166,6 +170,7 @@ def distributed(costs: Sequence[float], size: int) -> list[int]:
     ranks: list[int] = []
     for i, middle in enumerate(middles):
         last = ranks[-1] if ranks else -1
+        # not back, no further than the next process, and one substructure left for each process behind
         ranks.append(min(max(int(middle), last, size - (n - i), 0), last + 1, size - 1))
     return ranks
 

@@ -59,7 +59,8 @@ class StoredFields:
         """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
         output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
         every = self._request.every
-        first = now.stop - 1 if whole is None else now.start
+        first = now.stop - 1 if whole is None else now.start  # fields of the state now
+        # multiples of ``every`` alone
         instants = range(-(-first // every) * every, now.stop, every)
         if not instants:
             return
@@ -168,6 +169,7 @@ class Recorder:
         self._probes, self._whole = probes, probes if probes is not None and probes.whole else None
         for key, kept in self._series["energy"].items():
             drift = key == "drift"
+            # the work of the drift is one number an instant, of all interfaces
             own = image.field("history_works", image.rows) if drift else image.output(key, "energies", len(TERMS))
             kept[now] = own[rows]
         self.n_kept += n
@@ -178,6 +180,7 @@ class Recorder:
         """Instants from the last kept one to the next whose fields are kept."""
         if self._stored.wanted and self._whole is None:
             return self.request.every - (self.n_kept - 1) % self.request.every
+        # more than there are: nothing has to be read between two calls
         return self.rows.every * len(self.rows.table)
 
     # -- parts of the histories -------------------------------------------------------------------------------------
@@ -222,11 +225,13 @@ class Recorder:
         own = [c for c, owner in enumerate(assembly.owner) if owner == processes.rank]
         energy = self._series["energy"]
         drift = {key: energy.pop(key) for key in ("drift",) if key in energy}
+        # others hold zeros for what they do not march: the sum is complete
         for table in (*(self._series[key] for key in SERIES), drift):
             for values in table.values():
                 processes.add(values)
         massless = set() if self._probes is None else self._probes.massless
         terms: dict[Any, Array] = {}
+        # classes of the part have numbers of their own
         for kept in processes.collect((dict(zip(own, energy.values(), strict=False)), self._stored.fields, massless)):
             terms |= kept[0]
             self._stored.fields |= kept[1]
@@ -335,6 +340,7 @@ def energy_balance(
     total = {t: sum((table[:, j] for table in tables), np.zeros(n)) for j, t in enumerate(TERMS)}
     total["friction_dissipation"] = np.zeros(n)
     for power in (s["friction_power"] for s in series if "friction_power" in s):
+        # end of the instant, not a mean of the weights: friction never gives energy back
         total["friction_dissipation"][1:] += np.cumsum(power[1:]) * dt
     total["contact_dissipation"] = sum((_running(s["loss"][1:]) for s in series if "loss" in s), np.zeros(n))
     total["drift_work"] = drift.copy()
@@ -342,6 +348,7 @@ def energy_balance(
         total["layer_energy"] = np.sum(layers, axis=0)
     if joints := [s["joint_power"] for s in series if "joint_power" in s]:
         power = np.sum(joints, axis=0)
+        # trapezoid rule
         total["joint_dissipation"] = _running(0.5 * dt * (power[1:] + power[:-1]))
     ground = assembly.ground
     if any(g.any() for g in ground.velocity.values()):
@@ -349,6 +356,7 @@ def energy_balance(
         works = [ground_work(series[i]["force"], ground.travel[i][:n], weights) for i in ground.velocity]
         total["ground_work"] = sum(works, np.zeros(n))
     stored = total["kinetic"] + total["elastic"]
+    # each term is computed on its own: 0 up to round-off
     total["balance"] = (
         stored
         - stored[0]
@@ -402,6 +410,7 @@ def ground_work(force: Array, path: Array, weights: tuple[float, float, float]) 
 
 def _weighted(values: Array, weights: tuple[float, float, float]) -> Array:
     """Weighted values of each step, (n_time - 1, ...); the first step takes its start for the instant before."""
+    # instants n - 1 of steps n to n + 1
     before = np.concatenate([values[:1], values[:-2]])
     combined: Array = weights[0] * before + weights[1] * values[:-1] + weights[2] * values[1:]
     return combined

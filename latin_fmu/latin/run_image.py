@@ -15,6 +15,7 @@ import numpy as np
 
 from ..kernels import entries
 from ..kernels.callouts import LAW, OBSERVE, TANGENTS
+from ..kernels.instants import FREE, OPENINGS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
@@ -54,6 +55,7 @@ def reuse_bound(settings: SolverSettings) -> float:
     """Squared relative change of the fields up to which a solve is reused; below zero where none is."""
     if not settings.skip_unchanged or settings.quasi_static:
         return -1.0
+    # squared, as the change that it is compared with
     return (REUSE * min(settings.tolerance, 0.1 * settings.force_tolerance)) ** 2
 
 
@@ -72,6 +74,7 @@ def make_image(
     """
     layout, static, depth = assembly.layout, assembly.quasi_static, settings.anderson_depth
     sides = [[assembly.layout.channels(i, side) for side in (0, 1)] for i in range(len(assembly.interfaces))]
+    # channels of a side are one range of the flat vector: its first, and their number
     segments = [(first.flat[0], second.flat[0], first.size) for first, second in sides]
     ground = assembly.ground.channels
     run: dict[str, Any] = {
@@ -144,8 +147,9 @@ def negligible_scales(image: Image, direction: Direction, tolerance: float) -> A
     A motion that starts from an equilibrium under forces has the loads of that equilibrium among the largest, which
     do not give the size of the motion: there the residual counts down to ``_AT_REST`` of them.
     """
+    # the force residual of negligible tractions leaves their norms in ``measure``
     image.field("local_f", image.n_flat)[:], image.field("r", image.n_flat)[:] = direction.level, 0.0
-    measures = image.field("measure", 9)
+    measures = image.field("measure", 9)  # all of the tractions change
     measures[:], measures[7] = 0.0, 1.0
     tiny, whole = np.finfo(float).tiny, direction.whole
     if whole.assembly.interfaces:
@@ -192,8 +196,10 @@ def histories(assembly: Assembly, whole: Assembly | None = None) -> dict[str, Ar
         names = ("ground_velocity", "ground_displacement", "ground_acceleration", "ground_layer")
         return {**dict.fromkeys(names, rest), "continuation": share}
     velocity, displacement, acceleration = assembly.ground.tables(scheme, n_time)
+    # ``gap_offset`` ahead, as those of the substructures
     displacement = displacement + scheme.gap_offset(dt) * velocity
     one, zero = np.ones(1), np.zeros(1)
+    # the rest displacement of a layer is linear in v and a: factors by unit arguments
     layer_v, layer_a = (float(scheme.layer_jump(zero, *va, dt)[0][0]) for va in ((one, zero), (zero, one)))
     return {
         "ground_velocity": velocity,
@@ -226,6 +232,7 @@ def continuation(assembly: Assembly) -> Array:
     ground = np.zeros(n_time, dtype=bool)
     for velocity in assembly.ground.velocity.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
+    # loads that stay: the ground decides, by whether it moves on as it did
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
     part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
     share: Array = np.clip(part, 0.0, 1.0)
@@ -287,6 +294,7 @@ class LawsInPython:
         """Tractions of points of a group under free velocities."""
         image, group = self._image, self._groups[g]
         place, elastic = int(image.groups[g]["z_sum"]), group.behaviour.elastic
+        # copies: a law may be anyone's, and must not write into the image
         z = image.fixed[place : place + 2 * group.n_point].reshape(-1, 2)[points].copy()
         reach = image.group_field(g, "reach", *((group.n_point, group.n_component) if elastic else (group.n_point,)))
         return group.behaviour.local(jump, z, reach[points].copy(), rate_of(image, group), group.parameters[points])
@@ -320,22 +328,16 @@ class Stages:
         """Stages of one instant with another search direction."""
         return Stages(self.image, direction, 1, self.first)
 
-    def predict(self) -> None:
-        """Free responses of one instant."""
-        for c in range(len(self.image.propagators)):
-            self.image.call(entries.PREDICT, c, self.first)
-
-    def begin(self) -> None:
-        """Openings at the start of the window."""
-        self.image.call(entries.OPEN, self.n, self.first - 1)
+    def begin(self, further: int = OPENINGS) -> None:
+        """Begin the window (``kernels.instants.begin_at``)."""
+        self.image.call(entries.BEGIN, self.n, self.first, further)
 
     def free_motion(self) -> None:
         """Velocities of all channels without tractions, into ``w``: in the rest of the window there is no reference."""
-        if self.image.run_fields["from_last"]:
-            self.image.set({"from_last": 0})
-            self.predict()
-            self.image.set({"from_last": 1})
-        self.image.call(entries.FREE_MOTION, self.first)
+        from_last = self.image.run_fields["from_last"]
+        self.image.set({"from_last": 0})
+        self.begin(FREE)
+        self.image.set({"from_last": from_last})
 
     def ended(self) -> None:
         """Called at the end of an instant."""
@@ -369,6 +371,7 @@ class Stages:
         gaps, w = [self._reach(g) for g in range(len(self._groups))], self.image.field("w", self.image.n_flat).copy()
         made_up = self.made_up()
         solved = self.direction.points.solve(w + made_up, f_hat, gaps, self._rates())
+        # the solution has the drift made up in its velocities, q has not (``kernels.local_stage``)
         self.field("q")[0] = self.direction.incoming(*solved) - self.direction.k * made_up
 
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:

@@ -65,6 +65,7 @@ def distributed(costs: Sequence[float], threads: int, large: Collection[int]) ->
     while True:
         parts: list[list[int]] = [[] for _ in range(threads)]
         loads = [0.0] * threads
+        # largest first, each to the thread with the least
         for c in left:
             lightest = loads.index(min(loads))
             parts[lightest].append(c)
@@ -72,6 +73,7 @@ def distributed(costs: Sequence[float], threads: int, large: Collection[int]) ->
         costliest = next((c for c in left if c in large), None)
         if costliest is None or max(loads) <= _APART * sum(loads) / threads:
             return [np.array(part, dtype=np.int64) for part in parts]
+        # given to all threads, which ends the wait of the others
         left.remove(costliest)
 
 
@@ -114,6 +116,7 @@ class Team:
             return
         self._busy = True
         numbers = self._image.counts("team", DISMISSED + 1)
+        # records are written once, before several threads read them
         self._image.write()
         numbers[DISMISSED] = 0
         waiting = [self._pool.submit(self._image.call, entries.SERVE, thread) for thread in self._others]
@@ -122,6 +125,7 @@ class Team:
         finally:
             numbers[DISMISSED], self._busy = 1, False
             for one in waiting:
+                # errors of the threads are raised here
                 one.result()
 
 
@@ -197,6 +201,7 @@ class RunImage:
         key = min(n, LONG)
         if key not in self._directions:
             compiled = all(law_of(group.behaviour) >= 0 for group in self.assembly.layout.groups)
+            # tables serve windows of one instant, with laws that the kernels have
             usable = self.settings.window == 1 and compiled
             settings = self.settings if usable else replace(self.settings, tables=0.0)
             self._directions[key] = self.made_direction(settings, n)
@@ -211,7 +216,7 @@ class RunImage:
         """Bind propagators and image to the search direction for windows of n instants; ``exact``: without tables of
         Y."""
         direction = self.direction(n)
-        exact &= direction.sparse
+        exact &= direction.sparse  # without tables both are one direction
         key = EXACT if exact else min(n, LONG)
         if self.image.bound == key:
             return
@@ -241,6 +246,7 @@ class RunImage:
                 return -1.0
             terms = image.class_field(c, "totals", N_TERM, len(propagator.members))
             own += float(terms[WORK_OF_LOADS].sum())
+        # never less than it was
         return max(self._over_processes(own), float(works[PUT_IN]))
 
     def account(self) -> Account | None:
@@ -298,8 +304,7 @@ class RunState(RunImage):
         self.refusals, self._per_instant, self._refused = 0, 0.0, False
         self._still = still(assembly)
         self._clear()
-        self.image.call(entries.OPEN_ACCOUNTS)
-        self._begin_recording()
+        self._begin_recording(accounts=True)
 
     def _clear(self) -> None:
         """Forget the windows of the last segment."""
@@ -325,6 +330,7 @@ class RunState(RunImage):
         for name in ("marched", "condensed", "stopped", "refusals"):
             setattr(self, name, snapshot[name])
         self.image.state[:] = snapshot["state"]
+        # the state has no instant: propagators keep it
         self._set_instant(snapshot["instant"])
         for propagator, sampled in zip(self.assembly.propagators, snapshot["samples"], strict=True):
             propagator.sampled[:] = sampled
@@ -343,10 +349,10 @@ class RunState(RunImage):
             self.recorder = recorder
             self._begin_recording()
 
-    def _begin_recording(self) -> None:
-        """Record the first instant of the segment."""
+    def _begin_recording(self, accounts: bool = False) -> None:
+        """Record the first instant of the segment, with which the accounts of energies begin."""
         self.image.set({"first_row": 0})
-        self.image.call(entries.READ_START)
+        self.image.call(entries.START, int(accounts))
         if self._exchange is not None:
             self._exchange.touch()
         self.recorder.keep(self.held, self.image, self._probes, 1)
@@ -380,6 +386,7 @@ class RunState(RunImage):
             return
         processes = self.part.processes
         self.recorder.join(self.part)
+        # counts are small enough to be exact as float
         count = np.array([self.marched, self.condensed], dtype=float)
         processes.add(count)
         self.marched, self.condensed = map(int, count)
@@ -471,6 +478,7 @@ class SharedStages(Stages):
         image, exchange, whole = self.image, self._exchange, self.direction.whole
         reach = np.zeros(image.n_flat)
         for g, group in enumerate(self._groups):
+            # one field for all groups: at the places of side E
             own = self._reach(g)
             group.block(reach)[0, :, : own.shape[1]] = own
         made_up = self.made_up()
@@ -481,6 +489,7 @@ class SharedStages(Stages):
             width = group.n_component if group.behaviour.elastic else 1
             gaps.append(np.ascontiguousarray(group.block(wide_reach)[0, :, :width]))
         solved = whole.points.solve(free, wide_f, gaps, self._rates())
+        # k of the part times what is made up: q of the sides and not of the laws
         self.field("q")[0] = whole.incoming(*solved)[exchange.part.channels] - self.direction.k * made_up
 
     def bonded(self, bonds: PerfectInterfaceSolve) -> Array:

@@ -64,7 +64,7 @@ def channel_k(assembly: Assembly, search: SearchDirection, window: int) -> tuple
     else:
         raise ValueError(f"search direction {kind!r} is not one of those of the table above")
     k = search.factor * k
-    k[assembly.rigid] = 0.0
+    k[assembly.rigid] = 0.0  # a rigid side has no dashpot
     return k, choice
 
 
@@ -72,6 +72,7 @@ def inertial_impedance(assembly: Assembly) -> None:
     """Give the sides without a material impedance (rigid bodies) the resistance of their faces within one step."""
     row = _row(assembly)
     missing = assembly.impedance <= 0
+    # with inertia ``impedance`` is the array itself
     assembly.impedance[missing] = row[missing]
 
 
@@ -86,6 +87,7 @@ def unresolved_sides(assembly: Assembly) -> list[str]:
     remarks = []
     for i, unit in enumerate(assembly.interfaces):
         for side in () if unit.attached else (0, 1):
+            # normal ones stand for the point
             channels = assembly.layout.channels(i, side)[:, 0]
             impedance = assembly.impedance[channels]
             if not impedance.any() or not row[channels].any():
@@ -152,12 +154,13 @@ def _row(assembly: Assembly, normal_only: bool = False) -> Array:
         for side in (0, 1):
             flat = layout.channels(i, side)
             c = int(class_of[flat[0, 0]])
-            if c < 0:
+            if c < 0:  # ground
                 continue
             operators, rows = propagators[c].operators, row_of[flat]
             area = operators.area[rows[:, 0]].sum()
             for component in range(1 if normal_only else flat.shape[1]):
                 own = rows[:, component]
+                # by the channels: what two members have alike is solved for once
                 key = (c, own.tobytes())
                 if key not in known:
                     known[key] = resistance(operators.compliance, own) / area
@@ -175,6 +178,7 @@ def _resolved(assembly: Assembly) -> tuple[Array, str]:
         resolved = True
         for channels in sides:
             normal = channels[:, 0]
+            # ground has no impedance, faces that cannot move no row value
             if impedance[normal].any() and row[normal].any():
                 ratio = _median(row[normal] / impedance[normal])
                 resolved &= RESOLVED[0] <= ratio <= RESOLVED[1]
@@ -263,6 +267,7 @@ class Direction:
     def weights(self) -> Array:
         """Weights (4, n_flat) of r^2, F^2, W^2 and (W' - W)^2 in the error indicator (``kernels.indicator``)."""
         layout, k = self.assembly.layout, self.k
+        # rigid sides have no part in the measure
         area = np.where(k > 0, layout.area, 0.0)
         impedance = np.where(self.assembly.impedance > 0, self.assembly.impedance, 1.0)
         f_weight, w_weight = area / impedance, area * impedance
@@ -271,8 +276,10 @@ class Direction:
         for group in layout.groups:
             first, second = group.block(w_weight)
             held = np.minimum(first, second) <= 0.0  # by the ground
+            # Z Z' / (Z + Z'); one side alone where the other is held
             both = np.divide(first * second, first + second, out=np.maximum(first, second), where=~held)
             group.block(relative)[:] = both
+        # r / 2 is the half difference of tractions, z r / 2 that of velocities: both in the norm of (24)
         weights = 0.25 * (f_weight + w_weight * self.z * self.z), f_weight, moving * w_weight, moving * relative
         return np.stack(weights)
 
@@ -341,6 +348,7 @@ class Direction:
             own = {}
             for name, z in (("z_sum", self.z), ("newton_z_sum", self.newton_z)):
                 both = group.block(z).sum(axis=0)
+                # without tangents: N twice
                 own[name] = np.ascontiguousarray(both[:, [0, min(1, group.n_component - 1)]])
             fields.append(own)
         return fields
@@ -369,6 +377,7 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
     order, low, high = ordered_blocks(assembly, owner[0])
     groups, numbers, sizes, unknowns = [], [], [0], []
     for i in order:
+        # points of an interface among those of its group
         group = layout.group(i)
         points = np.arange(group.members[i].start, group.members[i].stop)
         groups.append(np.full(len(points), next(g for g, other in enumerate(layout.groups) if other is group)))
@@ -379,6 +388,7 @@ def relative_operator(assembly: Assembly) -> dict[str, Any]:
     return {
         "n_block": len(order),
         "n_unknown": int(starts[-1]),
+        # an envelope as ``envelope.place_rows`` makes it: rows of a block reach from its first to its last neighbour
         "n_matrix": sum(n * int(starts[b + 1] - starts[a]) for n, a, b in zip(unknowns, low, high, strict=True)),
         "block_low": low,
         "block_high": high,
@@ -431,5 +441,6 @@ def ordered_blocks(assembly: Assembly, owner: Index) -> tuple[list[int], Index, 
     table = graph.toarray()[np.ix_(order, order)] > 0
     low = np.array([int(np.argmax(row)) for row in table], dtype=np.int64)
     low = np.minimum.accumulate(low[::-1])[::-1].copy()  # of this block or a later one: the factors fill no more
+    # a column reaches down to the last block whose envelope begins at it or before
     high = np.array([int(np.flatnonzero(low <= b)[-1]) for b in range(n)], dtype=np.int64)
     return [int(i) for i in order], low, high

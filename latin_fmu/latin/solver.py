@@ -24,7 +24,7 @@ from typing import Protocol
 import numpy as np
 
 from ..kernels import entries
-from ..kernels.instants import CORRECTED, WITHIN
+from ..kernels.instants import CORRECTED, GUESS, OPENINGS, WITHIN
 from ..kernels.iteration import BEST, BROKEN, CONVERGED, PATIENCE
 from ..propagator.image import Image
 from .assembly import Array
@@ -96,6 +96,7 @@ class WindowSolver:
             record.corrections = int(image.counts("corrections", 1)[0])
             record.defect = float(image.field("defects", 1)[0])
             record.converged = verdict == WITHIN
+            # corrections are iterations, too
             if begin >= self._settings.max_iterations:
                 break
         return record.converged
@@ -111,6 +112,7 @@ class WindowSolver:
             bits, measures = verdict, stages.measures()
             record.error_indicator.append(float(measures[0]))
             record.force_mismatch.append(float(measures[1]))
+            # the first one, too: a best iterate must exist where all are NaN
             if verdict & (BEST | CONVERGED) or not kept:
                 kept[:], record.accepted = [Iterate.last(stages)], record.iterations - 1
             record.newton_steps = stages.newton_steps()
@@ -129,15 +131,18 @@ class WindowSolver:
                 used.append(fallback)
                 stages.leave_newton()
                 record.fallbacks.append(fallback)
+                # differences and stalls count from here on
                 phase = start
                 if fallback == RELAXED:
                     best.put(stages)
+                    # relaxation goes on from the best iterate, whose residual is among its fields
                     stages.field("q")[...] += _RELAXATION * stages.field("r")
                 else:
                     limit = start + _AFTER_POINTS
                     stages.points_one_by_one(best.f_hat[0])
         finally:
             stages.accelerate(settings)
+        # the last iterate need not be the best one
         if not record.converged:
             best.put(stages)
         return best
@@ -181,6 +186,7 @@ def softening(direction: Direction, gap: float) -> float | None:
     assembly = direction.whole.assembly
     if gap <= 0.0 or assembly.characteristic_traction <= 0.0:
         return None
+    # way that the load makes a free side go in an iteration, over the gap
     crossed = assembly.characteristic_traction / float(direction.whole.k.max()) * assembly.dt / gap
     return crossed if crossed < _FAR else None
 
@@ -202,6 +208,7 @@ def softened_start(
         settings,
         search_direction=search,
         tolerance=max(_SOFT_TOLERANCE, settings.tolerance),
+        # the indicator alone decides: a first guess is wanted
         force_tolerance=np.inf,
         max_iterations=_SOFT_ITERATIONS,
         newton=False,
@@ -211,10 +218,10 @@ def softened_start(
     image.bind(_SOFT, soft.run_fields(), soft.group_fields(), afresh=True)
     image.set(rules(rough))
     window = stages.of(soft)
-    window.predict()
     window.begin()
     window.field("q")[...] = 0.0
     iterate = WindowSolver(rough).solve(window, WindowRecord(stages.first, stages.first), 0)
+    # the record has the rules of the short iteration still
     image.set(rules(settings))
     return direction.incoming(iterate.f_hat[0], iterate.w_hat[0])
 
@@ -275,6 +282,7 @@ class WindowRun(RunState, ABC):
     def _keeps_failing(self) -> bool:
         """Whether the last windows have not converged in spite of all fall-backs, which are not repeated then but for
         some instants."""
+        # once in so many instants all fall-backs are tried again
         enough = len(self.windows) >= _FAILURES and (self.assembly.instant + 1) % _ONCE_IN != 0
         return enough and not any(self.windows[-1 - i].converged for i in range(_FAILURES))
 
@@ -318,13 +326,15 @@ class WindowRun(RunState, ABC):
         )
         self._begin_window(stages, guess)
         if by_tables and stages.direction.sparse and not solver.solve_by_tables(stages, record, number):
+            # the record of what was refused is dropped
             self.refusals, record = self.refusals + 1, WindowRecord(first, first)
             self._use(n, exact=True)
             self._begin_window(stages, guess)
         if not record.converged:
             solver.solve(stages, record, number)
+        # the given fields were no help: once more from the state itself
         if given and not record.converged:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
             record.fallbacks.append(COLD)
             guess = self._own_guess(n)
             self._use(n, exact=True)
@@ -333,14 +343,15 @@ class WindowRun(RunState, ABC):
         if self.assembly.quasi_static and not record.converged:
             self._restart(stages, record)
             solver.solve(stages, record, number)
+        # the state at the start of the window comes back
         if not record.converged and n > 1:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
             self._count(before)
             return self._one_by_one(record, n, number, count)
         # NaN included; without inertia nothing can follow a state that is no equilibrium
         self.stopped = not record.converged and (self.assembly.quasi_static or not record.final_error <= HOPELESS)
         if self.stopped:
-            self.image.call(entries.REWIND)
+            self.image.call(entries.LEAVE)
         else:
             self._end_window(stages, record)
         self.windows.append(record)
@@ -349,12 +360,8 @@ class WindowRun(RunState, ABC):
 
     def _begin_window(self, stages: Stages, guess: Array | None = None) -> None:
         """State at the start, free responses of one instant, first guess of q where none is given."""
-        image = self.image
-        image.call(entries.BEGIN)
-        stages.begin()
+        stages.begin(GUESS if stages.n == 1 else OPENINGS)
         if stages.n == 1:
-            stages.predict()
-            image.call(entries.FIRST_GUESS, stages.first)
             if self._bonds is not None:
                 guess = stages.bonded(self._bonds)
         elif guess is None:
@@ -366,13 +373,13 @@ class WindowRun(RunState, ABC):
         """Move the substructures to the end of the window and record its fields."""
         image, n, first = self.image, stages.n, stages.first
         scales = image.field("scales", 3).copy()
-        image.call(entries.ACCEPT, n)
+        image.call(entries.LEAVE, n)
         if not record.converged:
             image.field("scales", 3)[:] = scales  # a failed iterate must not loosen the windows that follow
         # the velocities of bodies that closed a large gap are no guess for the next increment
         image.field("carry", 1)[0] = float(SOFTENED not in record.fallbacks)
+        # a long window leaves the substructures at its end: back to its start, to march it with the accepted fields
         if n > 1:
-            image.call(entries.REWIND)
             record.disagreement = stages.disagreement()
             if self._fields is not None and record.converged:
                 self._fields.keep(first, stages.field("local_f").copy(), stages.field("local_w").copy())
@@ -390,31 +397,19 @@ class WindowRun(RunState, ABC):
         """March the window with the accepted iterate; ``after(i)`` is called at its instants."""
         image, n, first = self.image, stages.n, stages.first
         for i in range(n):
-            if n == 1:
-                for c in range(len(image.propagators)):
-                    image.call(entries.END_CLASS, c, first)
-                image.call(entries.END_INSTANT, first)
-            else:
-                image.call(entries.END_WINDOW, first + i, i)
+            image.call(entries.END, first + i, i, n)
             stages.ended()
             self._set_instant(first + i)
             after(i)
 
-    def use_single_instants(self) -> None:
-        """Bind the search direction of windows of one instant, without tables."""
-        self._use(1, exact=True)
-
-    def end_instant(self, stages: Stages) -> None:
-        """Move the substructures over a window of one instant with the fields of its local stage, and record it."""
-        self._set_first_row(stages.first)
-        self._march_accepted(stages, self._record_instant)
-
     def _trial(self, stages: Stages, after: Callable[[int], None]) -> None:
         """March the linear stage of the last iterate, and restore the state before it."""
         image = self.image
+        # the whole block: work of the iteration is needed again, too
         kept, begun, row = image.moving.copy(), self.assembly.instant, int(image.run[0]["first_row"])
+        # one instant leaves the state at its start; a long window has marched it to its end
         if stages.n > 1:
-            image.call(entries.REWIND)
+            image.call(entries.LEAVE)
         self._set_first_row(stages.first)
         self._march_accepted(stages, after)
         image.moving[:] = kept
@@ -426,10 +421,8 @@ class WindowRun(RunState, ABC):
         image = self.image
         for instant in range(first, first + n):
             self._set_first_row(instant)
-            for c in range(len(image.propagators)):
-                image.call(entries.PREDICT, c, instant)
-                image.call(entries.END_CLASS, c, instant)
-            image.call(entries.END_INSTANT, instant)
+            image.call(entries.BEGIN, 1, instant, OPENINGS)
+            image.call(entries.END, instant, 0, 1)
             self._set_instant(instant)
             self._sample()
             self._record_instant(0)
@@ -443,6 +436,7 @@ class WindowRun(RunState, ABC):
         record.fallbacks.append(FROM_REST if q is None else SOFTENED)
         self._use(1)
         self._begin_window(stages)
+        # q = F_hat: velocities of zero
         stages.field("q")[...] = self.f_hat if q is None else q
 
     def _one_by_one(self, record: WindowRecord, n: int, number: int, count: int) -> WindowRecord:
@@ -458,6 +452,7 @@ class WindowRun(RunState, ABC):
                 break
         parts = self.windows.cut(done)
         record.converged = len(parts) == n and all(p.converged for p in parts)
+        # a failed window before any error
         worst = max(parts, key=lambda p: (not p.converged, p.final_error))
         record.error_indicator.append(worst.final_error)
         record.force_mismatch.append(worst.final_mismatch)

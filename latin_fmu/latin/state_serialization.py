@@ -69,8 +69,9 @@ def opened(state: bytes, kind: str, digest: str, machine: str = "") -> bytes:
     if state[len(_SEAL) : len(_SEAL) + len(_FORMAT)] != _FORMAT:
         raise SolverError("the state cannot be used: its format is another one; use the version that wrote it")
     checked = memoryview(state)[_CHECKED:]
-    first, second = (int.from_bytes(checked[at : at + 8], "little") for at in (0, 8))
+    first, second = (int.from_bytes(checked[at : at + 8], "little") for at in (0, 8))  # of header and payload
     checksum = hashlib.blake2b(checked, digest_size=32).digest()
+    # before anything of it is interpreted
     if checksum != state[_CHECKED - 32 : _CHECKED] or 16 + first + second != len(checked):
         raise SolverError("the state cannot be used: it is damaged (its checksum does not fit); use an intact copy")
     try:

@@ -69,7 +69,8 @@ def with_work(sentence: str, work: float, put_in: float, allowed: float, toleran
     The work test of an instant bounds that of its own error. Where the pressure rises many times from one instant to
     the next, to make that error up takes as many times the work.
     """
-    if not work > allowed * put_in:
+    # NaN has not converged
+    if work <= allowed * put_in:
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (
@@ -114,6 +115,7 @@ def with_energy(
             put_in += np.maximum.accumulate(np.maximum(work, 0.0))
         # works that cancel, of a preload and what holds it, leave their round-off
         put_in += _CANCELLED * np.maximum.accumulate(np.abs(energy["interface_work"]))
+        # NaN is wrong, too
         wrong = np.flatnonzero(~(-lost <= _GAIN * put_in))
     if not len(wrong):
         return converged, sentence
@@ -144,6 +146,7 @@ def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
 
 def _excess(settings: SolverSettings, window: WindowRecord) -> str:
     """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
+    # the rule of ``kernels.iteration``: slow windows go on to a tenth
     slow = window.first_instant == window.last_instant and window.iterations > SLOW and not window.newton_steps
     share = CLOSER if slow else 1.0
     error, forces = share * settings.tolerance, share * settings.force_tolerance
@@ -238,6 +241,7 @@ class WindowList(Sequence[WindowRecord]):
         counts : (n, 3) iterations, Newton steps among them, corrections. errors, residuals : (n, most) indicators and
             force residuals after each iteration, copied. defects : (n,) at the end, copied.
         """
+        # row by row: the curves one after the other, without what pads them
         held = np.arange(errors.shape[1]) < counts[:, :1]
         curves = errors[held], residuals[held]
         self._tables.append((self._n, first, counts.copy(), defects.copy(), np.cumsum(counts[:, 0]), *curves))
@@ -290,6 +294,7 @@ class WindowList(Sequence[WindowRecord]):
         if self._records or not tables:
             records = [(r.iterations, r.newton_steps, r.corrections) for r in self._records.values()]
             tables.insert(0, np.array(records, dtype=np.int64).reshape(-1, 3))
+        # one table alone needs no copy
         return np.concatenate(tables) if len(tables) > 1 else tables[0]
 
     def part(self, first: int) -> dict[str, Any]:
@@ -322,10 +327,12 @@ class WindowList(Sequence[WindowRecord]):
     def extend(self, part: Mapping[str, Any]) -> None:
         """Add the windows of a ``part``."""
         numbers = part["numbers"]
+        # curves of all windows stand one behind the other, each as long as its iterations
         ends = np.cumsum(numbers[:, 4])[:-1]
         curves = [np.split(part[name], ends) if len(numbers) else [] for name in _CURVES]
         fallbacks, at = part["fallbacks"], 0
         while at < len(numbers):
+            # windows without anything special stay in tables
             n = _plain(numbers[at:], fallbacks, at)
             if n:
                 counts = np.ascontiguousarray(numbers[at : at + n, 4:])
@@ -368,6 +375,7 @@ def _plain(numbers: Index, fallbacks: Mapping[str, Any], at: int) -> int:
     """Number of windows at the start of ``numbers`` that are successive instants, converged without fall-back; ``at``:
     number of the first one among the keys of ``fallbacks``."""
     first, last, converged, accepted, counts, *_ = numbers.T
+    # what ``keep`` assumes of a table
     plain = (first == last) & (converged == 1) & (accepted == counts - 1) & (first == first[0] + np.arange(len(first)))
     plain &= [str(at + i) not in fallbacks for i in range(len(first))]
     return len(plain) if plain.all() else int(np.argmin(plain))

@@ -94,6 +94,7 @@ class Run(WindowRun):
         self._observer, self._progress = control.observer, control.progress
         self._monitor, self._fields, self._max_cpu = control.monitor, control.fields, control.max_cpu
         self.interrupted = ""
+        # CPU time of the set-up is spent already
         self._cpu_end = np.inf if self._max_cpu is None else clock.process_time() - timings.setup + self._max_cpu
         super().__init__(assembly, settings, recorder, timings, communication, part)
 
@@ -139,6 +140,7 @@ class Run(WindowRun):
         try:
             self.open_bonds()
             total = self.assembly.n_instant if self.assembly.lost is None else self.assembly.lost.instant - 1
+            # the image has room for so many instants
             length = min(self.settings.window or total, self.image.window)
             self._use(length)
             self._solve(total, length)
@@ -154,6 +156,7 @@ class Run(WindowRun):
     def _solve(self, total: int, length: int) -> None:
         """Solve the instants up to ``total`` in windows of ``length``."""
         count, number = -(-total // length), len(self.windows)
+        # an observer is called from Python
         compiled = length == 1 and self._observer is None and self.marches
         while number < count and not self.stopped and not self._looked():
             refusals, self._refused = self.refusals, self._keeps_failing()
@@ -162,6 +165,7 @@ class Run(WindowRun):
             if done and self._progress is not None:
                 last = self.windows[-1]
                 self._progress(number - 1, count, last.iterations, last.final_error)
+            # an instant that the kernels have left
             if number < count and (not compiled or self._refused):
                 self._advance_or_return(min(length, total - number * length), number, count, refusals)
                 number += 1
@@ -185,6 +189,7 @@ class Run(WindowRun):
                 raise StopError
             return False
         stop = bool(self.stops()) and not self.ended if self._monitor is None else self._monitor.check(self)
+        # a reason found inside a window stays (``_one_by_one``)
         if stop or not self.stopped:
             self.interrupted = (self.stops() or INTERRUPTED) if stop else ""
         return stop
@@ -199,6 +204,7 @@ class Run(WindowRun):
         bonds, direction = PerfectInterfaceSolve(self.assembly), self.direction(1)
         operator = None if self.part is not None else bonds.incoming(direction.k)
         self._direct_bonds = True
+        # the operator acts on velocities without any traction
         fields = {**direction.run_fields(), "from_last": 0}
         if operator is None:
             self._bonds = bonds
@@ -211,6 +217,7 @@ class Run(WindowRun):
         """Solve up to n windows of one instant in one call; how many converged, fewer where one needs a fall-back."""
         image, first = self.image, self.assembly.instant + 1
         wall, cpu = clock.perf_counter(), clock.process_time()
+        # after a few refusals all instants take the exact operator
         self._use(1, exact=self.refusals > MOST_REFUSALS)
         longest = _FIRST if self._max_cpu is None else 1
         if self._per_instant > 0:
@@ -269,7 +276,6 @@ class Run(WindowRun):
         self._set_instant(done + self.assembly.instant)
         return record
 
-    # -- the Python driver ----------------------------------------------------------------------------------------
     # -- first guesses and fall-backs of windows --------------------------------------------------------------------
     def _sequential_guess(self, n: int) -> Array | None:
         """First guess q (n, n_flat) from windows of one instant, to a tenth of the tolerances; restores the state. None
@@ -292,6 +298,7 @@ class Run(WindowRun):
             self._solve(n, 1)
             failed = self.stopped
             self.timings.march = spent  # counted by the window
+        # attributes of the run as they were
         finally:
             vars(self).update(state)
             image.state[:] = kept

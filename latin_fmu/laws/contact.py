@@ -24,6 +24,7 @@ from .parts import add_unknown, friction, friction_status, friction_tangent
 @kernel
 def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, traction: Array) -> None:
     """P = max(0, -((s' - s)_n + reach)) / z_n, and friction; parameter mu."""
+    # z = 0: both sides are held, and no pressure is determined
     pressure = max(0.0, -(jump[0] + reach[0])) / z[0] if z[0] > 0.0 else 0.0
     traction[0] = -pressure
     friction(pressure, parameters[0], jump, z[1], traction)
@@ -45,6 +46,7 @@ def tangent(
     closing = -(jump[0] + reach[0])
     if not (closing > 0.0 and z[0] > 0.0):
         return 0
+    # regular where several interfaces hold the point (``kernels.newton``)
     add_unknown(0, 0, proximal * z[0], columns, rows, softness)
     return friction_tangent(closing / z[0], parameters[0], jump, z[1], proximal * z[1], columns, rows, softness)
 

@@ -56,6 +56,7 @@ def _dispatch(kernel_name: str, arguments: str, unknown: str) -> Any:
     for code, law in enumerate(REGISTRY):
         known[law.name] = getattr(law, kernel_name)
         lines.append(f"    if law == {code}:\n        return {law.name}({arguments})")
+    # no text from outside: names are those of REGISTRY
     exec(compile("\n".join([*lines, f"    {unknown}"]), __file__, "exec"), known)
     return kernel(known[kernel_name])
 
@@ -85,9 +86,12 @@ def tangent(
     A law written in Python has its derivative (3, 3) instead: columns J, rows of the identity and softness 1 - z J.
     """
     for e in range(9):
+        # laws write the entries that are not 0
         columns[e] = rows[e] = 0.0
+    # softness is not cleared before: a given tangent writes all nine
     if law < 0:
         return _given_tangent(derivative, z, len(jump), proximal, columns, rows, softness)
+    # ``derivative`` may be this array: laws with a code do not read it
     softness[:] = 0.0
     return int(_tangent_of(law, jump, z, reach, rate, parameters, proximal, columns, rows, softness))
 
@@ -105,6 +109,7 @@ def _given_tangent(
         return 0
     for i in range(3):
         for j in range(3):
+            # column i of J is what unknown i does: J and its rows exchanged
             columns[3 * i + j] = derivative[3 * j + i]
             softness[3 * i + j] = -z[min(i, 1)] * derivative[3 * i + j]
         rows[4 * i] = 1.0
@@ -119,20 +124,26 @@ def apply_to_points(law: int, jump: Any, z: Any, reach: Any, rate: float, parame
         apply(law, jump[p], z[p], reach[p], rate, parameters[p], traction[p])
 
 
-@entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1], f8[:, :, ::1]")
+@kernel
+def add_tangent(
+    law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array, scratch: Array, out: Array
+) -> None:
+    """Add J = dF_hat / djump of a law at one point to ``out`` (h * h,), row after row; ``scratch`` (27,)."""
+    columns, rows, softness, h = scratch[:9], scratch[9:18], scratch[18:27], len(jump)
+    for i in range(tangent(law, jump, z, reach, rate, parameters, softness, 0.0, columns, rows, softness)):
+        own = z[0] if rows[3 * i] != 0.0 else z[1]
+        for a in range(h):
+            for b in range(h):
+                out[a * h + b] += columns[3 * i + a] * rows[3 * i + b] / (own + softness[4 * i])
+
+
+@entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[::1], f8[:, ::1]")
 def tangents_of_points(
     law: int, jump: Any, z: Any, reach: Any, rate: float, parameters: Any, scratch: Any, out: Any
 ) -> None:
-    """J = dF_hat / djump (n_point, h, h) of the law at all points; ``scratch`` (3, 9)."""
-    columns, rows, softness = scratch[0], scratch[1], scratch[2]
-    h = jump.shape[1]
+    """``add_tangent`` of the law at all points; arrays (n_point, ...)."""
     for p in range(len(jump)):
-        made = tangent(law, jump[p], z[p], reach[p], rate, parameters[p], softness, 0.0, columns, rows, softness)
-        for i in range(made):
-            own = z[p, 0] if rows[3 * i] != 0.0 else z[p, 1]
-            for a in range(h):
-                for b in range(h):
-                    out[p, a, b] += columns[3 * i + a] * rows[3 * i + b] / (own + softness[4 * i])
+        add_tangent(law, jump[p], z[p], reach[p], rate, parameters[p], scratch, out[p])
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8, i8[::1]")
@@ -144,11 +155,12 @@ def status_of_points(law: int, traction: Any, parameters: Any, no_contact: float
 
 def law_tangents(law: int, jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
     """Derivatives (n_point, h, h) of the tractions of ``apply_law`` by ``jump``; arguments as there."""
-    out, scratch = np.zeros((*jump.shape, jump.shape[1])), np.zeros((3, 9))
+    n, h = jump.shape
+    out = np.zeros((n, h * h))
     reach = reach if reach.ndim == 2 else reach[:, None]
     jump, z, reach, parameters = (np.ascontiguousarray(x, dtype=float) for x in (jump, z, reach, parameters))
-    tangents_of_points(law, jump, z, reach, float(rate), parameters, scratch, out)
-    return out
+    tangents_of_points(law, jump, z, reach, float(rate), parameters, np.zeros(27), out)
+    return out.reshape(n, h, h)
 
 
 def apply_law(name: str, jump: Array, z: Array, reach: Array, rate: float, parameters: Array) -> Array:
@@ -165,6 +177,7 @@ def statuses(name: str, traction: Array, parameters: Array) -> Status:
     """Status of points that carry these tractions by the law of this name; leading axes free, the last two of points
     (one row of parameters each) and components."""
     flat = np.ascontiguousarray(traction, dtype=float).reshape(-1, traction.shape[-1])
+    # rows of points repeat for every instant in front of them
     repeated = np.tile(np.ascontiguousarray(parameters, dtype=float), (len(flat) // max(len(parameters), 1), 1))
     out = np.zeros(len(flat), dtype=np.int64)
     status_of_points(LAWS[name], flat, repeated, 0.0, out)

@@ -28,6 +28,7 @@ def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, t
     """F_hat = k_l (s' - s + reach) / (rate + k_l z), parameters k_n and k_t, N m-3."""
     for i in range(len(jump)):
         stiffness = parameters[min(i, 1)]
+        # no branch for z = 0: the layer has a definite traction where both sides are held
         traction[i] = stiffness * (jump[i] + reach[i]) / (rate + stiffness * z[min(i, 1)])
 
 
@@ -48,7 +49,7 @@ def tangent(
     for i in range(len(jump)):
         stiffness = parameters[min(i, 1)]
         if stiffness > 0.0:
-            made = add_unknown(made, i, rate / stiffness, columns, rows, softness)
+            made = add_unknown(made, i, rate / stiffness, columns, rows, softness)  # rate / k: what the layer adds to z
     return made
 
 
@@ -70,6 +71,7 @@ class ElasticLayer(PointLaw):
     @staticmethod
     def stored_energy(traction: Array, parameters: Array) -> Array:
         """F.[u] / 2 per area, J m-2."""
+        # one column per component: normal, then tangential ones alike
         stiffness = parameters[:, [0, *[1] * (traction.shape[-1] - 1)]]
         flexibility = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0)
         energy: Array = 0.5 * (flexibility * traction**2).sum(axis=-1)

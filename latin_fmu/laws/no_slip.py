@@ -28,8 +28,10 @@ def value(jump: Array, z: Array, reach: Array, rate: float, parameters: Array, t
     """P as in contact; held along the face while the gap at the start of the instant is below the parameter, m."""
     closing = -(jump[0] + reach[0])
     traction[0] = -closing / z[0] if closing > 0.0 and z[0] > 0.0 else 0.0
+    # reach is the gap times ``rate``
     held = reach[0] <= rate * parameters[0] and z[1] > 0.0
     for i in range(1, len(jump)):
+        # no bound by the pressure: shear at a point without pressure belongs to this law
         traction[i] = jump[i] / z[1] if held else 0.0
 
 

@@ -58,12 +58,15 @@ def friction_tangent(
     norm, limit = np.hypot(jump[1], jump[2]), coefficient * pressure * z
     if norm <= AT_EDGE * limit:
         return sticking(1, soft, columns, rows, softness)
+    # of slip: friction on E has the direction of the motion of E' relative to it
     along, across = jump[1] / norm, jump[2] / norm
+    # F_t = mu P t and P = -F.N: with the unknown of the pressure changes the shear along the slip
     columns[1], columns[2] = -coefficient * along, -coefficient * across
     if limit <= 0.0:
         return 1
     columns[4] = rows[4] = -across
     columns[5] = rows[5] = along
+    # across the slip F_t turns with the jump: mu P / |jump| = 1 / (z + s)
     softness[4] = z * (norm / limit - 1.0)
     return 2
 

@@ -42,6 +42,7 @@ def tangent(
     closing, stiffness = -(jump[0] + reach[0]), parameters[1]
     if not (closing > 0.0 and stiffness > 0.0):
         return 0
+    # what the layer adds to z
     soft = rate / stiffness
     add_unknown(0, 0, soft, columns, rows, softness)
     pressure = closing / (z[0] + soft)

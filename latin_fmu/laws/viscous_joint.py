@@ -41,6 +41,7 @@ def tangent(
     for i in range(len(jump)):
         viscosity = parameters[min(i, 1)]
         if viscosity > 0.0:
+            # 1 / c: what the joint adds to z, the traction being c times the jump left
             made = add_unknown(made, i, 1.0 / viscosity, columns, rows, softness)
     return made
 

@@ -33,6 +33,7 @@ from .content import (
 
 SOLID_FACES: Final = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    5: ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
     6: ((0, 1, 2), (3, 5, 4), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
 }
@@ -88,6 +89,7 @@ def cards(text: str, include: Include, problems: FileProblems, depth: int = 0) -
         if line.lstrip().startswith("*"):
             if card is not None:
                 yield from _complete(card, include, problems, depth)
+            # keyword and parameters stay one text until the line is whole: the next line may go on with it
             card = Card(line.strip(), {}, number)
         elif card is not None:
             card.rows.append(line)
@@ -123,11 +125,12 @@ def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
         except (ValueError, IndexError):
             problems.add("not a node", card.rows[card.lines.index(line)].strip(), "label, x, y, z", line=line)
             continue
+        # sums and differences of labels stay within 64 bits
         if not 0 < label < 2**62:
             problems.add("not a node label", label, "a positive whole number", line=line)
             continue
         labels.append(label)
-        coordinates.append([*values, 0.0, 0.0, 0.0][:3])
+        coordinates.append([*values, 0.0, 0.0, 0.0][:3])  # planar parts, too
     return np.array(labels, dtype=np.int64), np.array(coordinates, dtype=float).reshape(-1, 3)
 
 
@@ -142,6 +145,7 @@ def elements_of(card: Card, count: int, problems: FileProblems) -> tuple[Index, 
         if any(not 0 < v < 2**62 for v in numbers):
             problems.add("not an element", ", ".join(fields), "label and nodes, positive whole numbers", line=line)
             return np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
+        # lines are not counted: nodes may go on in any number of them
         values += numbers
     if len(values) % (count + 1):
         problems.add(
@@ -199,6 +203,7 @@ class _DeckScopes:
 
     def spell(self, name: str) -> str:
         """The name in capitals, its first spelling remembered."""
+        # names of a deck know no case; the scene is written in the first spelling
         key = name.strip().upper()
         self.spelled.setdefault(key, name.strip())
         return key
@@ -206,6 +211,7 @@ class _DeckScopes:
     def take(self, card: Card) -> None:
         """Add the content of a card to its scope."""
         keyword = card.keyword
+        # long tables are read as numbers elsewhere: here they would be split into words
         rows = [] if keyword in _TABLES else [fields for _, fields in card.tokens()]
         self.model.take(keyword, card.parameters, rows)
         if keyword == "NODE":
@@ -225,6 +231,7 @@ class _DeckScopes:
             name, part = self.spell(card.name("NAME")), self.spell(card.name("PART"))
             self.instances.append((name, part, self._here, [card]))
         elif keyword in ("END PART", "END INSTANCE"):
+            # cards after the end of a part belong to the assembly
             self._here = self.root
 
     def _nodes(self, card: Card) -> None:
@@ -237,6 +244,7 @@ class _DeckScopes:
         kind = element_type(card.name("TYPE"))
         if kind is None:
             name = card.name("TYPE").upper()
+            # a volume that is not known is a problem; beams, masses and others are left out
             if name.startswith(("C3D", "SC", "CSS")):
                 self.problems.add(
                     "element type not known",
@@ -264,6 +272,7 @@ class _DeckScopes:
                 members += [(instance, f, 0, 0) for f in fields if f]
                 continue
             try:
+                # the step is 1 where it is missing, the last is the first
                 first, last, step = (*map(int, fields[:3]), 1)[:3] if len(fields) > 1 else (int(fields[0]),) * 2 + (1,)
             except (ValueError, IndexError):
                 first = last = step = 0
@@ -354,6 +363,7 @@ class _PlacedDeck:
         if scope.nodes:
             labels = np.concatenate([n[0] for n in scope.nodes])
             points = np.concatenate([n[1] for n in scope.nodes])
+            # unique takes the first of equal ones: of the reversed list, the last one given
             unique, last = np.unique(labels[::-1], return_index=True)  # a label given again replaces the node
             frame.node_labels, points = unique, points[::-1][last]
             self.points.append(points if card is None else _placed(points, card, self.problems))
@@ -370,6 +380,7 @@ class _PlacedDeck:
                 continue
             self.kinds.append(kind)
             self.first.append(self.n_element)
+            # rows in the table of all instances
             self.cells.append(rows.reshape(connectivity.shape) + frame.first_node)
             self.n_element += len(labels)
             every.append(labels)
@@ -387,6 +398,7 @@ class _PlacedDeck:
         members = frame.scope.sets.get((kind, key))
         if members is None:
             return None
+        # checked before the set is read: a set of sets that leads back to itself would not end
         if key in path:
             self.problems.add("a set contains itself", self.deck.spelled.get(key, key))
             return NO_ROWS
@@ -395,7 +407,7 @@ class _PlacedDeck:
         for instance, text, last, step in members:
             if last:
                 rows.append(self._range(self._named(instance, frame), kind, int(text), last, step))
-            elif text.isascii() and text.isdigit() and len(text) < 19:
+            elif text.isascii() and text.isdigit() and len(text) < 19:  # more digits do not fit in 64 bits
                 singles.setdefault(instance, []).append(int(text))
             else:
                 rows.append(self._other(self._named(instance, frame), kind, text, (*path, key)))
@@ -437,6 +449,7 @@ class _PlacedDeck:
     def _other(self, frame: _Frame, kind: str, text: str, path: tuple[str, ...] = ()) -> Index:
         """Members of the set, or of ``INSTANCE.SET`` or ``INSTANCE.label``, that another set contains."""
         owner, dot, rest = text.rpartition(".")
+        # names may have dots of their own
         if dot and any(f.name == owner.upper() for f in self.frames):
             frame, text = self._named(owner.upper(), frame), rest
         if text.isascii() and text.isdigit() and len(text) < 19:
@@ -458,6 +471,7 @@ class _PlacedDeck:
                 continue
             span = slice(self.first[block], self.first[block] + len(cells))
             self.row_in_type[span] = content.add_solids(kind, cells)
+        # every instance is a volume group under its name
         for frame in self.frames[1:]:
             everything = frame.first_element + np.arange(len(frame.element_labels))
             self._add_elements(content, self.deck.spelled[frame.name], everything, surfaces=False)
@@ -509,8 +523,10 @@ class _PlacedDeck:
         if kind in FLAT:
             return [cells[:, : FLAT[kind]]]
         faces = SOLID_FACES[CORNERS[kind]]
+        # the skin of the elements
         if not label:
             return [cells[:, list(face)] for face in faces]
+        # S and a number of at most three digits, so that int stays small
         if label[:1] != "S" or not label[1:].isdigit() or not 1 <= int(label[1:4]) <= len(faces):
             self.problems.add(f"the surface {name} names a face that a {kind} has not", label, f"S1 to S{len(faces)}")
             return []
@@ -530,6 +546,7 @@ class _PlacedDeck:
         groups = [content.volumes[name] for name in sections if name in content.volumes]
         for kind, cells in content.solids.items():
             rows = np.concatenate([g.get(kind, NO_ROWS) for g in groups]) if groups else NO_ROWS
+            # every cell, and none twice
             if len(rows) != len(cells) or len(np.unique(rows)) != len(rows):
                 return None
         return tuple(name for name in sections if name in content.volumes)
@@ -538,6 +555,7 @@ class _PlacedDeck:
 def _joined(part: _Scope, own: _Scope) -> _Scope:
     """The scope of an instance: what its part has and what it adds."""
     sets = {key: list(members) for key, members in part.sets.items()}
+    # a set of the instance adds to that of the part, a surface replaces it
     for key, members in own.sets.items():
         sets.setdefault(key, []).extend(members)
     return _Scope(

@@ -81,6 +81,7 @@ class DeckModel:
             for names in rows:
                 if len(names) > 1:
                     stem, known = name or "tie", {tie[0] for tie in self.ties}
+                    # one card may tie several pairs: names of ties stay different
                     own = stem if stem not in known else f"{stem}_{len(known) + 1}"
                     self.ties.append((own, names[0], names[1]))
         elif keyword == "BOUNDARY" and "TYPE" not in parameters:
@@ -110,9 +111,11 @@ class DeckModel:
             else:
                 low = int(first)
                 high = int(rest[0]) if rest and rest[0] else low
+            # fourth field: the value
             still = len(rest) < 2 or not rest[1] or float(rest[1]) == 0.0
         except ValueError:
             return False
+        # rotations alone hold nothing of a solid; a number is a node and no set
         if not still or not 1 <= low <= high <= 6 or low > 3 or name.rpartition(".")[2].isdigit():
             return False
         self.fixed.append((name, _AXES[low - 1 : min(high, 3)]))
@@ -276,7 +279,7 @@ class MeshContent:
 def _cell_keys(cells: dict[str, Index]) -> Index:
     """One number per cell, unique over the cell types."""
     kinds = sorted(CORNERS)
-    parts = [rows * len(kinds) + kinds.index(kind) for kind, rows in cells.items()]
+    parts = [rows * len(kinds) + kinds.index(kind) for kind, rows in cells.items()]  # (row, type) as one number
     return np.concatenate(parts) if parts else NO_ROWS
 
 
@@ -306,6 +309,7 @@ class FileProblems:
         place = self.where if line is None else f"{self.where}, line {line}"
         text = None if value is None else str(value)[:80]
         problem = Problem(place, what, text, allowed, remedy)
+        # the same problem of many lines is reported once
         if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
             self.problems.append(problem)
 
@@ -333,6 +337,7 @@ def rows_of(labels: Index, some: Index) -> tuple[Index, NDArray[np.bool_]]:
     if not len(labels):  # there is no last place to clip to
         return np.zeros(len(some), dtype=np.int64), np.zeros(len(some), dtype=bool)
     order = np.argsort(labels, kind="stable")
+    # a label above all others has no place: clipped, and found to differ
     place = np.minimum(np.searchsorted(labels, some, sorter=order), len(labels) - 1)
     rows = order[place]
     return rows, labels[rows] == some
@@ -402,7 +407,9 @@ def _with_materials(
         name, values = part_name(known[0]), known[1]
         stiffness, density = factors
         constants = {**values, "young_modulus": stiffness * values["young_modulus"]}
+        # a material of that name in the scene stays as it is
         materials.setdefault(name, {**constants, "density": density * values["density"]})
+        # keys of the scene win
         bodies[part] = {"material": name, **table}
     return {**raw, "material": materials, "substructure": bodies} if materials else raw
 
@@ -420,6 +427,7 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
     """Fixed faces of the parts that a held set has whole facets of."""
     assert content.deck is not None
     for name, components in content.deck.fixed:
+        # a set over several parts holds a face of each
         for face in _faces(content, parts, name):
             yield f"{_short(name)}_{face.split('.')[0]}", {"type": "fixed", "face": face, "components": [*components]}
 

@@ -34,6 +34,7 @@ _FLAT: Final = {
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
+    5: ((0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 4, 3), (0, 3, 2, 1)),
     6: ((0, 1, 4, 3), (1, 2, 5, 4), (0, 3, 5, 2), (0, 2, 1), (3, 4, 5)),
     8: ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
@@ -58,7 +59,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
             if variable is None:  # an empty block
                 blocks.append(("", NO_ROWS.reshape(0, 1)))
                 continue
-            cells = np.asarray(variable[:], dtype=np.int64) - 1
+            cells = np.asarray(variable[:], dtype=np.int64) - 1  # from 1 in the file
             if cells.size and not (cells.min() >= 0 and cells.max() < len(content.points)):
                 problems.add(f"block {name} names a node that is not there", allowed=f"1 to {len(content.points)}")
                 continue
@@ -95,6 +96,7 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
     count = len(data.dimensions[dimension])
     names = [""] * count
     if f"{short}_names" in data.variables:
+        # fixed-width rows of single characters, ended by a null
         table = np.asarray(data.variables[f"{short}_names"][:])
         names = [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in table]
     ids = np.arange(1, count + 1)
@@ -106,14 +108,16 @@ def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, 
 def _add_block(content: MeshContent, problems: FileProblems, name: str, element: str, cells: Index) -> str:
     """Put a block where it belongs; its type, empty where cells of that type are left out."""
     key = (element.upper()[:3], cells.shape[1])
+    # HEX20 and WEDGE15 of Exodus have vertical edges before upper ones
     if kind := _SOLIDS.get(key):
         content.add_volume(name, kind, content.add_solids(kind, upper_edges_last(cells)))
         return kind
     if kind := _FLAT.get(key):
         content.add_facets(name, kind, cells)
         return kind
-    if key[0] in ("HEX", "TET", "WED"):
-        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", "HEX8, HEX20, TET4, TET10, WEDGE6")
+    if key[0] in ("HEX", "TET", "WED", "PYR"):
+        known = "HEX8, HEX20, TET4, TET10, WEDGE6, WEDGE15, PYRAMID5"
+        problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", known)
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return ""
 
@@ -127,9 +131,11 @@ def _facets(
     for kind, cells in blocks:
         inside = (elements >= first) & (elements < first + len(cells))
         local, side = elements[inside] - first, sides[inside]
+        # counts through blocks that are left out, too: the numbers of the file include them
         first += len(cells)
-        if kind in FLAT and len(local):
-            facets.append(cells[local][:, : FLAT[kind]])
+        # sides 1 and 2 of a shell are its faces, the others its edges (Exodus II manual, same table)
+        if kind in FLAT and (side < 2).any():
+            facets.append(cells[local[side < 2]][:, : FLAT[kind]])
         faces = _SIDES.get(CORNERS.get(kind, 0), ())
         for number, face in enumerate(faces):
             if (side == number).any():

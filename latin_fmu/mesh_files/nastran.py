@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from .content import SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
+from .content import NO_ROWS, SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
 
 _SOLIDS: Final = {"CTETRA": (4, 10), "CPYRAM": (5,), "CPENTA": (6, 15), "CHEXA": (8, 20)}
 _SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
@@ -61,12 +61,15 @@ def _entries(
     for number, raw in _bulk_lines(text):
         for pattern in (_HM_NAME, _ANSA_NAME):
             if match := pattern.match(raw):
+                # within 64 bits
                 names[int(match[1][:18])] = match[2].strip()
+        # columns count after tabs
         line = raw.split("$")[0].rstrip().expandtabs(8)
         if not line:
             continue
         if line.upper().startswith("ENDDATA"):
             break
+        # a continuation begins with a mark, a blank or, in free form, an empty field
         if line[0] in "+* ," and entry is not None:
             entry[1].extend(_fields(line)[1:])
             continue
@@ -102,6 +105,8 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
+        # an exponent without E: a sign after a digit or point; with one, the sign alone first, so that it is found
+        # alike
         return float(_EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-")))
 
 
@@ -114,7 +119,8 @@ class _BulkData:
         self.nodes: dict[int, tuple[float, float, float]] = {}
         # (number of nodes, solid) -> property and nodes of each element
         self.elements: dict[tuple[int, bool], list[tuple[int, list[int]]]] = {}
-        self.held: dict[int, list[int]] = {}
+        # nodes of each set of constraints, each range of them by its ends
+        self.held: dict[int, list[tuple[int, int]]] = {}
         self.skipped: dict[str, int] = {}
 
     def take(self, line: int, fields: list[str]) -> None:
@@ -165,14 +171,16 @@ class _BulkData:
     def _constraint(self, name: str, fields: list[str]) -> None:
         held = self.held.setdefault(int(fields[1]), [])
         if name == "SPC":
-            held += [int(f) for f in fields[2::3] if f][:2]
-        elif len(fields) > 4 and fields[4].upper() == "THRU":
-            first, last = int(fields[3]), int(fields[5])
-            held += [n for n in self.nodes if first <= n <= last]
+            nodes = [int(f) for f in fields[2::3] if f][:2]  # G1 C1 D1 G2 C2 D2
+            ranges = [(n, n) for n in nodes]
+        elif len(fields) > 4 and fields[4].upper() == "THRU":  # G1 THRU G2
+            ranges = [(int(fields[3]), int(fields[5]))]
         else:
-            held += [int(f) for f in fields[3:] if f]
-        if any(not 0 < n < 2**62 for n in held):
+            ranges = [(int(f), int(f)) for f in fields[3:] if f]
+        if any(not 0 < n < 2**62 for ends in ranges for n in ends):
             raise ValueError("not a label")
+        # nodes are looked up at the end of the file: entries of bulk data may have any order
+        held += ranges
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""
@@ -183,6 +191,7 @@ class _BulkData:
             owners = np.array([owner for owner, _ in elements], dtype=np.int64)
             cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
             if solid:
+                # one table for all elements of a type: its rows are those of ``solids``
                 content.add_solids(SOLIDS[count], upper_edges_last(cells))
             for owner in dict.fromkeys(owners.tolist()):
                 rows = np.flatnonzero(owners == owner)
@@ -191,9 +200,13 @@ class _BulkData:
                     content.add_volume(name, SOLIDS[count], rows)
                 else:
                     content.add_facets(name, SHELLS[count], cells[rows])
-        for number, nodes in self.held.items():
-            rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
-            content.add_nodes(f"SPC_{number}", rows[there])
+        order = np.argsort(labels)
+        for number, ranges in self.held.items():
+            first, last = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
+            starts = np.searchsorted(labels, first, sorter=order)
+            stops = np.searchsorted(labels, last, side="right", sorter=order)
+            held = [order[a:b] for a, b in zip(starts, stops, strict=True)]
+            content.add_nodes(f"SPC_{number}", np.concatenate([NO_ROWS, *held]))
         self.problems.stop()
         return content
 

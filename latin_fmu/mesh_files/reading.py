@@ -81,10 +81,11 @@ def read_content(path: Path) -> MeshContent:
 
 def _check_unpacked(path: Path, packed: int) -> None:
     """Refuse a compressed file that unpacks to absurdly much, without keeping any of it."""
+    # a limit on the ratio alone would refuse small files of zeros
     most, size = min(MAX_BYTES, max(_SMALL, _MOST_TIMES * packed)), 0
     try:
         with gzip.open(path) as file:
-            while size <= most and (block := file.read(1 << 20)):
+            while size <= most and (block := file.read(1 << 20)):  # stops as soon as it is too much
                 size += len(block)
     except (OSError, EOFError, zlib.error) as error:
         raise MeshError.of("unreadable mesh", path.name, f"damaged: {error}") from None
@@ -128,7 +129,7 @@ def _included(path: Path, name: str) -> str:
 def _text(path: Path) -> str:
     """Text of a deck; bytes that are no UTF-8 (in comments, mostly) are replaced."""
     try:
-        return path.read_bytes().decode("utf-8-sig", "replace")
+        return path.read_bytes().decode("utf-8-sig", "replace")  # with or without a mark of the byte order
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise MeshError.of("unreadable mesh", path.name[:80], reason) from None
@@ -155,10 +156,12 @@ def read_with_meshio(path: Path) -> MeshContent:
 def _check_tags(path: Path) -> None:
     """Refuse node tags below 1 in a .msh file of version 2: meshio would count them back from the last node."""
     content = path.read_bytes()
+    # version 2; 0 for text, 1 for binary
     match = re.match(rb"\$MeshFormat\s+2[.\d]*\s+([01])\s", content)
     start = content.find(b"$Elements")
     if match is None or start < 0:
         return
+    # padded: a file may end here
     count, rest = [*content[start:].split(b"\n", 2), b"", b""][1:3]
     with contextlib.suppress(ValueError, IndexError, KeyError):  # damaged in another way, which meshio reports
         lowest = (_lowest_tag if match[1] == b"0" else _lowest_binary_tag)(int(count), rest)
@@ -169,7 +172,7 @@ def _check_tags(path: Path) -> None:
 def _lowest_tag(count: int, rest: bytes) -> int:
     """Lowest node tag of the lines "number type n_tag tags nodes" of .msh 2; 1 where it is higher."""
     rows = [line.split() for line in rest.split(b"\n", count)[:count]]
-    return min([1, *(int(tag) for row in rows for tag in row[3 + int(row[2]) :])])
+    return min([1, *(int(tag) for row in rows for tag in row[3 + int(row[2]) :])])  # number, type, n_tag, tags
 
 
 def _lowest_binary_tag(count: int, rest: bytes) -> int:
@@ -182,6 +185,7 @@ def _lowest_binary_tag(count: int, rest: bytes) -> int:
         kind, rows, tags = np.frombuffer(rest, np.int32, 3, at).tolist()
         width = 1 + tags + num_nodes_per_cell[_gmsh_to_meshio_type[kind]]
         table = np.frombuffer(rest, np.int32, rows * width, at + 12).reshape(rows, width)
+        # three integers of four bytes before each block
         lowest, count, at = min(lowest, int(table[:, 1 + tags :].min())), count - rows, at + 12 + table.nbytes
     return lowest
 
@@ -189,6 +193,7 @@ def _lowest_binary_tag(count: int, rest: bytes) -> int:
 def _content(mesh: Any) -> MeshContent:
     """Content of a mesh of meshio: solids, volumes, facets and node sets."""
     points = np.asarray(mesh.points, dtype=float)
+    # planar meshes: z = 0
     points = np.hstack([points.reshape(len(points), -1), np.zeros((len(points), 3))])[:, :3]
     content = MeshContent(np.ascontiguousarray(points))
     rows: list[Index] = []
@@ -253,6 +258,7 @@ def _groups(mesh: Any) -> dict[str, list[Index]]:
         # a set written before later blocks names no cell of them
         groups[name] = rows + [NO_ROWS] * (len(mesh.cells) - len(rows))
     physical = mesh.cell_data.get("gmsh:physical")
+    # (tag, dimension): other entries of field_data are no names of groups
     named = {name: tag for name, tag in mesh.field_data.items() if np.size(tag) == 2} if physical is not None else {}
     for name, (tag, dimension) in named.items():
         if name not in groups:
@@ -272,6 +278,7 @@ def _groups(mesh: Any) -> dict[str, list[Index]]:
 
 def _groups_of_data(mesh: Any) -> dict[str, list[Index]]:
     """Groups of a file without names: one for each value of its integer data, the first that has several values."""
+    # gmsh:physical first, then by name
     for key in sorted(mesh.cell_data, key=lambda k: (k != "gmsh:physical", k)):
         tables = [np.asarray(values).ravel() for values in mesh.cell_data[key]]
         whole = all(len(t) == len(b.data) for t, b in zip(tables, mesh.cells, strict=True))

@@ -7,7 +7,7 @@ evaluated strictly after its first knot and not beyond its last, so that the rig
 Contact of a patch (P pressure, g gap, s sliding velocity of E' over E; k, d, v_r the regularisation):
 
     elastic part   p = preload - k g           while closed, 0 while open
-    pressure       P = p (1 - d g')            d > 0 takes out what the missing modes would carry away
+    pressure       P = p max(0, 1 - d g')      d > 0 takes out what the missing modes would carry away
     friction       tau = mu P s / v_r          while sticking: creep at less than v_r instead of no motion
                    tau = mu P s / |s|          while slipping
 
@@ -37,6 +37,14 @@ STIFFNESS, DAMPING, SLIDING = "contactStiffness", "contactDamping", "slidingVelo
 EVENTS = "model.events"
 WORKS: Final = ("work_of_loads", "interface_work", "friction_dissipation", "contact_dissipation", "damping_dissipation")
 """Energies that are states, in the order of the states."""
+OUTPUTS: Final = {
+    "interface": (
+        *("force", "impulse", "velocityE", "velocityEp", "relativeVelocity", "normalForce"),
+        *("gap", "smallestGap", "closed", "sticking", "slipping"),
+    ),
+    "sensor": ("displacement", "velocity"),
+}
+"""Outputs of ``cosim.output_table`` that a reduced model has, in the order of ``Outputs.row``."""
 ENERGY_NAMES: Final = ("kinetic", "elastic", "contact", *WORKS, "balance")
 _KIND = "reduced system 1"
 
@@ -231,7 +239,9 @@ class Equations:
         contacts = system.contacts
         self._owner = contacts.owner.astype(np.int64)
         self._normal, self._tangent = contacts.frames[:, 0], contacts.frames[:, 1:].transpose(1, 0, 2)
+        # means of unit normals: shorter than 1 where a face is curved, as the resultant of a uniform pressure on it is
         self._gather = np.zeros((len(system.interfaces), len(self._owner)))
+        # (n_interface, n_patch), sums forces of patches over their interface
         self._gather[self._owner, np.arange(len(self._owner))] = 1.0
         self._slides = bool((contacts.friction > 0.0).any())
         self._flat_sliding = contacts.sliding.reshape(-1, system.n)
@@ -255,10 +265,14 @@ class Equations:
         """Nominal values of the states: absolute tolerances of an integrator follow from them."""
         s = self.system
         rate = np.sqrt(s.stiffness / s.inertia)
+        # one size for all impulses, that of the characteristic traction on all contacts until the end of the scene
         force = s.traction * max(float(s.contacts.area.sum()), 1e-300) if len(s.contacts.area) else 1.0
+        # every coordinate of a body has the inertia of the whole body: the first of each is taken;
+        # unique, as a body without coordinates begins where the next one does
         work = float(s.inertia[np.unique(np.cumsum([0, *s.sizes[:-1]]))].sum()) * s.speed**2
         return np.concatenate(
             [
+                # of a vibration with this velocity, of a rigid motion over the whole scene
                 s.speed / np.maximum(rate, 1.0 / s.end),
                 np.full(s.n, s.speed),
                 np.full(3 * len(s.interfaces), force * s.end),
@@ -275,9 +289,11 @@ class Equations:
         rate = s.contacts.opening @ v
         sliding = (self._flat_sliding @ v).reshape(2, -1)
         moved, velocity = self.amplitudes.ground(t, segment)
+        # the ground is always side E', so that its motion counts with a positive sign
         if self.amplitudes.moves:
             gap = gap + np.einsum("pi,pi->p", self._normal, moved[self._owner])
             rate = rate + np.einsum("pi,pi->p", self._normal, velocity[self._owner])
+            # rows of patches without friction are 0 in ``sliding``: the ground does not slide over them, either
             slides = s.contacts.friction > 0.0
             sliding = sliding + slides * np.einsum("cpi,pi->cp", self._tangent, velocity[self._owner])
         return ContactMotion(gap, rate, sliding), velocity
@@ -288,6 +304,7 @@ class Equations:
 
     def switch(self, t: float, y: Array, modes: ContactModes) -> tuple[ContactModes, int]:
         """Discrete states after an event, and how many of them changed."""
+        # an event next to a knot: round-off in t must not lead back to the segment before it
         segment = max(self.amplitudes.segment(t), modes.segment)
         here = ContactModes(modes.closed, modes.sticking, segment)
         return self.law.switched(self.motion(t, y, segment)[0], here)
@@ -308,23 +325,30 @@ class Equations:
         pushed, rubbed = area * traction.pressure, area * traction.shear
         interface = s.contacts.opening.T @ pushed
         if self._slides:
+            # friction on E acts along the sliding of E' over E, on E' against it
             interface -= self._flat_sliding.T @ rubbed.ravel()
         load = s.loads @ amplitudes
         damped = np.zeros(n) if s.damping is None else s.damping @ v
         acceleration = (load + interface - damped - s.stiffness * x) / s.inertia
         force = self.forces(x, v, acceleration, amplitudes, pushed, rubbed)
-        lost = self.law.damping * np.sum(area * traction.elastic * motion.rate**2)
+        # P g' = p g' - p g' min(d g', 1): the last term is what the damping of the contact takes
+        share = np.minimum(self.law.damping * motion.rate, 1.0)
+        lost = np.sum(area * traction.elastic * motion.rate * share)
         works = [v @ load, v @ interface, np.sum(rubbed * motion.sliding), lost, v @ damped]
         derivative = np.concatenate([v, acceleration, force.ravel(), works[: N_WORK * self.energy]])
         return Evaluation(derivative, motion, traction, ground)
 
     def forces(self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array) -> Array:
         """Resultant forces on side E, (n_interface, 3), N."""
+        # N points from E to E': the pressure pushes side E back
         on_patch = -pushed[:, None] * self._normal
+        # the same sign as in ``evaluate`` seen from E
         if self._slides:
             on_patch = on_patch + np.einsum("cp,cpi->pi", rubbed, self._tangent)
         force: Array = self._gather @ on_patch
         for bond in self.system.bonds:
+            # inertia and internal force of side E less what loads and contacts at its nodes give: the rest comes
+            # through the bond
             force[bond.interface] = (
                 bond.inertia @ acceleration
                 + bond.damping @ v
@@ -357,6 +381,7 @@ class Amplitudes:
 
     def segment(self, t: float) -> int:
         """Number of the segment that starts at or before t."""
+        # a host reaches a knot up to round-off: it counts as reached
         return bisect_right(self.knots, t * (1.0 + 1e-12))
 
     def next_knot(self, segment: int) -> float | None:
@@ -366,13 +391,15 @@ class Amplitudes:
     def _inside(self, t: float, segment: int) -> float:
         if segment > 0:
             start = self.knots[segment - 1]
+            # the next number as well: at a knot in 0 the relative shift is 0
             t = max(t, nextafter(start * (1.0 + _AFTER), np.inf))
+        # a jump at the end belongs to the next segment
         return min(t, self.knots[segment]) if segment < len(self.knots) else t
 
     def at(self, t: float, segment: int, given: GivenLoads) -> Array:
         """Amplitudes of the loads, (n_load,); ``given`` : the loads set from outside."""
         inside = self._inside(t, segment)
-        amplitudes = np.ones(len(self._laws))
+        amplitudes = np.ones(len(self._laws))  # a constant load has no law
         for i, (name, law) in enumerate(zip(self._names, self._laws, strict=True)):
             if name in given:
                 value, rate, since = given[name]
@@ -386,6 +413,7 @@ class Amplitudes:
         moved, velocity = np.zeros((2, self._n_interface, 3))
         if isfinite(t):
             for i, vector, law in self._ground:
+                # the way from 0 in closed form: continuous over knots, so no segment is needed
                 moved[i] += law.impulse(0.0, max(t, 0.0)) * vector
                 velocity[i] += float(law.sample(self._inside(t, segment))) * vector
         return moved, velocity
@@ -397,6 +425,7 @@ def _knots(law: TimeLaw) -> Iterator[float]:
     elif isinstance(law, RectangularPulseLaw | HalfSineLaw):
         yield from (law.start, law.start + law.duration)
     elif isinstance(law, TableLaw | CsvLaw):
+        # every k-th point, k rounded up
         yield from law.times[:: -(-len(law.times) // _MOST_KNOTS)]
 
 
@@ -417,11 +446,13 @@ class Outputs:
         impulses = y[2 * s.n : 2 * s.n + 3 * len(s.interfaces)].reshape(-1, 3)
         forces = now.derivative[2 * s.n : 2 * s.n + impulses.size].reshape(-1, 3)
         velocities = s.sides @ v
+        # ``sides`` is 0 for the ground, whose velocity comes from its law alone
         velocities[:, 1] += now.ground
         parts = []
         for i in range(len(s.interfaces)):
             first, second = velocities[i]
             parts += [forces[i], impulses[i], first, second, second - first]
+            # compression positive, as of contacts
             parts.append(self._contact(i, modes, now) if i not in self._bonds else [-forces[i] @ self._bonds[i]])
         for place in s.places:
             parts += [place @ x, place @ v]
@@ -435,9 +466,11 @@ class Outputs:
         contacts = self._system.contacts
         area = contacts.area[here]
         share = area / area.sum()
+        # open patches keep the flag ``sticking``, and a closed one without friction slips
         closed, sticking = modes.closed[here], modes.sticking[here] & (contacts.friction[here] > 0.0)
         gap = now.motion.gap[here]
         shares = [float(share @ flags) for flags in (closed, closed & sticking, closed & ~sticking)]
+        # no -0.0
         return [float(area @ now.traction.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
 
     def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
@@ -449,6 +482,7 @@ class Outputs:
         energies["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
         start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)
         stored = energies["kinetic"] + energies["elastic"] - start + energies["damping_dissipation"]
+        # 0 but for the error of the integrator: the springs of contacts are part of interface_work
         energies["balance"] = stored - energies["work_of_loads"] - energies["interface_work"]
         return [energies[name] for name in ENERGY_NAMES]
 
@@ -511,9 +545,11 @@ class ContactLaw:
 
     def traction(self, motion: ContactMotion, modes: ContactModes) -> Traction:
         """Tractions while the discrete states hold."""
+        # not bounded below: just before it opens a patch may pull within the margin of its event
         elastic = np.where(modes.closed, self._preload - self.stiffness * motion.gap, 0.0)
         pressure = elastic * np.maximum(0.0, 1.0 - self.damping * motion.rate)
         speed, bound = np.hypot(*motion.sliding), self.regularisation.sliding
+        # slip ends a margin below v_r only; the half bounds the division where an implicit step tries less
         reach = np.where(modes.sticking, bound, np.maximum(speed, 0.5 * bound))
         return Traction(pressure, elastic, self._friction * np.maximum(pressure, 0.0) * motion.sliding / reach)
 
@@ -522,19 +558,22 @@ class ContactLaw:
 
         For the gaps, in penetrations under the characteristic pressure, and for stick and slip, in v_r.
         """
+        # the gap at which p = 0, in units of the penetration
         beyond = (motion.gap - self._preload / self.stiffness) / self.penetration
         normal = GAP_MARGIN + np.where(modes.closed, -beyond, beyond)
         beyond = np.hypot(*motion.sliding) / self.regularisation.sliding - 1.0
         tangential = SLIDING_MARGIN + np.where(modes.sticking, -beyond, beyond)
+        # an open patch, or one without friction, has no event of its sliding
         return normal, np.where(modes.closed & (self._friction > 0.0), tangential, 1.0)
 
     def switched(self, motion: ContactMotion, modes: ContactModes) -> tuple[ContactModes, int]:
         """Discrete states after an event, and how many of them changed."""
         opens = self.indicators(motion, modes)[0] <= _DUE * GAP_MARGIN
-        closed = modes.closed ^ opens
+        closed = modes.closed ^ opens  # those that are due change over
+        # sliding is judged with the new contacts: what has just closed may slip at once
         here = ContactModes(closed, modes.sticking, modes.segment)
         turns = self.indicators(motion, here)[1] <= _DUE * SLIDING_MARGIN
-        sticking = np.where(closed, modes.sticking ^ turns, True)
+        sticking = np.where(closed, modes.sticking ^ turns, True)  # how the next contact begins
         return ContactModes(closed, sticking, modes.segment), int(opens.sum() + turns.sum())
 
     def called_for(self, motion: ContactMotion, segment: int) -> ContactModes:

@@ -49,6 +49,7 @@ class ReducedVariableStore(VariableStore):
 
     def refusal(self, reference: int, value: float = 0.0) -> str:
         """Why a variable cannot have a value; empty where it can."""
+        # states, derivatives and indicators follow the table in the references
         if not 0 <= reference < len(self.table):
             return f"variable {reference} is calculated and was not set"
         variable, kept = self.table[reference], self.numbers[reference]
@@ -63,6 +64,7 @@ class ReducedVariableStore(VariableStore):
         if variable.causality == "input":
             if not isfinite(value) and isfinite(kept):
                 self.log(ERROR, f"{variable.name} is {value}: the model cannot go on from here")
+            # ``rate`` alone keeps the instant: its line goes through the value, wherever the rate is set
             if variable.name.endswith(".value"):
                 self.since[input_of(variable.name)[0]] = self.time
 
@@ -81,7 +83,7 @@ class ReducedVariableStore(VariableStore):
 
 
 def _allowed(name: str, value: float) -> bool:
-    return isfinite(value) and (value > 0.0 or (value == 0.0 and name == DAMPING))
+    return isfinite(value) and (value > 0.0 or (value == 0.0 and name == DAMPING))  # contact without damping is allowed
 
 
 class Update(NamedTuple):
@@ -136,6 +138,7 @@ class ReducedModelInstance:
     @exception_barrier(lambda _, references: [nan] * len(references))
     def get(self, references: Sequence[int]) -> list[float]:
         """Numbers by value reference; NaN, and an error is logged, where they cannot be computed."""
+        # an evaluation is not made for states, derivatives or indicators
         if not self._outputs_are_set and any(r < len(self.names.table) for r in references):
             row = self._outputs.row(self.y, self.modes, self._evaluation(), self.events)
             self.variables.numbers[self.variables.outputs] = row
@@ -157,6 +160,7 @@ class ReducedModelInstance:
         """Set inputs, states, and before initialization parameters; False, and an error is logged, where one of them is
         refused: then none is set."""
         given = list(zip(references, values, strict=True))
+        # the table first, as it alone can refuse; states take any value
         others = [(r, value) for r, value in given if r not in self._state_of]
         if others and not self.variables.set(*zip(*others, strict=True)):
             return False
@@ -198,6 +202,7 @@ class ReducedModelInstance:
     def initialize(self) -> None:
         """Fix the parameters; contact states follow from the motion at the start."""
         self.equations.use(self.variables.regularisation())
+        # stiffness and sliding velocity are fixed now: they decide which patches are closed and which of them stick
         self.modes = self.equations.modes_at(self.variables.time, self.y)
         self.variables.fixed = True
         self._changed()

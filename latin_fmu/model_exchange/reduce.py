@@ -25,9 +25,9 @@ from ..assembly.interfaces import completed
 from ..assembly.merged_assembly import jump, merge, placed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction
 from ..cholesky.factor import interface_factor
+from ..cosim.output_table import ENERGY
 from ..cosim.variable import Variable, output, parameter
-from ..cosim.variables import ENERGIES, scalar_table
-from ..cosim.variables import EVENTS as CONTACT_EVENTS
+from ..cosim.variables import scalar_table
 from ..errors import Problem, SceneError
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit
@@ -38,12 +38,13 @@ from ..propagator.reduction import ReducedModel, reduce_model
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
-from ..scene.schema import Scene
+from ..scene.schema import TEMPERATURE, Scene
 from ..scene.settings import HHTTable
 from .equations import (
     DAMPING,
     ENERGY_NAMES,
     EVENTS,
+    OUTPUTS,
     SLIDING,
     STIFFNESS,
     WORKS,
@@ -86,13 +87,14 @@ def bonded_bodies(discretised: DiscretisedProblem) -> list[BondedBody]:
     place = {n: i for i, n in enumerate(names)}
     bonds = [u for u in discretised.units if is_bond(u)]
     ends = np.array([[place[split_face(s)[0]] for s in u.sides] for u in bonds if GROUND not in u.sides])
-    ends = ends.reshape(-1, 2)
+    ends = ends.reshape(-1, 2)  # no bonds: (0,) -> (0, 2)
     graph = sp.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(names), len(names)))
     _, label = connected_components(graph, directed=False)
     bodies = []
-    for number in dict.fromkeys(label):
+    for number in dict.fromkeys(label):  # in the order of the scene
         members = [models[n] for n, i in zip(names, label, strict=True) if i == number]
         held = {m.name for m in members}
+        # bonds with the ground are refused before: side E is of the body
         joined = [u for u in bonds if split_face(u.sides[0])[0] in held]
         bodies.append(_body(members, joined, discretised))
     return bodies
@@ -123,7 +125,7 @@ def patches(points: Array, areas: Array, n: int) -> list[Index]:
     """
     parts = [np.arange(len(points))]
     while len(parts) < n:
-        order = sorted(range(len(parts)), key=lambda i: (-areas[parts[i]].sum(), i))
+        order = sorted(range(len(parts)), key=lambda i: (-areas[parts[i]].sum(), i))  # of equal ones the first
         largest = next((i for i in order if len(parts[i]) > 1), None)
         if largest is None:
             break
@@ -134,12 +136,15 @@ def patches(points: Array, areas: Array, n: int) -> list[Index]:
 def _halves(members: Index, points: Array, areas: Array) -> list[Index]:
     inside = points[members]
     extent = np.ptp(inside, axis=0)
+    # the first axis among those that are equally long but for round-off
     axis = int(np.argmax(extent > (1.0 - _SAME) * extent.max()))
+    # places of one row of a mesh become equal, so that the order of points decides and not their round-off
     along = np.round(inside[:, axis] / max(float(extent.max()), np.finfo(float).tiny) / _SAME) * _SAME
     order = np.argsort(along, kind="stable")
     reached = np.cumsum(areas[members[order]])
+    # a point that reaches the half but for round-off closes the first part
     cut = int(np.searchsorted(reached, reached[-1] / 2 * (1.0 + _SAME)))
-    cut = min(max(cut, 1), len(members) - 1)
+    cut = min(max(cut, 1), len(members) - 1)  # neither part is empty
     return [members[order[:cut]], members[order[cut:]]]
 
 
@@ -176,6 +181,7 @@ class Cut:
         points = np.concatenate(self.members)
         share = weights[points] / self.areas[rows]
         mean = sp.csr_array((share, (rows, points)), shape=(len(self.members), n_point))
+        # rows 3 patch + component
         return sp.csr_array(sp.kron(mean, sp.eye_array(3)) @ local)
 
 
@@ -193,6 +199,7 @@ def body_trace(body: BondedBody, cuts: Sequence[Cut]) -> tuple[sp.csr_array, Arr
             trace = None if face == GROUND else cut.trace(side)
             if trace is not None and (name := split_face(face)[0]) in body.where:
                 sign = 1.0 if side else -1.0
+                # both sides may lie on one body: their rows add up to the relative motion
                 block = sp.csr_array(block + sign * placed(trace, body.where[name].start, body.model.n_full))
         blocks.append(block)
         areas.append(np.repeat(cut.areas, 3))
@@ -228,6 +235,7 @@ def bond_of(interface: int, unit: InterfaceUnit, parts: Sequence[Part], load_nam
     number = next(i for i, (body, _, _) in enumerate(parts) if name in body.where)
     body, basis, trace = parts[number]
     model = body.members[name]
+    # virtual work along these translations: what is missing to the equilibrium of side E goes through the bond
     test = _translations(unit, model.expansion)
     here = basis[body.where[name]]
 
@@ -235,6 +243,7 @@ def bond_of(interface: int, unit: InterfaceUnit, parts: Sequence[Part], load_nam
         wide = np.zeros((3, sum(sizes)))
         if matrix is not None:
             start = sum(sizes[:number])
+            # three rows first: the matrix is never multiplied with the whole basis
             wide[:, start : start + sizes[number]] = (test @ matrix) @ here
         return wide
 
@@ -243,7 +252,7 @@ def bond_of(interface: int, unit: InterfaceUnit, parts: Sequence[Part], load_nam
         loads[:, load_names.index(load.name)] += test @ load.pattern
     pushed = (trace[:, body.where[name]] @ test.T).reshape(-1, 3, 3)  # patch, component, direction
     normal = unit.geometry.areas @ unit.geometry.frames[:, 0]
-    return Bond(
+    return Bond(  # those of one law add up
         interface=interface,
         inertia=rows(model.mass),
         damping=rows(model.damping),
@@ -259,8 +268,9 @@ def _translations(unit: InterfaceUnit, expansion: sp.csr_array) -> Array:
     """(3, n_full of side E): one along each axis at the nodes of the interface, 0 where a direction is held."""
     trace = unit.geometry.traces[0]
     test = np.zeros((3, trace.shape[1]))
+    # (node, axis) number the full dofs: the columns of a trace are the nodes of the face
     test[trace.indices % 3, trace.indices] = 1.0
-    free = np.diff(expansion.indptr) > 0
+    free = np.diff(expansion.indptr) > 0  # a held dof has no row entries
     return test * free
 
 
@@ -282,9 +292,11 @@ class ReducedBody:
     def of(cls, body: BondedBody, cuts: Sequence[Cut], n_mode: int) -> ReducedBody:
         """Reduce a body to its Ritz coordinates."""
         trace, area = body_trace(body, cuts)
+        # rows in which a body has no part are no channels of it
         needed = np.flatnonzero(_transmits(cuts) & (np.diff(trace.indptr) > 0))
         here = replace(body.model, trace=sp.csr_array(trace[needed]), channel_area=area[needed])
         reduced = reduce_model(here, n_mode, exciting=_uniform(cuts)[needed])
+        # translations in three directions, each with the mass of the body
         return cls(body, reduced, trace, float(body.model.inertia.sum()) / 3.0)
 
     @property
@@ -295,6 +307,7 @@ class ReducedBody:
     @property
     def basis(self) -> Array:
         """Ritz vectors (n_full, size), scaled to the size of a displacement."""
+        # unit modal mass -> modal mass that of the body, so that a rigid translation of 1 m is a coordinate of size 1
         scaled: Array = self.model.basis * np.sqrt(self.mass)
         return scaled
 
@@ -335,6 +348,7 @@ def damping_of(bodies: Sequence[ReducedBody]) -> Array | None:
     """(n, n) damping of all bodies, N s m-1; None where there is none."""
     if all(b.model.damping is None for b in bodies):
         return None
+    # coordinates are q / sqrt(m): modal matrices are multiplied by m
     parts = [np.zeros((b.size, b.size)) if b.model.damping is None else b.mass * b.model.damping for b in bodies]
     blocks: Array = sp.block_diag(parts).toarray()
     return blocks
@@ -377,6 +391,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
     if problems:
         raise SceneError(problems, _HEADING)
     bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
+    # displacements and velocities of all shapes, and the impulse of each interface
     n_state = 2 * sum(b.size for b in bodies) + 3 * len(discretised.units)
     if n_state > MAX_STATES:
         problem = Problem(
@@ -404,6 +419,20 @@ def _too_coarse(load: str, ratio: float, n_patch: int) -> Problem:
     )
 
 
+def _hot_at_start(scene: Scene) -> Iterator[Problem]:
+    """Temperatures that strain a body at t = 0, where a reduced model has no stress."""
+    for name, temperature in scene.temperature.items():
+        heated = any(scene.temperatures_of(body).get(f"{TEMPERATURE}{name}") for body in scene.substructure)
+        if heated and temperature.law.sample(np.zeros(1))[0] != 0.0:
+            yield Problem(
+                f"temperature.{name}.law",
+                "a reduced model starts without stress: a temperature that is not 0 then is a thermal shock",
+                None,
+                "laws that begin with 0",
+                "let it rise, or make an FMU for co-simulation (without --model-exchange)",
+            )
+
+
 def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     for what, value, least, most in (("modes", n_mode, 0, MAX_STATES // 2), ("patches", n_patch, 1, MAX_PATCHES)):
         if not least <= value <= most:
@@ -413,8 +442,12 @@ def _unknown(scene: Scene, n_mode: int, n_patch: int) -> Iterator[Problem]:
     for name in scene.bolt:
         remedy = "remove the bolt, or make an FMU for co-simulation (without --model-exchange)"
         yield Problem(f"bolt.{name}", "a reduced model has no bolts", None, None, remedy)
+    # a bolt is refused above: its static start is not named as well
     if scene.time.start.type == "static" and not scene.bolt:
-        yield Problem("time.start", "a reduced model starts from the values given", "static", "given", "leave it out")
+        yield Problem(
+            "time.start", "a reduced model starts from the values given", "static", "given", 'set time.start = "given"'
+        )
+    yield from _hot_at_start(scene)
     for name, interface in scene.interface.items():
         if interface.behaviour not in ("contact", "perfect"):
             yield Problem(
@@ -461,13 +494,13 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
     scene, units = discretised.scene, discretised.units
     m = np.concatenate([np.full(b.size, b.mass) for b in bodies])
     root = np.sqrt(m)
-    stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])
+    stiffness = m * np.concatenate([b.model.eigenvalues for b in bodies])  # 0 for rigid motions
     motion = np.hstack([b.trace @ b.basis for b in bodies]).reshape(-1, 3, len(m))
     names, loads = loads_of(bodies, root)
     known: Mapping[str, Any] = scene.force_laws
     traction = characteristic_traction(scene, discretised.bodies, discretised.time) or 1.0
     impedance = side_impedance(discretised.bodies, units, discretised.layout)
-    speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0
+    speed = traction * float(np.mean(1.0 / impedance[impedance > 0.0])) if (impedance > 0.0).any() else 1.0  # v = p / z
     places, sensors = _sensors(discretised, bodies)
     return ReducedSystem(
         bodies=[b.body.name for b in bodies],
@@ -479,7 +512,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
         loads=loads,
         load_names=names,
         laws={n: known[n].model_dump() for n in dict.fromkeys(names) if n},
-        displacement=np.concatenate([b.model.displacement for b in bodies]) / root,
+        displacement=np.concatenate([b.model.displacement for b in bodies]) / root,  # q / sqrt(m)
         velocity=np.concatenate([b.model.velocity for b in bodies]) / root,
         contacts=_contacts(cuts, motion, stiffness),
         bonds=[
@@ -500,11 +533,12 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
 def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
     """``motion`` : (n_patch, 3, n) of E' relative to E."""
     owner, softness = [], []
-    elastic = stiffness > 0.0
+    elastic = stiffness > 0.0  # a rigid motion gives no static shortening
     at = 0
     for cut in cuts:
         rows = motion[at : at + len(cut.members), 0]
         push = cut.areas @ rows
+        # mean opening under a unit pressure on both sides, without the rigid motions, m Pa-1
         compliance = float(np.sum(push[elastic] ** 2 / stiffness[elastic]) / cut.areas.sum())
         if compliance <= 0.0:
             problem = Problem(f"interface.{cut.unit.name}", "neither side can move along the normal")
@@ -513,6 +547,7 @@ def _contacts(cuts: Sequence[Cut], motion: Array, stiffness: Array) -> Contacts:
         softness += [compliance] * len(rows)
         at += len(rows)
     friction = [coulomb_coefficient(c.unit.behaviour) or 0.0 for c in cuts for _ in c.members]
+    # no friction, no sliding: patches neither creep nor enter the friction of others
     sliding = motion[:, 1:].transpose(1, 0, 2) * (np.array(friction).reshape(-1) > 0.0)[None, :, None]
     return Contacts(
         owner=np.array(owner, dtype=float),
@@ -551,6 +586,7 @@ def deflections(system: ReducedSystem, bodies: Sequence[BondedBody], cuts: Seque
     A = K + (6 / end)^2 M + springs that close the contacts. Loads that move nothing are left out.
     """
     growth = (_INERTIA / system.end) ** 2
+    # loads on faces only: body_force.SUBSTRUCTURE and gravity.acceleration have a dot
     names = [name for name in system.load_names if name and "." not in name]
     if not names:
         return {}
@@ -582,6 +618,7 @@ def _mesh(
     for cut in cuts:
         traces = [cut.unit.geometry.local_trace(side, cut.unit.behaviour.n_component) for side in (0, 1)]
         rows = jump(cut.unit, traces, where, sum(sizes))
+        # equal for all patches of an interface
         stiffness = system.contacts.stiffness[system.contacts.owner == cut.number][0]
         area = np.repeat(cut.unit.geometry.areas, cut.unit.behaviour.n_component)
         matrix = matrix + rows.T @ (sp.diags_array(_CLOSED * stiffness * area) @ rows)
@@ -590,6 +627,7 @@ def _mesh(
         for load in model.loads:
             if load.name in names:
                 loads[start : start + model.n_full, names.index(load.name)] += load.pattern
+    # dofs that are held drop out
     loads = expansion.T @ loads
     factor = interface_factor(
         sp.csr_array(expansion.T @ matrix @ expansion), np.zeros(0, dtype=np.int64), _rank(bodies)
@@ -605,7 +643,7 @@ def _rank(bodies: Sequence[BondedBody]) -> Array | None:
         if body.model.ordering is None:
             return None
         rank = reduced_rank(body.model.expansion, body.model.ordering) + start
-        start = float(rank.max(initial=start)) + 1.0
+        start = float(rank.max(initial=start)) + 1.0  # bodies are not coupled but by springs: one after the other
         ranks.append(rank)
     return np.concatenate(ranks)
 
@@ -620,11 +658,13 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
     read = [f"interface.{name}.impulse[{axis}]" for name in system.interfaces for axis in (1, 2, 3)]
     read += [f"energy.{name}" for name in WORKS] if scene.output.energy else []
     rows = list(_coordinates(system, starts, nominals))
+    # value references in the order of y: coordinates and velocities, impulses, works
     states = [*range(len(table), len(table) + len(rows)), *(place[name] for name in read)]
     named = [*((v.name, v.unit) for v in rows), *((name, table[place[name]].unit or "1") for name in read)]
     first = len(table) + len(rows)
     for reference, (name, unit) in zip(states, named, strict=True):
         rate = {"m": "m s-1", "m s-1": "m s-2", "N s": "N", "J": "W"}[unit]
+        # from the unit of the state
         rows.append(Local(f"der({name})", rate, f"time derivative of {name}", derivative_of=reference))
     second = len(table) + len(rows)
     rows += _indicators(system)
@@ -632,8 +672,7 @@ def names_of(scene: Scene, system: ReducedSystem, starts: Sequence[float], nomin
 
 
 def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
-    counted = tuple(f".{word}" for count, (instant, _) in CONTACT_EVENTS.items() for word in (count, instant))
-    rows = [row for row in scalar_table(scene) if not row.name.endswith(counted)]
+    rows = scalar_table(scene)
     stiffness = (
         "stiffness of the contact over the static stiffness of the two bodies under uniform pressure: they penetrate "
         "by 1 / this of their static shortening"
@@ -649,7 +688,8 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
     yield parameter(SLIDING, "real", default.sliding, sliding, unit="m s-1", minimum=0.0)
     yield from (row for row in rows if row.causality == "input")
     for row in rows:
-        if row.causality == "output" and row.name.startswith(("interface.", "sensor.")):
+        family, _, name = row.name.partition(".")
+        if row.causality == "output" and name.rpartition(".")[2].partition("[")[0] in OUTPUTS.get(family, ()):
             share = row.name.endswith((".closed", ".sticking", ".slipping"))
             yield replace(row, variability="discrete" if share else row.variability, initial_dependencies=())
     if scene.output.energy:
@@ -659,7 +699,7 @@ def _table(scene: Scene, default: Regularisation) -> Iterator[Variable]:
 
 def _energies() -> dict[str, str]:
     texts = {
-        **ENERGIES,
+        **{row.name: row.meaning for row in ENERGY.rows},
         "contact": "energy stored in the springs of the contacts",
         "contact_dissipation": "energy dissipated by the damping of the contacts since the start",
     }

@@ -40,7 +40,7 @@ def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
     study, rest = _first_values(study, parameters[2:])
     panels = [panel for quantity in _chosen(study, names) for panel in _panels(study, quantity)]
     columns = min(3, max(1, len(panels)))
-    rows = -(-max(1, len(panels)) // columns)
+    rows = -(-max(1, len(panels)) // columns)  # rounded up
     figure = Figure(figsize=(4.6 * columns, 3.5 * rows + 0.6), layout="constrained")
     axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axis, (title, unit, values) in zip(axes, panels, strict=False):
@@ -142,6 +142,7 @@ def _curve(
     axis.plot(places[order], y[order], label=label, **look)
     bad, lost = (states != CONVERGED) & np.isfinite(y), states == FAILED
     axis.plot(places[bad], y[bad], "x", color=BAD, markersize=7)
+    # x in the units of the data, y as a share of the panel
     axis.plot(places[lost], np.full(int(lost.sum()), 0.02), "x", color=BAD, transform=axis.get_xaxis_transform())
 
 
@@ -150,6 +151,7 @@ def _map(axis: Axes, values: list[np.ndarray], numbers: np.ndarray, states: np.n
     x, y = _places(axis.xaxis, values[0]), _places(axis.yaxis, values[1])
     along, across = np.argsort(x), np.argsort(y)
     x, y, numbers, states = x[along], y[across], numbers[along][:, across], states[along][:, across]
+    # rows of ``numbers`` are those of the first parameter, which is drawn along x
     mesh = axis.pcolormesh(x, y, np.ma.masked_invalid(numbers.T), shading="nearest", cmap=SEQUENTIAL)
     axis.figure.colorbar(mesh, ax=axis)
     i, j = np.nonzero(states != CONVERGED)

@@ -28,7 +28,8 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
-from ..accuracy.runs import measure, message_of
+from ..accuracy.quantities import measure
+from ..accuracy.runs import message_of
 from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
@@ -109,6 +110,7 @@ def read_parameter(text: str) -> Parameter:
 
 def _range(key: str, first: str, last: str, count: str) -> tuple[Any, ...]:
     """``count`` equally spaced values; whole numbers where the ends are whole and all values are."""
+    # no integer is made of any number of digits that somebody writes
     n = int(count) if len(count) < 10 else MOST_POINTS + 1
     if not 2 <= n <= MOST_POINTS:
         raise InputError.of(_HEADING, f"--vary {key}", "number of values", count, f"2 to {MOST_POINTS}")
@@ -119,7 +121,7 @@ def _range(key: str, first: str, last: str, count: str) -> tuple[Any, ...]:
     if not all(map(math.isfinite, ends)):
         raise InputError.of(_HEADING, f"--vary {key}", "ends of the range", f"{first}:{last}", "two numbers", _FORM)
     digits = 12 - math.ceil(math.log10(max(map(abs, ends)) or 1.0))  # round-off of steps such as 0.1 is left out
-    values = [float(value) for value in np.round(np.linspace(*ends, n), digits) + 0.0]
+    values = [float(value) for value in np.round(np.linspace(*ends, n), digits) + 0.0]  # no -0.0
     whole = all(re.fullmatch(r"\s*[+-]?[0-9]+\s*", end) for end in (first, last))
     if whole and all(value.is_integer() for value in values):
         return tuple(int(value) for value in values)
@@ -242,7 +244,7 @@ class Grid:
     def order(self) -> list[Index]:
         """All points, each one step of one parameter from the one before; keys outside the operators vary fastest."""
         keys = [p.key.partition(".")[0] for p in self.parameters]
-        slow_first = sorted(range(len(keys)), key=lambda axis: keys[axis] in _OUTSIDE_OPERATORS)
+        slow_first = sorted(range(len(keys)), key=lambda axis: keys[axis] in _OUTSIDE_OPERATORS)  # False before True
         points = []
         for steps in to_and_fro([self.shape[axis] for axis in slow_first]):
             point = [0] * len(keys)
@@ -253,6 +255,7 @@ class Grid:
 
     def file_name(self, point: Index) -> str:
         """Name of the file of a point: of its values, so that more values may be added to a study."""
+        # values, not their numbers, and keys in order: the same point in a larger study
         values = {p.key: p.values[i] for p, i in zip(self.parameters, point, strict=True)}
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:24] + ".point"
 
@@ -260,6 +263,7 @@ class Grid:
         """Coordinates of a point in parameter space: values over the range of each parameter; for texts the number."""
         place = []
         for p, i in zip(self.parameters, point, strict=True):
+            # texts have places too, one apart
             values = p.values if p.numeric else range(len(p.values))
             span = max(values) - min(values)
             place.append(float(values[i]) / span if span else 0.0)
@@ -282,6 +286,7 @@ def to_and_fro(shape: Sequence[int]) -> Iterator[Index]:
         return
     for count, outer in enumerate(to_and_fro(shape[:-1])):
         inner = range(shape[-1])
+        # every second line backwards: successive points are neighbours
         yield from ((*outer, i) for i in (inner if count % 2 == 0 else reversed(inner)))
 
 
@@ -393,7 +398,7 @@ class PointSolver:
             except Exception as error:  # a study outlives whatever one of its points does
                 record = failed(f"{type(error).__name__}: {error}")
             if record["state"] == FAILED:
-                self.kept = KeptOperators()
+                self.kept = KeptOperators()  # operators may be half made
             return {**record, "point": list(point), "cpu": clock.process_time() - start}
 
     def _solved(self, point: Index) -> Record:
@@ -463,6 +468,7 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
     values = {key.rpartition(".")[2]: value for key, value in measured.items()}
     values["force_norm"] = values.pop(FORCE_HISTORY.key)
     fields = InterfaceFields.of_history(history, time)
+    # a contact that never closes: its instants would be those of the end
     if first_contact_time(fields) is None:
         values.pop("first_contact", None)
         values.pop("separation", None)
@@ -515,7 +521,7 @@ class FirstGuesses:
         self._now = _Solved((), np.zeros(0))
         self._costs: dict[bool, list[float]] = {True: [], False: []}
         self._since = 0
-        self._errors = {back: 0.0 if back == 1 else 1e-9 for back in _BACK}
+        self._errors = {back: 0.0 if back == 1 else 1e-9 for back in _BACK}  # one step back is tried first
         self.used = False
 
     def begin(self, point: Index, place: list[float]) -> None:
@@ -526,9 +532,11 @@ class FirstGuesses:
         """End the point: ``cost`` in substructure-instants."""
         self._costs[self.used] = [*self._costs[self.used], cost][-_JUDGED:]
         self._since = 0 if self.used else self._since + 1
+        # fields that have not converged are no guess
         if converged and self._now.fields:
             self._compare()
             self._solved.append(self._now)
+        # two points make a line: fewer could not be continued
         while len(self._solved) > 2 and sum(s.size for s in self._solved) > _MOST_BYTES:
             del self._solved[0]
 
@@ -544,15 +552,18 @@ class FirstGuesses:
         """Fields of a window of the nearest point, continued along the line through a point ``back`` steps from it (0:
         as they are); None where no point has them."""
         here = self._now.place
+        # a parameter may change the window or the number of points: such fields fit nowhere
         known = [s for s in self._solved if first in s.fields and s.fields[first][0].shape == shape]
         if not known:
             return None
+        # of equally near ones the last
         near = min(reversed(known), key=lambda s: float(np.linalg.norm(s.place - here)))
         steps = [(t, s) for s in known if s is not near and (t := _along(s.place, near.place, here)) is not None]
         f, w = near.fields[first]
         if not steps or not back:
             return f, w
         steps.sort(key=lambda step: -abs(step[0]))  # the nearest ones first
+        # where the line has fewer points, through the furthest
         t, other = steps[min(back, len(steps)) - 1]
         before = other.fields[first]
         return f + t * (f - before[0]), w + t * (w - before[1])
@@ -565,8 +576,9 @@ class FirstGuesses:
                 guess = self._continued(first, f_hat.shape, back)
                 if guess is None:
                     return
+                # by the tractions; velocities follow from them
                 sizes[back] += float(np.linalg.norm(guess[0] - f_hat))
-        if sizes[0] > 0.0:
+        if sizes[0] > 0.0:  # nothing changed: no error to compare with
             self._errors = {b: _FADING * self._errors[b] + sizes[b] / sizes[0] for b in _BACK}
 
     def keep(self, first: int, f_hat: Array, w_hat: Array) -> None:
@@ -576,8 +588,10 @@ class FirstGuesses:
     def _pays(self) -> bool:
         """Whether guesses have been cheaper than no guesses so far."""
         with_guess, without = self._costs[True], self._costs[False]
+        # too few to judge, or so long ago that it may have changed
         if len(with_guess) < _JUDGED or not without or self._since >= _AGAIN:
             return True
+        # substructure-instants of the last points with guesses and without
         return float(np.mean(with_guess)) < float(np.mean(without))
 
 
@@ -585,8 +599,10 @@ def _along(first: Array, second: Array, third: Array) -> float | None:
     """t with third = second + t (second - first); None where the three are on no line, or second is far off."""
     step = second - first
     length = float(step @ step)
+    # foot of the perpendicular on the line, in steps
     t = float((third - second) @ step) / length if length > 0.0 else 0.0
     off = float(np.abs(third - second - t * step).max(initial=0.0))
+    # t = 0: the nearest point is where the present one is, or the line passes beside it
     return t if abs(t) <= _FARTHEST and t != 0.0 and off <= _ON_LINE * length**0.5 else None
 
 

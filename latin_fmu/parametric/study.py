@@ -99,6 +99,7 @@ class Store:
         InputError : the points are of another scene or version. ResultsError : the folder cannot be written to.
         """
         head = self.folder / _HEAD
+        # a folder without a head holds no points yet
         if not head.exists():
             try:
                 self.folder.mkdir(exist_ok=True)
@@ -187,10 +188,12 @@ def sweep(
         tables, base_dir = apply_overrides(scene.tables(), settings), scene.base_dir
     else:
         tables, base_dir = read_tables(scene, settings), Path(scene).parent
+    # absolute, as workers may run in other folders
     grid = Grid(tables, str(base_dir.resolve()), parameters_of(vary))
     checked = grid.check()
     _check_options(grid, jobs, scheduler, histories)
     _check_memory(checked, min(jobs, len(grid.order)))
+    # keys alone: values are in the names of the points, so that a study can be continued with more of them
     digest = scene_digest(checked, [*(p.key for p in grid.parameters), f"histories {histories}"])
     target = None if output is None else check_target(output)
     store = None if target is None else Store(target, grid, digest)
@@ -206,6 +209,7 @@ def sweep(
         if store is not None and not lost:
             store.keep(point, record)
         if log is not None:
+            # points read from the folder have taken no time here
             seconds = (clock.monotonic() - begun) / (len(records) - before)
             log(_line(record, grid.words(point), len(records), len(grid.order), seconds))
 
@@ -214,6 +218,7 @@ def sweep(
     study = dataset_of(grid, checked, records, histories)
     if store is not None and output is not None:
         write_netcdf(xr.DataTree(study), output)
+        # the folder stays: the same call solves what was lost, and only that
         if not again:
             store.remove()
     return study
@@ -250,6 +255,7 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
     """Dataset of a study (module docstring): ``records`` of all points of the ``grid``, ``scene`` as written."""
     study = xr.Dataset(coords={p.key: _coordinate(p) for p in grid.parameters}, attrs=_attributes(scene))
     dims = tuple(p.key for p in grid.parameters)
+    # of all points: each has a record by now
     states = np.full(grid.shape, 0, dtype=np.int8)
     messages = np.full(grid.shape, "", dtype=object)
     for point, record in records.items():
@@ -301,6 +307,7 @@ def _add_quantity(study: xr.Dataset, records: Mapping[Index, Record], quantity: 
     if quantity.of:
         parts = _parts(study, records, quantity.of)
         dims, shape = (*dims, quantity.of), (*shape, len(parts))
+        # places of the parts behind those of the parameters
         given = {(*point, parts.index(part)): v for point, values in given.items() for part, v in values.items()}
     values = np.full(shape, np.nan)
     for place, value in given.items():
@@ -323,6 +330,7 @@ def _add_histories(study: xr.Dataset, records: Mapping[Index, Record]) -> None:
     given = {point: record for point, record in records.items() if "histories" in record}
     if not given:
         return
+    # points cut short have the first instants of it
     time = max((np.asarray(record["time"]) for record in given.values()), key=len)
     parts = _parts(study, records, "interface")
     study.coords["time"] = "time", time, {"units": "s", "long_name": "time since the start"}
@@ -332,6 +340,7 @@ def _add_histories(study: xr.Dataset, records: Mapping[Index, Record]) -> None:
         values = np.full((*study["state"].shape, len(parts), len(time), *more), np.nan)
         for point, record in given.items():
             for part, history in record["histories"][name].items():
+                # instants that it lacks stay NaN
                 values[point][parts.index(part), : len(history)] = history
         dims = (*study["state"].dims, "interface", "time", *more_dims)
         study[name] = dims, values, {"units": unit, "long_name": long_name}
@@ -361,6 +370,7 @@ class _WaitingPoints:
     """Points that wait, by worker."""
 
     def __init__(self, points: Sequence[Index], workers: int) -> None:
+        # successive points stay with one worker: each is a neighbour of the last
         ends = [round(len(points) * i / workers) for i in range(workers + 1)]
         self._waiting = [list(points[a:b]) for a, b in pairwise(ends)]
 
@@ -369,7 +379,9 @@ class _WaitingPoints:
         own = self._waiting[worker]
         if not own:
             longest = max(self._waiting, key=len)
+            # a list of one gives it away whole; where the longest is empty nothing is left
             half = len(longest) // 2
+            # the second half: its points are neighbours of each other as well
             own += longest[half:]
             del longest[half:]
         return own.pop(0) if own else None
@@ -417,6 +429,7 @@ def _distribute(points: _WaitingPoints, plan: str, workers: Sequence[Renew], kee
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             worker, point = running.pop(future)
             try:
+                # one that returns is enough: the processes themselves are in order
                 record, lost = future.result(), 0
                 keep(point, record, False)
             except _lost_errors() as error:
@@ -427,6 +440,7 @@ def _distribute(points: _WaitingPoints, plan: str, workers: Sequence[Renew], kee
                     raise SolverError(
                         f"{lost} processes ended one after the other without a result; {remedy}"
                     ) from error
+                # an executor that has lost its process takes nothing more
                 executors[worker] = workers[worker]()
             start(worker)
 
@@ -455,6 +469,7 @@ def _processes(jobs: int) -> Iterator[list[Renew]]:
         made.append(ProcessPoolExecutor(1, context, _prepare))
         return made[-1]
 
+    # processes that are lost are replaced: those of the context are all children that were not there before
     try:
         yield [make] * jobs
     except BaseException:  # points under way would be waited for
@@ -476,6 +491,7 @@ def _prepare() -> None:
 
 def _end_with(parent: Any) -> None:
     parent.join()
+    # without the clean-up of the interpreter, which would wait for the point under way
     os._exit(1)
 
 
@@ -497,8 +513,10 @@ def _cluster(address: str) -> Iterator[list[Renew]]:
         if not names:
             what, remedy = "the scheduler has no workers", f"start some: dask worker {address} --nthreads 1"
             raise InputError.of(_HEADING, "--scheduler", what, address, remedy=remedy)
+        # a worker that ends does not hold up its points; equal calls are not merged
         options: dict[str, Any] = {"allow_other_workers": True, "pure": False}
 
+        # a function, so that each has its own name
         def make(name: str) -> Renew:
             executor: Executor = client.get_executor(workers=[name], **options)
             return lambda: executor

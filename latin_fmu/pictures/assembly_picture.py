@@ -52,7 +52,7 @@ class _Joint:
     Attributes
     ----------
     nodes : body -> its nodes that take part. normal : (3,) area-weighted mean of N from the first body to the second,
-        shorter than 1 where the face is curved, 0 where it is closed. area : m2.
+        shorter than 1 where the face is curved, 0 where it is closed.
     """
 
     name: str
@@ -97,6 +97,7 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     _arrows(axes[0], scene, bodies, above)
     axes_with_units(axes[0], everything, above, scene.unit_system.label("m"))
     words = "apart, " if len(bodies) > 1 else ""
+    # all but the large one, from the last
     for axis, (view, side) in zip(axes[:0:-1], ((below, "below"), (above, "above")), strict=False):
         draw(axis, apart, view)
         axis.set_title(f"{words}from {side}", fontsize=9)
@@ -125,6 +126,7 @@ def _built_joint(unit: InterfaceUnit) -> _Joint:
     """The part of the faces that takes part."""
     geometry = unit.geometry
     nodes = {
+        # three dofs a node
         split_face(side)[0]: np.unique(trace.indices // 3).astype(np.int64)
         for side, trace in zip(unit.sides, geometry.traces, strict=True)
         if trace is not None
@@ -138,7 +140,7 @@ def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body]) ->
     faces = {split_face(side)[0]: split_face(side)[1] for side in interface.sides if side != GROUND}
     first, face = split_face(interface.sides[0])
     areas = bodies[first].face(face).vector_areas
-    normal = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
+    normal = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()  # 0 of a closed face
     nodes = {body: bodies[body].facets(face).nodes for body, face in faces.items()}
     return _Joint(name, f"{name}: {interface.behaviour}", nodes, normal)
 
@@ -216,12 +218,14 @@ def _loads(scene: Scene, bodies: Mapping[str, Body], everything: Array, length: 
     for name, load in scene.load.items():
         centre, normal = _middle(bodies, load.face)
         if load.pressure is not None:
+            # pressure against the normal; of size 0 drawn as if positive
             direction = -np.sign(load.pressure or 1.0) * normal
             text = readable(load.pressure, scene.unit_system.label("Pa"), 3, figure=True)
         else:
             turns = load.force is None and load.traction is None
             direction = np.asarray(load.moment if turns else load.uniform_traction(1.0), dtype=float)
             text = _amount(scene, direction, "N m" if turns else "Pa" if load.force is None else "N")
+        # how far the assembly reaches ahead of the face
         ahead = float(((everything - centre) @ direction).max()) / max(float(np.linalg.norm(direction)), 1e-300)
         outwards = bool(direction @ normal > 0) and ahead < 0.1 * length  # it pulls, and nothing is in the way
         yield centre, direction, f"{name}\n{text}", LOAD, outwards
@@ -234,6 +238,7 @@ def _motions(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[_Vector]:
             direction = np.zeros(3)
             direction[["xyz".index(c) for c in boundary.components]] = boundary.value
             if boundary.axes is not None:
+                # components along own axes -> global ones
                 direction = np.array(boundary.axes.rows).T @ direction
             unit = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}[boundary.type]
             text = f"{name}\n{_amount(scene, direction, unit)}"

@@ -34,6 +34,7 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
     size = max(float(np.ptp(np.concatenate([s.points for s in skins]), axis=0).max()), 1e-300)
     corners, colours, depths, widths = [], [], [], []
     for skin in skins:
+        # facets that are turned away are hidden by others of the same closed skin
         front = np.flatnonzero(skin.normals() @ view.viewer > 0)
         pieces, rows = _cut(skin.points[skin.facets[front]], _PIECE * size)
         corners.append(pieces)
@@ -41,12 +42,13 @@ def paint(axis: Axes, skins: Sequence[Skin], view: View) -> None:
         depths.append(pieces.mean(axis=1) @ view.viewer)
         widths.append(np.full(len(pieces), 0.4))  # in the colour of the facet: no gaps between pieces
         edges, strength = edges_of(skin, view)
+        # a quadrilateral without width: there along the edge and back
         lines, rows = _cut(skin.points[edges[:, [0, 1, 1, 0]]], _PIECE * size, across=False)
         corners.append(lines)
         colours.append(np.tile((1.0 - 0.85 * strength[rows])[:, None] * 0.45, (1, 3)))
         depths.append(lines.mean(axis=1) @ view.viewer + _LIFT * size)
         widths.append(np.where(strength[rows] == 1.0, 0.7, 0.2))
-    order = np.argsort(np.concatenate(depths))
+    order = np.argsort(np.concatenate(depths))  # back to front: what is nearer is drawn over it
     colour = np.concatenate(colours)[order]
     flat = view.project(np.concatenate(corners).reshape(-1, 3)).reshape(-1, 4, 2)[order]
     axis.add_collection(
@@ -110,6 +112,7 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
     divisor, unit = prefix_for(float(np.max(np.abs([low, high]))), metre, figure=True)
     near = np.where(view.viewer > 0, high + _MARGIN * size, low - _MARGIN * size)
     far = np.where(view.viewer > 0, low - _MARGIN * size, high + _MARGIN * size)
+    # the horizontal axes lie on the side of the box that the viewer looks along, below it or above
     near[2] = low[2] - _MARGIN * size if view.viewer[2] > 0 else high[2] + _MARGIN * size
     right = view.project(np.array([[near[0], far[1], 0.0], [far[0], near[1], 0.0]]))[:, 0]
     for k in range(3):
@@ -121,6 +124,7 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
         end[k] = high[k]
         inside = np.where(np.arange(3) == k, 0.0, 0.5 * (low + high) - start)
         if k == 2:
+            # labels of the vertical axis stand beside it, not above
             inside = inside * (np.arange(3) < 2)
         outward = -view.project(inside[None])[0]
         outward /= max(float(np.linalg.norm(outward)), 1e-300)
@@ -231,6 +235,7 @@ class Skin:
     def normals(self) -> Array:
         """Outward unit normals (n_facet, 3)."""
         a, b, c, d = (self.points[self.facets[:, i]] for i in range(4))
+        # the diagonals: the mean plane of four corners, and of a triangle whose last corner is there twice
         normal = np.cross(c - a, d - b)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         unit: Array = normal / np.where(length > 0, length, 1.0)
@@ -267,6 +272,7 @@ class View:
 
     def lit(self, skin: Skin) -> Array:
         """Colours of the facets (n_facet, 3) with light from the left."""
+        # seen from below the light comes from below, else all faces in view would be dark
         side = 1.0 if self.viewer[2] >= 0 else -1.0
         light = np.array([1.0, side, 1.0]) * _LIGHT @ np.stack([self.right, self.up, self.viewer])
         shade = _AMBIENT + (1.0 - _AMBIENT) * np.clip(skin.normals() @ light / np.linalg.norm(_LIGHT), 0.0, 1.0)
@@ -281,15 +287,17 @@ def edges_of(skin: Skin, view: View) -> tuple[Index, Array]:
     facets, normals = skin.facets, skin.normals()
     pairs = np.concatenate([facets[:, [i, (i + 1) % 4]] for i in range(4)])
     owner = np.tile(np.arange(len(facets)), 4)
+    # the last corner of a triangle is there twice: no edge
     real = pairs[:, 0] != pairs[:, 1]
     pairs, owner = np.sort(pairs[real], axis=1), owner[real]
     edges, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     inverse = inverse.ravel()
     last = np.zeros(len(edges), dtype=np.int64)
+    # of several writes the last one stays: with ``first`` both facets of an edge are known
     last[inverse] = owner  # the other facet of an edge that two facets share
     one, other = owner[first], last
     front = normals @ view.viewer > 0
     sharp = np.einsum("ei,ei->e", normals[one], normals[other]) < _SHARP
     outline = front[one] != front[other]
     seen = front[one] | front[other]
-    return edges[seen], np.where((sharp | outline | (one == other))[seen], 1.0, 0.25)
+    return edges[seen], np.where((sharp | outline | (one == other))[seen], 1.0, 0.25)  # one facet: a free edge

@@ -101,6 +101,7 @@ def bodies_in_motion(
         figure.clear()
         axes = figure.subplots(1, 2 if chosen else 1, squeeze=False, width_ratios=(1.5, 1.0) if chosen else (1.0,))[0]
         at = {name: dataset.sel(time=time, method="nearest") for name, dataset in bodies.items()}
+        # NaN where a node has no value
         moved = {name: np.nan_to_num(dataset["displacement"].values) for name, dataset in at.items()}
         _draw_deformed(figure, axes[0], meshes, moved, scales, length)
         if chosen:
@@ -168,9 +169,9 @@ def _interface(tree: xr.DataTree, name: str | None) -> str | None:
 
 
 def _busiest(tree: xr.DataTree, interface: str | None) -> float:
-    """Instant of the largest force on an interface; the last one where there is none."""
+    """Instant of the largest force on an interface, s; the last one stored where there is no interface."""
     if interface is None:
-        return np.inf
+        return float(stored_instants(tree)[-1])
     force = tree[f"interfaces/{interface}"].to_dataset()["force"]
     return float(force["time"].values[np.linalg.norm(force.values, axis=1).argmax()])
 
@@ -191,6 +192,7 @@ def _draw_deformed(
         shade = _map(SEQUENTIAL, moves[skin.facets].mean(axis=1) / max(scales.displacement, 1e-300))
         skins.append(replace(skin, colours=shade).moved(scales.factor * moved[name]))
     view, reach = View.at(_AZIMUTH, _ELEVATION), scales.factor * scales.displacement
+    # room for any direction of motion: half of it on each side of the bodies at rest
     box = np.array([scales.rest.min(axis=0) - 0.5 * reach, scales.rest.max(axis=0) + 0.5 * reach])
     corners = box[np.array(list(np.ndindex(2, 2, 2))), np.arange(3)]
     draw(axis, skins, view, np.concatenate([corners, *(skin.points for skin in skins)]))
@@ -218,6 +220,7 @@ def _draw_pressure(
         axis.set_axis_off()
         axis.set_title(f"{name}: its bodies have no displacements in the file", fontsize=9)
         return
+    # normals are those of side E
     outward = normal if owner == sides[0] else -normal
     largest = max(most, 1e-300)
     skin = skin_of(meshes[owner], _PLAIN)
@@ -252,6 +255,7 @@ def _on_facets(skin: Skin, points: Array, outward: Array, values: Array, spacing
     distance, point = nearest(skin.points, points)
     reached = distance <= _NEAR * spacing[point]
     at_nodes = np.where(reached, values[point], np.nan)
+    # facets around an edge of the face have nodes on it, too: their normals are more than 60 degrees away
     alike = np.einsum("fi,fci->fc", skin.normals(), outward[point[skin.facets]]).min(axis=1) > 0.5
     mean: Array = np.where(alike, at_nodes[skin.facets].mean(axis=1), np.nan)
     return mean
@@ -301,12 +305,14 @@ class Window:
         """
         first = stored[0] if self.first is None else self.first
         last = stored[-1] if self.last is None else self.last
+        # ends that are round-off away count
         inside = stored[(stored >= first * (1 - 1e-9)) & (stored <= last * (1 + 1e-9))]
         if len(inside) < 2:
             what, value = "fewer than two stored instants are in this window", f"{first:g} to {last:g} s"
             allowed = f"a part of {stored[0]:g} to {stored[-1]:g} s"
             raise ResultsError([Problem("--from, --to", what, value, allowed)], _NOTHING)
         chosen = np.linspace(0, len(inside) - 1, min(self.frames, len(inside)))
+        # where frames are as many as instants, rounding must not take one twice
         return np.asarray(inside[np.unique(np.rint(chosen).astype(int))])
 
 
@@ -334,6 +340,7 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
 
     dataset = _surface(tree, interface)
     chosen = dataset.sel(time=instants, method="nearest")
+    # over all instants, so that colours mean the same in each of them
     ranges = [_range(field) for field in _tractions(chosen)]
     rubs = float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))
@@ -403,9 +410,10 @@ def _draw_field(
     """Values at the points, linear in between."""
     from matplotlib.tri import Triangulation
 
+    # a triangle has no fourth corner
     cells = np.nan_to_num(dataset["cells"].values, nan=-1).astype(int)
     quads = cells[cells[:, 3] >= 0]
-    corners = np.concatenate([cells[:, :3], quads[:, [0, 2, 3]]])
+    corners = np.concatenate([cells[:, :3], quads[:, [0, 2, 3]]])  # the other half
     (x, y), metre = _places(dataset)
     scale, pascal = prefix_for(ends[1], unit_of(dataset["traction"], "Pa"), figure=True)
     low, top = ends[0] / scale, max(ends[1] / scale, 1e-300)

@@ -39,6 +39,7 @@ def force_panel(
     Forces below 1e-9 of the force ``reference`` are round-off and are not enlarged to the height of the panel.
     """
     peak = max((float(np.abs(curve).max(initial=0.0)) for curve in curves.values()), default=0.0)
+    # a body at rest would fill the panel with round-off
     if peak < 1e-9 * reference:
         peak = reference
         axis.set_ylim(-1.0, 1.0)
@@ -55,7 +56,7 @@ def force_panel(
 def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: TimeAxis, first: bool, last: bool) -> None:
     """Shares of the area that stick, slip and are open, stacked; ``first`` and ``last`` strip of a column."""
     fields = InterfaceFields.of_dataset(dataset)
-    curves = 100.0 * status_shares(fields)[:, [1, 2, 0]].T
+    curves = 100.0 * status_shares(fields)[:, [1, 2, 0]].T  # stick, slip, separation
     # statuses hold over the step that ends at their instant
     style: dict[str, Any] = {"colors": STATUS_COLOURS, "labels": STATUS_LABELS, "step": "pre", "linewidth": 0}
     axis.stackplot(fields.time / scale.divisor, *curves, **style)
@@ -102,6 +103,7 @@ def count_panel(axis: Axes, convergence: xr.Dataset, scale: TimeAxis) -> None:
 def final_panel(axis: Axes, convergence: xr.Dataset, tolerance: float | None, scale: TimeAxis) -> None:
     """Many windows: sqrt(eta) at the last iteration of each, at the time of its end."""
     ends, counts = convergence["end_time"].values, convergence["iterations"].values.astype(int)
+    # rows are padded to the longest window: the last iteration of each
     last = convergence["error_indicator"].values[np.arange(counts.size), np.maximum(counts - 1, 0)]
     errors = np.where((counts > 0) & (last > 0.0), last, np.nan)  # a logarithmic axis has no 0
     axis.plot(ends / scale.divisor, errors, ".", color=DISTINCT[0], markersize=3, label=r"$\sqrt{\eta}$")
@@ -173,6 +175,7 @@ def summary_figure(tree: xr.DataTree) -> Figure:
     if len(groups) > FEW:
         _legend(parts[0], parts[0].axes[0], "outside upper center", "interfaces")
     if strips:
+        # strips stand at the foot of the first column, or have one of their own
         last = parts[0 if len(strips) <= FEW else -1]
         _legend(last, last.axes[-1], "outside lower center")
     return figure
@@ -202,6 +205,7 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel
     normal = {
         _with_peak(name, item, scale, unit) if few else name: normal_resultant(item) for name, item in fields.items()
     }
+    # one scale for both panels
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
     draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference, unit=unit)
     panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
@@ -288,6 +292,7 @@ def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | 
     styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
     top = max(float(values[0].max(initial=0.0)), 1e-300)
     if error is not None:
+        # a relative error of either sign, symmetric on a logarithmic axis
         low, high = values[0] / (1 + error), values[0] * (1 + error)
         panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
     for row, (label, colour, line, width) in zip(values, styles, strict=True):

@@ -23,17 +23,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..kernels import entries
-from ..kernels.energy_parts import TERMS
 from ..time_scheme import TimeScheme
 from .forcing import Forcing, MotionState
-from .image import Image, ImageClass
+from .image import Image
 from .interface_matrices import condensed
 from .interface_probing import Table
 from .model import Array, Histories, SubstructureModel, closest_reduced
@@ -106,6 +103,7 @@ class ClassState:
             return
         for into, x in zip(self.fields, new, strict=True):
             into[...] = x
+        # a motion set from outside ends the rest for which the kernels pass over a class
         self.part("rest", 1)[0] = float(not any(x.any() for x in new))
 
     @property
@@ -114,13 +112,6 @@ class ClassState:
         if not self._energy or self.image is None:
             return self._account
         return self.part("energy", self.image.row(self.number)["n_energy"])
-
-    def set_account(self, account: Array) -> None:
-        """Set the account of energies."""
-        if self.image is None:
-            self._account = account.copy()
-        else:
-            self.part("energy", len(account))[:] = account
 
     def part(self, first: str, size: int) -> Array:
         """View of numbers of the class in the image, from the field ``first`` of its record on."""
@@ -136,6 +127,7 @@ class ClassState:
     # -- from image to image ------------------------------------------------------------------------------------
     def attach(self, image: Image, number: int) -> None:
         """Move the motion into an image, as its class ``number``."""
+        # before ``stand_in``, which lets go of the place where they are
         own, account = self.fields, self.account
         self.stand_in(image, number)
         self.set(*own)
@@ -157,99 +149,6 @@ class ClassState:
         self._own, self.image = kept, None
 
 
-class Alone:
-    """March of a propagator by itself: ``predict``, then ``respond`` for one or more q, then ``commit``.
-
-    Parameters
-    ----------
-    propagator : begun and started; its search direction is that of its last ``bind``.
-    """
-
-    def __init__(self, propagator: Any) -> None:
-        self._propagator = propagator
-        self._made: Image | None = None  # of this class only
-        self._token: Any = None  # histories that it has begun with
-        self._bound: Array | None = None  # its search direction
-
-    def image(self) -> Image:
-        """The image of the run, or one of this class only, with the operators of now."""
-        p, state = self._propagator, self._propagator.state
-        if state.image is None:
-            m = len(p.members)
-            flat = np.arange(p.n_channel * m, dtype=np.int64).reshape(p.n_channel, m)
-            run = {"area": np.repeat(p.operators.area, m), "static": int(p.scheme.name == "quasi_static")}
-            self._made = Image([ImageClass(p, flat)], np.ones(flat.size, dtype=bool), run=run)
-            self._token, self._bound = object(), None
-        image: Image = state.image
-        if image is not self._made:
-            return image
-        if self._bound is not p.k:
-            image.bind(0, afresh=True)
-            self._bound = p.k
-        if self._token is not p.forcing.token:
-            image.begin(p.forcing.n_time, {})
-            self._token = p.forcing.token
-        if p.opening is not None:
-            image.field("f_hat", *p.opening.shape)[:] = p.opening
-            image.set({"first_row": p.instant})
-            image.call(entries.OPEN_ACCOUNTS)
-            p.opening = None
-        return image
-
-    def predict(self) -> Array:
-        """March to the next instant without interface forces; velocities of the channels (n_channel, n_member)."""
-        image, p = self.image(), self._propagator
-        image.set({"first_row": p.instant + 1})
-        image.call(entries.PREDICT, p.state.number, p.instant + 1)
-        shape = p.n_channel, len(p.members)
-        free: Array = p.state.part("w_free", shape[0] * shape[1]).reshape(shape).copy()
-        return free
-
-    def respond(self, q: Array) -> Array:
-        """W for q = F + k W after ``predict``, both (n_channel, n_member)."""
-        image = self.image()
-        image.field("q", q.size)[:] = q.reshape(-1)
-        image.call(entries.RESPOND, self._propagator.state.number)
-        return image.field("w", *q.shape).copy()
-
-    def commit(self, traction: Array) -> None:
-        """End the instant with tractions (a quasi-static class: incoming quantities q), Pa."""
-        image, p = self.image(), self._propagator
-        image.field("local_f", *traction.shape)[:] = traction
-        if p.scheme.name == "quasi_static":  # tractions are what the springs leave of q
-            image.field("f", *traction.shape)[:] = traction - p.k * self.respond(traction)
-        image.call(entries.END_CLASS, p.state.number, p.instant + 1)
-        p.instant += 1
-
-    @property
-    def totals(self) -> dict[str, Array]:
-        """Terms of the account of energies at the present instant, (n_member,) each, J."""
-        account, m = self._account(), len(self._propagator.members)
-        assert account is not None, "energies are not accounted for"
-        return {term: account[i * m : (i + 1) * m].copy() for i, term in enumerate(TERMS)}
-
-    def _account(self) -> Array | None:
-        """The account of energies, begun where it is not yet."""
-        p = self._propagator
-        if p.energy and p.begun and p.state.account is None:
-            self.image()
-        account: Array | None = p.state.account
-        return account
-
-    def snapshot(self) -> tuple[int, list[Array], Array | None]:
-        """All that determines the next instants of this segment."""
-        account = self._account()
-        fields = [field.copy() for field in self._propagator.state.fields]
-        return self._propagator.instant, fields, None if account is None else account.copy()
-
-    def restore(self, snapshot: tuple[int, list[Array], Array | None]) -> None:
-        """Return to the state and the energies of a ``snapshot``."""
-        self._propagator.instant, fields, account = snapshot
-        self._propagator.state.set(*fields)
-        if account is not None:
-            self._propagator.state.set_account(account)
-
-
 class Propagator(ABC):
     """A class of identical substructures (module docstring).
 
@@ -261,8 +160,7 @@ class Propagator(ABC):
     Attributes
     ----------
     instant, state : number of the present instant, and the motion there. begun : whether there are histories.
-    opening : tractions (n_channel, n_member), Pa, with which the account of energies of a march alone opens; None where
-        it is open. operators : constant for the step: area (n_channel,), m2; dofs (n_gamma,) of the
+    operators : constant for the step: area (n_channel,), m2; dofs (n_gamma,) of the
         interface; trace (n_channel, n_gamma); compliance (n_channel, n_channel), m s-1 N-1; admittance, per traction.
     condensed : Y per nodal force for the k of the last ``bind``, (n_channel, n_channel), made when first used.
     swept : whether interfaces are solved with by substitution; then ``condensed`` is a factor (``interface_sweeps``).
@@ -294,7 +192,6 @@ class Propagator(ABC):
         self.state = ClassState(self.n_dof, len(self.members), energy)
         self._use(dt)
         self.sampled = np.zeros(2)  # data of ``remarks``
-        self.opening: Array | None = None
 
     # -- operators ----------------------------------------------------------------------------------------------
     @abstractmethod
@@ -308,9 +205,11 @@ class Propagator(ABC):
         operators = next((kept for step, kept in self._kept if step == dt), None)
         if operators is None:
             operators = self._build(dt)
+            # in place: twins hold the same list
             del self._kept[: -_STEPS_KEPT + 1]
             self._kept.append((dt, operators))
         self.dt, self.operators = dt, operators
+        # the image belongs to the operators of the former step
         self.state.detach()
         self.k: Array = np.zeros((self.n_channel, 1))
         self.single, self.tables = False, dict[str, Table]()
@@ -354,14 +253,10 @@ class Propagator(ABC):
         """Unknowns of one member."""
         return int(self.members[0].expansion.shape[1])
 
-    @cached_property
-    def alone(self) -> Alone:
-        """The march of this class by itself."""
-        return Alone(self)
-
     # -- time ---------------------------------------------------------------------------------------------------
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set the histories of a run, or of the segment that goes on from the present state; one per member."""
+        # first of all: they are read from the histories of the segment that ends
         if self.begun:
             self.forcing.set_motion_state(self.motions())
             self._resumed = None
@@ -370,7 +265,6 @@ class Propagator(ABC):
         self.instant = 0
         if not self.begun:
             self.state.set(*_initial_motion(self))
-            self.opening = np.zeros((self.n_channel, len(self.members)))
         self.begun = True
 
     @abstractmethod
@@ -384,16 +278,17 @@ class Propagator(ABC):
     def start(self, traction: Array, factor: MassFactor | None) -> None:
         """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium."""
         unbalance = self.initial_unbalance(traction)
+        # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
         a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
         mass_old, force_old = self.scheme.old_weights
+        # as ``substructure.keep_memory`` leaves it
         if force_old:
             residual = mass_old * (self.operators.mass @ a) - force_old * self.forcing.at(0)
             residual += 0.0 if inertia is None else mass_old * inertia
         self.state.set(u, v, a, residual)
-        self.opening = np.array(traction)
 
     def sample(self) -> None:  # noqa: B027, most propagators have no remarks
         """Add the present state to ``sampled``, the data of ``remarks``."""
@@ -415,7 +310,7 @@ class Propagator(ABC):
     def resume(self, image: Image, number: int, motions: list[MotionState]) -> None:
         """Go on from the state in an image, as its class ``number``, and from ``motions``; ``begin`` must follow."""
         self.state.stand_in(image, number)
-        self.instant, self._resumed, self.opening = 0, motions, None
+        self.instant, self._resumed = 0, motions
 
 
 def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
@@ -424,6 +319,7 @@ def _initial_motion(propagator: Propagator) -> tuple[Array, Array]:
     if not any(m.displacement.any() or m.velocity.any() for m in members) and not forcing.moves:
         return np.zeros(shape), np.zeros(shape)
     p = members[0].expansion
+    # u_full = P u + imposed
     u = closest_reduced(p, np.stack([m.displacement for m in members], axis=1) - forcing.imposed_u(0))
     v = closest_reduced(p, np.stack([m.velocity for m in members], axis=1) - forcing.imposed_v(0))
     return u, v

@@ -53,6 +53,7 @@ class BlockLayout:
         if known is not None:
             return known[0]
         at = self.size
+        # up to a whole line of the cache: threads that write to neighbouring arrays share none
         self.size = at + -(-size // LINE) * LINE
         if owner is not None:
             self._known[id(owner)] = at, owner
@@ -64,7 +65,7 @@ class BlockLayout:
         if known is not None:
             return known[0]
         packed = np.ascontiguousarray(array, dtype=kind).reshape(-1)
-        position = self.reserve(-(-packed.nbytes // 8)) * (8 // packed.itemsize)
+        position = self.reserve(-(-packed.nbytes // 8)) * (8 // packed.itemsize)  # a position in numbers of its kind
         self._arrays.append((position, packed))
         self._known[id(array)] = position, array
         return position
@@ -113,6 +114,7 @@ def put_symmetric(block: BlockLayout, row: Row, name: str, matrix: sp.csr_array 
     half = halves.get(id(matrix.indices))
     if half is None:
         count = lower_count(*pattern)
+        # columns and counts are of 32 bits: two in one number
         places = block.reserve(n + 1), block.reserve(-(-count // 2)), block.reserve(-(-n // 2))
         half = halves[id(matrix.indices)] = *places, count
         block.fill_later(partial(_fill_pattern, pattern, n, half))
@@ -121,6 +123,7 @@ def put_symmetric(block: BlockLayout, row: Row, name: str, matrix: sp.csr_array 
     block.fill_later(
         lambda data: lower_values(*pattern, matrix.data, data[values : values + count], data[diagonal : diagonal + n])
     )
+    # places in numbers of 32 bits
     row[f"{name}_rows"], row[f"{name}_starts"], row[f"{name}_columns"] = n, starts, 2 * columns
     row[f"{name}_values"], row[f"{name}_diagonal"], row[f"{name}_together"] = values, diagonal, 2 * together
 
@@ -148,6 +151,7 @@ def put_terms(block: BlockLayout, sums: Sum) -> Row:
 
 def is_diagonal(matrix: Array) -> bool:
     """Whether a square matrix has nothing beside its diagonal."""
+    # the first row is enough for most full matrices
     if np.count_nonzero(matrix[:1, 1:]):
         return False
     return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())
@@ -164,6 +168,7 @@ def put_dense(block: BlockLayout, matrix: Array, parts: Sequence[Index], m: int,
     sizes = [len(picked) * (len(picked) + 1) // 2 for picked in parts]
     first = at = block.reserve(sum(sizes))
     for picked, size in zip(parts, sizes, strict=True):
+        # bound now: a lambda would see the last turn of the loop
         block.fill_later(partial(_fill_triangle, matrix, picked, slice(at, at + size)))
         at += size
     return first
@@ -212,8 +217,10 @@ def constants(
     row["dofs"], row["area"] = block.put(ops.dofs, np.int64), block.put(ops.area)
     row["massless"], row["live"] = block.put(ops.massless, np.int64), block.put(live, np.int64)
     row["channels"] = block.put(np.ascontiguousarray(flat), np.int64)
+    # rows of a node taken together pay where half of the matrix is read, and not by pieces
     halved = row["m"] < TILED and row["n_piece"] == 0
     stiffness = propagator.members[0].stiffness_by_nodes if halved else ops.stiffness
+    # without inertia neither mass nor damping is read
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
@@ -251,6 +258,7 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
             block.put(inverse) if inverse.ndim == 1 else put_dense(block, inverse, [every], m, bool(plain))
         )
     row["plain_response"] = plain = int(is_diagonal(propagator.condensed) and is_diagonal(ops.compliance))
+    # normal channels first: both kinds have a norm of their own in the force residual
     blocks = [live[is_normal[live]], live[~is_normal[live]]]
     row["n_normal"] = len(blocks[0])
     row["measured"] = block.put(np.concatenate(blocks), np.int64)
@@ -267,6 +275,7 @@ def _put_traces(block: BlockLayout, row: Row, ops: Any) -> None:
     """Sparse traces from interface dofs to channels and back."""
     put_matrix(block, row, "trace", ops.trace)
     put_matrix(block, row, "spread", ops.spread)
+    # a class without channels: kernels slice the row starts all the same
     row.setdefault("trace_starts", block.put(np.zeros(row["n_channel"] + 1, dtype=np.int64), np.int64))
     row.setdefault("spread_starts", block.put(np.zeros(row["n_inner"] + 1, dtype=np.int64), np.int64))
 
@@ -295,6 +304,7 @@ def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
         row["n_piece"], row["n_level"], table = pieces(shape)
         row["pieces"] = block.put(table, np.int64)
         numbers = 8 // factor.dtype.itemsize  # in one of float64
+        # reserved for the factor itself: ``move_panels`` copies them there, and it reads them there
         row["panels"] = numbers * block.reserve(-(-factor.panels.size // numbers), factor)
         return
     row["factored"] = int(isinstance(factor, DiagonalFactor))
@@ -328,7 +338,9 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     matrices["landing"] = landing
     for name, matrix in matrices.items():
         if matrix is None:
+            # a matrix without entries, so that the energies read rows of every kind
             matrix = sp.csr_array((model.n_full, model.n_full))
+        # rows of the motions: with the dofs, then among themselves
         with_dofs = sp.csr_array(shapes.T @ (matrix @ p))
         border = sp.csr_array(sp.hstack([with_dofs, sp.csr_array(shapes.T @ (matrix @ shapes))]))
         put_matrix(block, row, f"border_{name}", border)
@@ -337,6 +349,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
 def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> Row:
     """Search direction and responses of a class with constants, put into the fixed block; ``run`` : its fields."""
     m, row = constant["m"], {}
+    # channels that can move at all
     live = np.flatnonzero(propagator.operators.compliance.diagonal())
     row["k"] = block.put(propagator.k[:, 0].copy())
     row |= {"sparse": int("y" in propagator.tables), **dict.fromkeys((f"{name}_points" for name in TABLES), 0)}
@@ -349,10 +362,13 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         factor = propagator.condensed
         numbers = 8 // factor.dtype.itemsize
         at = block.reserve(-(-factor.panels.size // numbers))
+        # a copy, since the factor is dropped
         block.fill_later(partial(_copy, at, factor.panels))
+        # counted in single numbers of the block
         row["k_panels"] = numbers * at
         row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
+        # made at the first Newton step (``newton.make_admittances``)
         if run.get("newton") and constant["kind"] == STATIC:
             row["admittance"] = _room_for_admittance(block, numbers_of(len(live), 0, m))
         return row
@@ -371,6 +387,7 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
 def _room_for_admittance(block: BlockLayout, size: int) -> int:
     """Place of a table of D that ``make_admittance`` writes at the first Newton step."""
     at = block.reserve(size)
+    # first number 0: not made yet
     block.fill_later(partial(_copy, at, np.zeros(1)))
     return at
 
@@ -394,6 +411,7 @@ def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:
     row |= _NO_TERMS
     placed: dict[int, Row] = {}
     for name, sums in terms.items():
+        # loads alone: "force" and "work" are the same sum, and take one place
         fields = placed[id(sums)] if id(sums) in placed else placed.setdefault(id(sums), put_terms(block, sums))
         row |= {f"{name}_{field}": value for field, value in fields.items()}
     row["work_loads"] = row["constant"]

@@ -73,6 +73,7 @@ class ConjugateGradients:
 
     def _columns(self, b: Array) -> Array:
         x, r = np.zeros_like(b), b.copy()
+        # squared; each column has a limit of its own
         limit = self.tolerance**2 * np.einsum("nm,nm->m", b, b)
         z = self._inverse * r
         p = z.copy()
@@ -83,6 +84,7 @@ class ConjugateGradients:
                 return x
             ap = self.matrix @ p
             curvature = np.einsum("nm,nm->m", p, ap)
+            # columns that have converged stand still while others go on
             alpha = np.divide(rz, curvature, out=np.zeros_like(rz), where=active & (curvature > 0))
             x += alpha * p
             r -= alpha * ap
@@ -162,11 +164,13 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
         factors, matrices = [*factors, c_damping], [*matrices, damping]
+    # accelerations of interface dofs are w_t S^-1 times the forces, W follows by dW/da
     gain = scheme.interface_gain(dt) * scheme.traction_weight
     on_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
     factor: Any
     if model.swept:
         pattern = DashpotPattern(model)
+        # with zeros where the dashpots come: one analysis serves both factors
         factor = pattern.factor(factors, np.zeros(len(model.channel_area)), model.factor)
         compliance: Any = InterfaceCompliance(factor, dofs, trace, gain, pattern)
 
@@ -215,7 +219,7 @@ class DirectPropagator(Propagator):
     def initial_unbalance(self, traction: Array) -> Array:
         """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0)
+        unbalance: Array = self.forcing.at(0)  # a fresh array, which may be changed
         if state.u.any():
             unbalance -= ops.stiffness @ state.u
         if traction.any():
@@ -254,6 +258,7 @@ class CgPropagator(DirectPropagator):
         """Solver with the mass matrix, by conjugate gradients."""
         mass = self.operators.mass
         if self.operators.massless.size:  # they start without acceleration
+            # M alone is singular there; so heavy a dof stays without acceleration
             heavy = mass.diagonal().max() * 1e30
             mass = sp.csr_array(mass + sp.diags_array(heavy * (mass.diagonal() <= 0.0)))
         return ConjugateGradients(mass)

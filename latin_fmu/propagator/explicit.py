@@ -47,6 +47,7 @@ class ExplicitPropagator(Propagator):
     def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme, dt: float, energy: bool) -> None:
         rigid = members[0].nodal is not None  # a few unknowns, no stiffness: taken as they are
         if not rigid:
+            # one object for all members: what is lumped and reduced is shared
             first = members[0].with_lumped_mass
             members = [first, *(m.with_mass(first.inertia) for m in members[1:])]
         model, p = members[0], members[0].expansion
@@ -54,6 +55,7 @@ class ExplicitPropagator(Propagator):
         lagged: sp.csr_array | None = None
         if model.damping is not None and self._damping is not None:
             self.dashpots = model.damping if rigid else _lumped_damping(model, model.damping)
+            # the rest of C acts at the old instant, so that the operator stays diagonal
             lagged = sp.csr_array(self._damping - p.T @ self.dashpots @ p)
         nothing = np.zeros(0)  # a rigid body has no stiffness
         self.stability = StableStep(
@@ -82,12 +84,14 @@ class ExplicitPropagator(Propagator):
             held = sp.csr_array(held + 0.5 * dt * (p.T @ self.dashpots @ p))
             held.eliminate_zeros()
         same = (self._mass, self._damping, self._stiffness)
+        # every entry on the diagonal, once zeros are gone
         if held.nnz == held.shape[0]:
             factor = DiagonalFactor(held.diagonal())
             trace, spread = model.reduced_trace, model.reduced_spread
             compliance = projected_diagonal(trace, dt, factor.inverse)
             return Operators(*same, factor, factor.last, trace, spread, model.channel_area, compliance, _NONE)
         dofs, trace, _ = model.at_interface
+        # blocks of nodes with oblique dashpots, or a rigid body: the inverse has no more entries than these blocks
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
         compliance = projected(trace, dt, full[dofs][:, dofs].toarray())
         return Operators(

@@ -64,7 +64,7 @@ class Forcing:
         self._motion = [_Motion(m, scheme) if m.imposed_pattern.shape[1] else None for m in members]
         self.moves = any(m is not None for m in self._motion)
         self._zero = np.zeros((self.n_full, len(members)))
-        self.n_time, self.token = 0, object()  # instants of the segment, and a mark of its own
+        self.n_time = 0  # instants of the segment
         self.amplitudes: list[list[Array]] = [[] for _ in members]  # (n_time,) of each load of a member
         self.sources: frozenset[str] | None = None
         """Names of the loads that get terms of the sums whatever their histories are, and only they; prescribed motions
@@ -72,7 +72,7 @@ class Forcing:
 
     def begin(self, histories: Sequence[Histories], dt: float) -> None:
         """Set what drives the members over the instants of a run or segment; motions go on where they are."""
-        self.n_time, self.token = len(histories[0].time), object()
+        self.n_time = len(histories[0].time)
         self.amplitudes = [history.amplitudes for history in histories]
         self._constant = np.zeros((self._n, len(self.members)))
         varying: dict[tuple[int, int], Array] = {}
@@ -85,6 +85,7 @@ class Forcing:
                 elif len(rows):
                     varying[column, k] = amplitude
         self._varying_loads = tuple(varying)
+        # one sum per choice of varying loads: its patterns are packed once for all segments
         if self._varying_loads not in self._loads:
             self._loads[self._varying_loads] = Sum([self._reduced[column][k][1] for column, k in varying])
         self._varying = self._loads[self._varying_loads]
@@ -128,6 +129,7 @@ class Forcing:
         force = self.loads(instant)
         for column, motion in enumerate(self._motion):
             if motion is not None:
+                # what K and C of the motion exert on the free dofs, on the right-hand side
                 force[:, column] -= motion.reduced_force(instant)
         return force
 
@@ -157,6 +159,7 @@ class Forcing:
         if not self.moves:
             return self._constant, sums
         sums = {name: sums.get(name, Sum()) for name in SUMS}
+        # lists of its own: motions are no loads, while ``work`` goes on with those of the loads
         sums["force"] = Sum(list(sums["force"].patterns), list(sums["force"].amplitudes))
         for column, (motion, member) in enumerate(zip(self._motion, self.members, strict=True)):
             if motion is not None:
@@ -229,14 +232,18 @@ class _Motion:
         forced = np.flatnonzero(np.zeros(given.shape[1]) if accelerated is None else accelerated)
         scheme, pushed, v = self._scheme, given[:, forced], given.copy()
         u, a = np.zeros_like(v), np.zeros_like(v)
+        # a first guess of the acceleration, which only the recursion of the next instant reads
         u[0], a[0] = self._initial, (v[1] - v[0]) / dt
         v[0, forced], a[0, forced] = 0.0, pushed[0]
         if self.start is not None:
             u[0], a[0], v[0, forced] = *self.start[:2], self.start[2][forced]
         for i in range(len(v) - 1):
             free, kept = scheme.predict(u[i], v[i], a[i], dt)
+            # from given velocities: a that makes v follow the recursion of the scheme, so that its energy identity
+            # holds
             a[i + 1] = scheme.invert_velocity(a[i], v[i + 1] - v[i], dt)
             if len(forced):
+                # from given accelerations: those of a free body, whose velocity follows
                 a[i + 1, forced] = scheme.free_acceleration(a[i, forced], pushed[i], pushed[i + 1])
                 v[i + 1, forced] = kept[forced] + scheme.velocity_gain(dt) * a[i + 1, forced]
             u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
@@ -269,8 +276,10 @@ class _Motion:
         w = np.concatenate([v[:1], self._scheme.interface_velocity(u[:-1], u[1:], v[1:], self._dt)])
         before, middle, step = v, u, np.zeros_like(v)
         if self._scheme.explicit:
+            # leapfrog: K acts on x in the middle of the step, C on v at its start
             before = np.concatenate([v[:1], v[:-1]])
             middle = np.concatenate([u[:1], u[:-1]]) + 0.5 * self._dt * before
+            # C_d acts at the mean velocity of the step: half the change comes on top of C v
             step = 0.5 * (v - before)
         for k in range(self.pattern.shape[1]):
             sums["force"].add(-self._stiffness[:, k], *of, middle[:, k], always)
@@ -278,6 +287,7 @@ class _Motion:
                 sums["force"].add(-self._damping[:, k], *of, before[:, k], always)
             if lumped is not None:
                 sums["force"].add(-lumped[:, k], *of, step[:, k], always)
+            # the lumped mass of driven dofs does not couple with others
             if self._mass is not None and not self._scheme.explicit:
                 sums["inertia"].add(self._mass[:, k], *of, a[:, k], always)
             sums["velocity"].add(at_channels[:, k], *of, w[:, k], always)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from ctypes import cast as pointer_to
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from math import prod
 from typing import Any, NamedTuple, cast
 from weakref import ReferenceType, proxy, ref
@@ -34,6 +34,7 @@ from .model import Array, Index
 Fields = dict[str, Any]
 CallOut = Callable[[int, int, int], None]
 _CALLOUT = CFUNCTYPE(c_int64, *[c_int64] * 4)
+_coefficients = lru_cache(maxsize=64)(coefficients)
 _DIRECTIONS = 2  # further search directions that there is room for from the start
 
 
@@ -97,8 +98,10 @@ class CallOuts:
     def _call(self, what: int, a: int, b: int, c: int) -> int:
         image = self._image()
         assert image is not None
+        # after an error the kernels are on their way out: nothing is called any more
         if self._raised is None:
             try:
+                # ``call_out`` has set 1, for a signal that ends this function before here
                 image.field("failed", 1)[0] = 0.0
                 with np.errstate(all="ignore"):  # of a thread of its own, maybe
                     self._functions[what](a, b, c)
@@ -217,7 +220,7 @@ class Image:
             "relaxation": 1.0,
             "threads": 1,
             "longest_step": np.inf,
-            **coefficients(first.scheme, first.dt),
+            **_coefficients(first.scheme, first.dt),
             **_placed(run or {}, fixed),
         }
         self._groups = [_placed(group, fixed) for group in groups]
@@ -249,6 +252,7 @@ class Image:
         """Places of state, work and output."""
         block = BlockLayout()
         self.rows, self._n_state = layout.place_moving(block, self._run, self._groups, self._rows)
+        self._run["state_size"] = self._n_state
         self._tail = block.size
 
     def begin(self, n_time: int, histories: Mapping[str, Array]) -> None:
@@ -258,6 +262,7 @@ class Image:
         self._kinds = [propagator.forcing.kind for propagator in self.propagators]
         fields.append({"n_time": n_time, **{name: block.put(values) for name, values in histories.items()}})
         if block.size > len(self.moving):
+            # views and pools are those of the block that was left
             self.moving, self._written, self._views = class_record.grown(self.moving, block.size), False, {}
         block.fill(self.moving)
         for row, new in zip((*self._rows, self._run), fields, strict=True):
@@ -294,6 +299,7 @@ class Image:
             self.bound = None
             placed, block = self._place(self._n_fixed if old is None else old.start, run or {}, groups)
             if old is not None and placed.end > old.end < self._n_fixed:  # longer than its place
+                # others begin behind it: this one moves to the end of the block
                 placed, block = self._place(self._n_fixed, run or {}, groups)
             elif old is not None:
                 placed.end = max(placed.end, old.end)
@@ -305,6 +311,7 @@ class Image:
             self._run |= placed.run
             for into, fields in zip((*self._rows, *self._groups), (*placed.rows, *placed.groups), strict=False):
                 into.update(fields)
+            # the tables are longer, places in them new: records have to be written
             self._written = False
             if self._run.get("n_unknown", 0) and len(self.moving):
                 self.moving[self._run["factored"]] = 0.0  # factors of Newton steps are those of a direction
@@ -327,15 +334,16 @@ class Image:
             larger = np.zeros(self._n_fixed + _DIRECTIONS * longest)
             larger[: len(self.fixed)] = self.fixed
             self.fixed = larger
+            # factors read their panels in the block: they move with it
             for row, propagator in zip(self._rows, self.propagators, strict=True):
                 class_record.move_panels(larger, row, propagator.operators.factor)
         for block in self._waiting:
             block.fill(self.fixed)
         self._waiting.clear()
         for records, rows in ((self.run, [self._run]), (self.classes, self._rows), (self.groups, self._groups)):
-            names = cast(tuple[str, ...], records.dtype.names)
+            blank = dict.fromkeys(cast(tuple[str, ...], records.dtype.names), 0)
             for i, row in enumerate(rows):
-                records[i] = tuple([row.get(name, 0) for name in names])
+                records[i] = tuple({**blank, **row}.values())  # in the order of the record
         kind = np.recarray if PLAIN else np.ndarray  # plain Python reads fields as attributes
         tables = self.run.view(kind), self.classes.view(kind), self.groups.view(kind)
         self.pools = pools_of(*tables, self.fixed, self.moving)
@@ -383,6 +391,7 @@ class Image:
     def set(self, fields: Mapping[str, float]) -> None:
         """Change numbers of the run."""
         self._run |= fields
+        # in the fields and in the record: the next ``write`` starts from the fields
         for name, value in fields.items():
             self.run[0][name] = value
 
@@ -423,8 +432,21 @@ def complete(image: Image) -> None:
     image.write()
     run = image.run_fields
     for c in range(len(image.classes) if run.get("static") and run.get("newton") else 0):
+        # first number 0: not made yet (``class_record``)
         if image.fixed[image.row(c)["admittance"]] == 0.0:
             make_admittance(image, c)
+
+
+@contextmanager
+def aside(image: Image, room: int) -> Iterator[None]:
+    """Context with a copy of the moving block that has ``room`` numbers behind it: what the kernels change there, and
+    in the records, is as before after it."""
+    kept = image.moving
+    try:
+        image.moving, image._written, image._views = class_record.grown(kept, len(kept) + room), False, {}
+        yield
+    finally:
+        image.moving, image._written, image._views = kept, False, {}
 
 
 def take_marched(image: Image) -> tuple[int, int]:

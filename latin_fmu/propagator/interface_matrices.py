@@ -49,6 +49,7 @@ def projected_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Arr
     """The same for X = diag(``diagonal``); diagonal itself where every channel has a dof of its own."""
     weighted = gain * trace.data * diagonal[trace.indices]
     entries = np.diff(trace.indptr)
+    # one dof per channel, and no dof in two of them
     if entries.max(initial=0) <= 1 and np.bincount(trace.indices).max(initial=0) <= 1:
         on_channels = np.zeros(trace.shape[0])
         on_channels[entries > 0] = weighted * trace.data
@@ -68,6 +69,7 @@ def condensed(compliance: Array, dashpots: Array) -> Array:
     diagonal = compliance.diagonal()
     if np.count_nonzero(compliance) == np.count_nonzero(diagonal):
         return np.diag(diagonal / (1.0 + diagonal * dashpots))
+    # C - C r (1 + r C r)^-1 r C with r = sqrt(d): symmetric, and regular where d is 0
     root = np.sqrt(dashpots)
     scaled = root[:, None] * compliance
     system = scaled * root
@@ -107,11 +109,13 @@ def resistance(compliance: Any, rows: Index) -> float:
     if not isinstance(compliance, np.ndarray):
         return float(compliance.resistance(rows))
     diagonal = compliance.diagonal()
+    # round-off of held directions would count as a support that is next to rigid
     moving = rows[diagonal[rows] > STILL * diagonal.max(initial=0.0)]
     if not len(moving):
         return 0.0
     if COMPILES:
         force = float(face_resistance(routines(), compliance, moving))
+        # -1: singular, as of points that are held to each other
         if force >= 0.0:
             return force
     block = compliance[moving[:, None], moving]
@@ -133,6 +137,7 @@ def project(starts: Index, columns: Index, values: Array, factor: float, matrix:
             weight, line = factor * values[e], matrix[columns[e]]
             for j in range(n):
                 row[j] += weight * line[j]
+        # lower half of row i, the rest by symmetry
         for k in range(i + 1):
             total = 0.0
             for e in range(starts[k], starts[k + 1]):
@@ -152,6 +157,7 @@ def stiffened(starts: Index, columns: Index, values: Array, springs: Array, matr
         for e in range(starts[c], starts[c + 1]):
             weight = springs[c] * values[e]
             for f in range(starts[c], starts[c + 1]):
+                # the lower triangle alone, as ``invert`` reads it
                 if columns[f] <= columns[e]:
                     out[columns[e], columns[f]] += weight * values[f]
 

@@ -59,7 +59,9 @@ class Points:
     def of(self, components: slice, moving: NDArray[np.bool_]) -> Points:
         """These points with some of the components, and with channels that can move only."""
         channels = self.channels[:, components]
+        # -1 reads the last channel, and is masked
         channels = np.where((channels >= 0) & moving[channels], channels, -1)
+        # without components at the end that no point has
         channels = channels[:, : 1 + np.flatnonzero((channels >= 0).any(axis=0)).max(initial=0)]
         kept = (channels >= 0).any(axis=1)
         return Points(self.positions[kept], channels[kept], self.faces[kept])
@@ -69,8 +71,10 @@ class Points:
         if len(self.positions) < 2:
             return self
         nearest = np.asarray(cKDTree(self.positions).query(self.positions, 2)[0])[:, 1]
+        # 1.0 where points coincide
         spacing = float(np.median(nearest)) or 1.0
         x, y, z = (self.positions / spacing).T
+        # the last key first: by face, then by lines along x
         order = np.lexsort((x, np.rint(y), np.rint(z), self.faces))
         return Points(self.positions[order], self.channels[order], self.faces[order])
 
@@ -133,9 +137,11 @@ def interface_tables(propagator: Any, points: Points, truncation: float, largest
         if len(part.channels):
             table = _probed(solve, part, len(moving), rough, SHARE)
             if table is None or not _equal_norms(table, solve, part, len(moving)):
+                # both or none: a force residual takes its two parts from one kind of operator
                 tables.clear()
                 break
             tables[name] = table
+    # both are positive
     if truncation > 0.0 < largest:
         solve = partial(applied, propagator.condensed, ops.trace, 1.0)
         part = points.of(slice(None), moving)
@@ -163,11 +169,14 @@ def _probed(
     sizes = columns.sizes(picked)
     largest = float(sizes.max(initial=0.0))
     apart = np.linalg.norm(points.positions[:, None] - points.positions[picked], axis=2)
+    # a little more, so that round-off of distances does not leave out the farthest one
     radius = 1.0001 * float(apart[sizes > truncation * largest].max(initial=0.0))
     tree = cKDTree(points.positions)
+    # ordered pairs, each point with itself among them
     within = float(tree.count_neighbors(tree, radius)) / len(points.positions) ** 2
     if within > 2.0 * most:  # about half of them are below the truncation
         return None
+    # i < j: each pair once, and the diagonal in front
     pairs = tree.query_pairs(radius, output_type="ndarray")
     every = np.arange(len(points.positions))
     i, j = np.concatenate([every, pairs[:, 0]]), np.concatenate([every, pairs[:, 1]])
@@ -193,6 +202,7 @@ class _Columns:
         forces = np.zeros((self._n + 1, count, width))
         on = groups >= 0
         for e in range(width):
+            # row n takes what has no channel, and is cut off
             forces[self._rows[on, e], groups[on], e] = 1.0
         velocities = np.zeros((self._n + 1, count * width))
         velocities[:-1] = self._solve(forces[:-1].reshape(self._n, -1))
@@ -214,6 +224,7 @@ class _Columns:
             velocities = self._velocities(own, together)
             for rows, columns, turned in ((i, j, False), (j, i, True)):
                 here = np.flatnonzero(own[columns] >= 0)
+                # half from each order: symmetric to the last bit
                 part = 0.5 * velocities[rows[here], :, own[columns[here]]]
                 blocks[here] += part.transpose(0, 2, 1) if turned else part
         return blocks
@@ -233,6 +244,7 @@ def _equal_norms(table: Table, solve: Callable[[Array], Array], points: Points, 
     for forces in (np.random.default_rng(_SEED).standard_normal(n_channel), np.ones(n_channel)):
         x = np.where(points.channels >= 0, forces[points.channels], 0.0)
         rest, exact = columns.difference(table, forces)
+        # x C x is the square of the norm: twice its relative error
         if abs(float(np.vdot(x, rest))) > 2.0 * _NORM_ERROR * float(np.vdot(x, exact)):
             return False
     return True
@@ -252,6 +264,7 @@ def coloured(tree: cKDTree, positions: Array, distance: float) -> Index:
     ends = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.argsort(ends[:, 0], kind="stable")
     near, starts = ends[order, 1], np.searchsorted(ends[order, 0], np.arange(n + 1))
+    # one colour more than the most neighbours: some colour is always free
     taken, colour = np.zeros((n, int(np.diff(starts).max(initial=0)) + 1), dtype=bool), np.empty(n, dtype=np.int64)
     for p in range(n):
         colour[p] = taken[p].argmin()

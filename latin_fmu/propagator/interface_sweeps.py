@@ -84,6 +84,7 @@ def _smallest(model: SubstructureModel, step: float | None) -> int:
     if step is None or model.channel_area.size < _SMALL:
         return _SMALL_LONG
     mass, _, stiffness = model.reduced
+    # beta dt^2 of the average acceleration
     return _SMALL_LONG if long_steps((1.0, 0.0, 0.25 * step**2), mass, stiffness, _NEAR) else _SMALL
 
 
@@ -141,6 +142,7 @@ class InterfaceCompliance:
 
         def diagonal() -> dict[str, Array]:
             inverse = factor.face_inverse(pattern.on_interface)[dofs][:, dofs]
+            # diag(T X T^T), without the product itself
             return {"of_one": np.asarray((trace @ inverse).multiply(trace).sum(axis=1)).ravel()}
 
         name = pattern.store.name("diagonal", factor.name, trace, dofs)
@@ -170,11 +172,12 @@ class InterfaceCompliance:
         x, rest = np.zeros(len(moving)), np.ones(len(moving))
         direction, size, full = np.zeros(len(moving)), 0.0, np.zeros(len(self._diagonal))
         for _ in range(_MOST):
+            # written so that NaN ends it
             if not np.linalg.norm(rest) > _ENOUGH * np.sqrt(len(moving)):
                 break
             scaled = rest / self._diagonal[moving]
             last, size = size, float(rest @ scaled)
-            direction = scaled + (size / last * direction if last else 0.0)
+            direction = scaled + (size / last * direction if last else 0.0)  # 0 in the first iteration
             full[moving] = direction
             image = (self @ full)[moving]
             step = size / float(direction @ image)
@@ -197,6 +200,7 @@ class MassCompliance:
     def diagonal(self) -> Array:
         """Estimate (n_channel,) of the diagonal, from that of M."""
         ops = self._operators
+        # dofs without mass: a large number, no division by zero
         inverse = 1.0 / np.maximum(ops.mass.diagonal()[ops.dofs], np.finfo(float).tiny)
         return np.asarray(ops.trace.multiply(ops.trace) @ inverse)
 
@@ -223,6 +227,7 @@ def all_columns(factor: CholeskyFactor, trace: sp.csr_array, gain: float) -> Arr
     for start in range(0, n, _COLUMNS):
         part = slice(start, min(start + _COLUMNS, n))
         out[:, part] = gain * (trace @ factor.face_solve(trace[part].T.toarray()))
+    # the lower triangle over the upper one: columns differ from rows by round-off
     mirror(out)
     return out
 
@@ -247,6 +252,7 @@ class DashpotPattern:
         size = sp.csr_array((np.ones(self._trace.nnz), self._trace.indices, self._trace.indptr), self._trace.shape)
         self.on_interface = sp.csr_array(size.T @ size)  # as entries of T^T T may cancel
         self.on_interface.sort_indices()
+        # counted from 1: entries that are 0 would vanish from products
         self._numbers = with_data(self.on_interface, np.arange(1.0, self.on_interface.nnz + 1))
         self._pattern = OperatorPattern([*matrices, self.on_interface])
         self._dofs, _, rank = model.at_interface
@@ -255,6 +261,7 @@ class DashpotPattern:
     @cached_property
     def symbolic(self) -> Symbolic:
         """Pattern of the factor, interface dofs its face."""
+        # factors of 1: their pattern alone is read
         some = self.sum([1.0] * len(self._matrices))
         return shared_analysis(Pattern(some, NONE, self.rank, self._dofs, self.store))
 
@@ -270,6 +277,7 @@ class DashpotPattern:
         if dashpots is not None:
             part = sp.csr_array(self._trace.T @ sp.diags_array(dashpots) @ self._trace)
             part.sort_indices()
+            # both sorted: entry e of ``at`` is the place of entry e of ``part``
             at = self._numbers.multiply(with_data(part, np.ones(part.nnz))).tocsr()
             at.sort_indices()
             values[at.data.astype(np.int64) - 1] = part.data
@@ -285,6 +293,7 @@ def interface_last(rank: Array, parts: Array | None, dofs: Index) -> Array:
     late = np.zeros(len(values), dtype=bool)
     late[node[dofs]] = True
     turned = np.empty(len(values))
+    # the last key first: by part, in it the interface last, else as before
     turned[np.lexsort((values, late, parts[first]))] = np.arange(len(values))
     order: Array = turned[node]
     return order

@@ -56,6 +56,7 @@ class Arrays:
 
     def __init__(self, arrays: Sequence[Declared]) -> None:
         self.arrays = tuple(arrays)
+        self._places = tuple((array.name, array.elsewhere) for array in arrays)
         self._sizes = compile(f"[{', '.join(array.size for array in arrays)}]", "sizes of arrays", "eval")
         self.names = self._sizes.co_names
 
@@ -66,9 +67,14 @@ class Arrays:
 
     def place(self, block: Any, record: MutableMapping[str, Any], names: dict[str, Any]) -> None:
         """Reserve the arrays in a block, one after the other, and set their places in the record."""
-        for array, size in zip(self.arrays, self.sizes(names), strict=True):
-            here = size > 0 or array.elsewhere is None
-            record[array.name] = block.reserve(size) if here else record[str(array.elsewhere)]
+        at = block.size
+        for (name, elsewhere), size in zip(self._places, self.sizes(names), strict=True):
+            if size > 0 or elsewhere is None:
+                record[name] = at
+                at += -(-size // LINE) * LINE
+            else:
+                record[name] = record[elsewhere]
+        block.size = at
 
 
 def declared(fields: Iterable[records.Field]) -> dict[str, Arrays]:
@@ -130,6 +136,7 @@ def place_moving(
     per_row = sum(sum(arrays["output"].sizes(sizes)) for arrays, _, sizes in sized)
     window = int(run["longest_window"])
     rows = max(min(max(_OUTPUT // max(per_row, 1), _ROWS[0]), _ROWS[1]), window)
+    # row 0 is the start of the call
     rows = max(COMMUNICATION_ROWS, window + 1) if run.get("n_output", 0) else rows
     state = 0
     for pool in POOLS:
@@ -137,6 +144,7 @@ def place_moving(
             sizes["R"] = rows
             arrays[pool].place(block, record, sizes)
             if pool == "state" and arrays is CLASS:
+                # known once the state of the class is placed, and needed by sizes of its work
                 record["state"], record["energy"] = record["rest"], record["totals"]
                 own = {"n_state": record["totals"] - record["rest"], "n_energy": block.size - record["totals"]}
                 record |= own

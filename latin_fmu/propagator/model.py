@@ -63,6 +63,7 @@ def lumped(matrix: sp.csr_array, nodal: bool) -> sp.csr_array:
         kept = rows % 3 == columns % 3  # mass and stiffness of one component; consistent masses have no other
         sums: Array = np.bincount(rows[kept], data[kept], minlength=matrix.shape[0]).astype(np.float64)
         return diagonal_matrix(_cleared(sums))
+    # onto the column of the same component in the row's own node
     onto = 3 * (rows // 3) + columns % 3
     summed = sp.csr_array(sp.coo_array((data, (rows, onto)), shape=matrix.shape))
     summed.data = _cleared(summed.data)
@@ -105,6 +106,7 @@ class OperatorPattern:
     def _found(self) -> tuple[sp.csr_array, list[Index | None]]:
         """Matrix of zeros with the common pattern; where the entries of each matrix are, None where they are all."""
         filled = [with_data(m, np.ones(m.nnz)) for m in self._given]
+        # often the stiffness has all entries, and no union is made
         largest = max(filled, key=lambda m: m.nnz)
         found = self._within(largest, filled)
         if any(at is not None and len(at) < m.nnz for at, m in zip(found[1], filled, strict=True)):
@@ -141,6 +143,7 @@ def _equal_patterns(first: sp.csr_array, second: sp.csr_array) -> bool:
 
 def _picked(numbers: sp.csr_array, pattern: sp.csr_array) -> Index:
     """Where the entries of a pattern are among those of a larger one, which holds 1, 2, 3, ..."""
+    # counted from 1: an entry 0 would not be in the product
     places: Index = numbers.multiply(pattern).tocsr().data.astype(np.int64) - 1
     return places
 
@@ -274,6 +277,7 @@ class SubstructureModel:
             return matrix
         first = by_nodes if alike is None else alike.stiffness_by_nodes
         if first is not by_nodes and _same_patterns([first], [by_nodes]):
+            # the same arrays, not equal ones: ``class_record`` finds patterns that it has by identity
             by_nodes.indices, by_nodes.indptr = first.indices, first.indptr
         return by_nodes
 
@@ -353,6 +357,7 @@ class SubstructureModel:
         own = self.lumped_mass
         other = self.with_mass(lumped(self.inertia, nodal=False) if own is None else diagonal_matrix(own))
         mass = reduced_diagonal(self.expansion, other.inertia.diagonal())
+        # what the cached property would compute, from the lumped diagonal
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other
 
@@ -371,6 +376,7 @@ def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.c
     if not zeros:
         kept &= matrix.data != 0.0
     counts, rows = np.zeros(len(free), dtype=np.int64), np.flatnonzero(np.diff(matrix.indptr))
+    # rows without entries left out: reduceat would give them one of the next
     counts[rows] = np.add.reduceat(kept, matrix.indptr[rows], dtype=np.int64)
     indptr = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts[free])])
     indices = (np.cumsum(free) - 1)[matrix.indices[kept]]
@@ -399,7 +405,7 @@ def closest_reduced(expansion: sp.csr_array, full: Array) -> Array:
     """Reduced dofs (n, k) closest to full ones (n_full, k): means over the copies of each, where they are copies; least
     squares where full dofs are sums of several (rigid faces)."""
     if is_selection(expansion):
-        means: Array = (expansion.T @ full) / np.maximum(expansion.sum(axis=0), 1)[:, None]
+        means: Array = (expansion.T @ full) / np.maximum(expansion.sum(axis=0), 1)[:, None]  # a dof without copies: 0
         return means
     gram = sp.csc_array(expansion.T @ expansion)
     solved: Array = spla.splu(gram).solve(np.asarray(expansion.T @ full))
@@ -410,6 +416,7 @@ def reduced_rank(expansion: sp.csr_array, rank: Array) -> Array:
     """Elimination rank of the reduced dofs: the last of the full dofs that they stand for."""
     coo = expansion.tocoo()
     reduced = np.zeros(expansion.shape[1])
+    # a dof whose copies are in two parts is eliminated behind both
     np.maximum.at(reduced, coo.coords[1], rank[coo.coords[0]])
     return reduced
 

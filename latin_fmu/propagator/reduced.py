@@ -102,13 +102,16 @@ class ReducedPropagator(Propagator):
         mass, damping, stiffness = model.reduced
         diagonal = stiffness.diagonal()
         c_mass, c_damping, c_stiffness = scheme.operator(dt)
+        # coordinates are orthonormal in the mass
         a = c_mass + c_stiffness * diagonal
         damp = None if damping is None else damping.toarray()
+        # damping couples the coordinates
         inverse: Array = 1.0 / a if damp is None else la.inv(np.diag(a) + c_damping * damp)
         trace: Array = (model.trace @ model.expansion).toarray()
         scaled = inverse[:, None] * trace.T if damp is None else inverse @ trace.T
         compliance = scheme.interface_gain(dt) * scheme.traction_weight * (trace @ scaled)
         dofs = np.arange(len(diagonal))
+        # products of rounded factors: symmetric to round-off
         symmetric = 0.5 * (compliance + compliance.T)
         factor: InterfaceFactor = DiagonalFactor(a)
         if damp is not None:
@@ -146,6 +149,7 @@ class ReducedPropagator(Propagator):
     def sample(self) -> None:
         """Add the share of what is not a mode in the interface velocity (see the module docstring)."""
         ops, v = self.operators, self.state.v
+        # rigid motions, then elastic modes, then static responses
         first = int((ops.diagonal == 0.0).sum()) + self.n_mode
         # squares of interface velocities, summed over instants: of what is no mode, of all
         self.sampled[0] += float(np.square(ops.trace[:, first:] @ v[first:]).sum())
@@ -216,7 +220,9 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
 
     def own(member: SubstructureModel) -> SubstructureModel:
         free = np.diff(model.expansion.indptr) > 0
+        # q = R^T M u, as R is orthonormal in the mass
         start = [weighted.T @ np.where(free, field, 0.0) for field in (member.displacement, member.velocity)]
+        # prescribed motions enter by ``imposed_start``
         rest = np.zeros(n_motion)
         return replace(
             common,
@@ -235,6 +241,7 @@ def _modal_damping(model: SubstructureModel, eigenvalues: Array, stiffness: Arra
     counts from its static response to the prescribed motions, -lambda^-1 phi^T K D."""
     factors = modal_damping(model, eigenvalues)
     rows = np.flatnonzero(factors)
+    # 1 at the mode itself, its static response to each prescribed motion beside it
     relative = stiffness[rows] / eigenvalues[rows, None]
     damping: Array = relative.T @ (factors[rows, None] * relative)
     return damping

@@ -95,10 +95,12 @@ class Vibration:
         largest = np.abs(balanced).max(initial=0.0)
         x: Array = np.zeros_like(forces)
         for _ in range(_REFINEMENTS):
+            # the factor is that of K + shift M: what the shift takes off is put back round by round
             left = balanced - self.stiffness @ x
             if np.abs(left).max(initial=0.0) <= _EXACT * largest:
                 break
             x = x + self._factor.solve(left)
+            # rigid motions are soft with the shift: round-off along them grows by 1 / shift
             x = x - rigid @ (pulled.T @ x)
         return x
 
@@ -112,7 +114,7 @@ def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, A
 
     excited : (n, n_force) columns of length 1.
     """
-    requested = n_mode + 6
+    requested = n_mode + 6  # the rigid motions, six at most
     while True:
         rigid, values, elastic = body.modes(requested)
         complete = rigid.shape[1] + len(values) == body.n
@@ -141,12 +143,12 @@ def strongest_modes(body: Vibration, n_mode: int, forces: Array) -> tuple[Array,
     strength = np.array([shares[group].sum(axis=0).max(initial=0.0) for group in groups])
     chosen, count = list[int](), 0
     for i in np.argsort(-strength, kind="stable").tolist():
-        if count >= n_mode or strength[i] <= _EXCITED**2:
+        if count >= n_mode or strength[i] <= _EXCITED**2:  # shares are squares of cosines
             break
         chosen.append(i)
         count += _excitable(elastic[:, groups[i]], forces).shape[1]
     return rigid, np.column_stack(
-        [elastic[:, :0], *(_excitable(elastic[:, groups[i]], forces) for i in sorted(chosen))]
+        [elastic[:, :0], *(_excitable(elastic[:, groups[i]], forces) for i in sorted(chosen))]  # ascending again
     )
 
 
@@ -225,19 +227,25 @@ def reduce_model(
     if not mass.shape[0]:
         raise ValueError("nothing is free to move")
     body = Vibration(stiffness, mass, None if model.ordering is None else reduced_rank(e, model.ordering))
+    # the closest start that the conditions allow
     start = closest_reduced(e, np.column_stack([model.displacement, model.velocity]))
     forces = _forces(model, shapes)
+    # initial values excite modes as forces do
     excited = _unit(np.column_stack([forces, mass @ start]))
     if exciting is None:
         rigid, modes = lowest_modes(body, n_mode, excited)
     else:
         rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
     kept = np.column_stack([rigid, modes])
+    # static responses beyond what the modes hold
     elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
+    # orthonormal in the mass already: an ordinary eigenproblem
     eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
     q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
+    # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
     full = e @ q
+    # 0 to the bit for rigid motions
     values = np.concatenate([np.zeros(q.shape[1] - len(eigenvalues)), eigenvalues])
     return ReducedModel(
         basis=full,
@@ -247,6 +255,7 @@ def reduce_model(
         area=model.channel_area,
         loads=np.column_stack([np.zeros((q.shape[1], 0)), *(full.T @ load.pattern for load in model.loads)]),
         n_mode=modes.shape[1],
+        # M-orthonormal basis: q = B^T M u
         displacement=q.T @ (mass @ start[:, 0]),
         velocity=q.T @ (mass @ start[:, 1]),
     )
@@ -271,6 +280,7 @@ def _forces(model: SubstructureModel, shapes: Array | None) -> Array:
     """Forces on the free dofs whose static responses the basis holds, (n, n_force)."""
     given = np.eye(model.channel_area.size) if shapes is None else shapes
     columns = model.trace.T @ (model.channel_area[:, None] * given)
+    # forces that prescribed motions exert through K and M
     moved = [matrix @ model.imposed_pattern for matrix in (model.stiffness, model.inertia)]
     forces: Array = model.expansion.T @ np.column_stack([columns, *moved, *(t.pattern for t in model.loads)])
     return _unit(forces)
@@ -305,6 +315,7 @@ def _added(static: Array, kept: Array, mass: sp.csr_array) -> Array:
     added: Array = static @ (vectors[:, good] / np.sqrt(values[good]))
     if good.any():
         added = added - kept @ (kept.T @ (mass @ added))
+        # the eigenvectors of a Gram matrix next to singular are orthonormal to a few digits only
         gram = la.cholesky(added.T @ (mass @ added), lower=True)
         added = la.solve_triangular(gram, added.T, lower=True).T
     return added

@@ -53,7 +53,7 @@ class StableStep:
 
     def allows(self, dt: float) -> bool:
         """Whether a step is stable."""
-        return dt <= self.certain or dt <= self.longest * (1 + _ROUND_OFF)
+        return dt <= self.certain or dt <= self.longest * (1 + _ROUND_OFF)  # the cheap bound first
 
     @cached_property
     def certain(self) -> float:
@@ -69,7 +69,7 @@ class StableStep:
         w2 = largest(self._stiffness, self._mass)
         c = 0.0 if self._lagged is None else max(0.0, largest(self._lagged, self._mass))
         if w2 <= 0.0:
-            return float("inf") if c == 0.0 else 2.0 / c
+            return float("inf") if c == 0.0 else 2.0 / c  # damping alone: dt c <= 2
         return float((np.sqrt(c * c + 4.0 * w2) - c) / w2)
 
 
@@ -81,7 +81,7 @@ def eigenvalue_bound(matrix: sp.csr_array, mass: Array) -> float:
     root = np.sqrt(mass)
     plain = (size @ np.ones(len(mass))) / mass
     scaled = (size @ (1.0 / root)) / root
-    return float(min(plain.max(), scaled.max()))
+    return float(min(plain.max(), scaled.max()))  # both are bounds
 
 
 def largest_eigenvalue(matrix: sp.csr_array, mass: Array) -> float:
@@ -148,4 +148,5 @@ def _lanczos(
         diagonal[step], beside[step] = along, left
         for i in range(n):
             vectors[0, i] = vectors[1, i]
+            # an invariant space: all that follows is zero
             vectors[1, i] = after[i] / left if left > 0.0 else 0.0

@@ -94,17 +94,20 @@ class StaticOperators:
         """
         if not len(self.dofs):
             return np.zeros((0, 0))
+        # S holds springs k_0 already
         shift = sp.csr_array(self.trace.T @ sp.diags_array(self.area * (k - self.springs)) @ self.trace)
         name = self.store.name("springs", self.factor.schur, shift)
         return self.store.remember(name, lambda: {"inverse": self._inverse(shift)})["inverse"]
 
     def _inverse(self, shift: sp.csr_array) -> Array:
         """(S + shift)^-1."""
+        # a symmetric matrix transposed is in the order of LAPACK, without a copy
         root, info = lapack.dpotrf((self.factor.schur + shift.toarray()).T, lower=0, overwrite_a=1)
         if info:
             raise la.LinAlgError("springs that leave the body free to move")
         half, _ = lapack.dpotri(root, lower=0, overwrite_c=1)  # one triangle, zeros in the other
         inverse: Array = half + half.T
+        # the diagonal is in both
         inverse[np.diag_indices_from(inverse)] *= 0.5
         return inverse
 
@@ -129,6 +132,7 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
         whole = sp.csc_array(model.reduced_trace)
         held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
         factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank, store=model.store)
+        # rows of T S T^T on themselves, without the springs k_0 in S
         own = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
         dense = trace @ (trace @ factor.schur_inverse).T / dt
         compliance = 0.5 * (dense + dense.T)
@@ -169,7 +173,7 @@ class StaticPropagator(Propagator):
     @property
     def spring_inverse(self) -> Array:
         """(S + T^T a k/dt T)^-1 for the k of the last ``bind``, (n_gamma, n_gamma), m N-1."""
-        _ = self.condensed
+        _ = self.condensed  # leaves it behind
         return self._spring_inverse
 
     def shared(self, springs: Array) -> list[tuple[float, Any]] | None:
@@ -182,6 +186,7 @@ class StaticPropagator(Propagator):
             return build_static_operators(self.members[0], self._springs, dt)
         known, operators = self._kept[-1]
         assert isinstance(operators, StaticOperators)
+        # velocities per force are as 1 / dt
         return replace(operators, compliance=operators.compliance * (known / dt))
 
     def initial_unbalance(self, traction: Array) -> Array:  # noqa: ARG002, as other propagators

@@ -26,11 +26,8 @@ class QuantityEstimate:
     ----------
     quantity : ``owner.key``. value : of the run, in ``unit``. error : estimated relative error.
     order : observed order of convergence, NaN where none is observed.
-    bound_only : the observed order is not the expected one, or a floor decides: the estimate is a bound, and may be far
-        too large.
-    mesh : relative change when the mesh is twice as coarse, under steps half as long. time : when the step alone is
-        four times as long on that mesh; where the mesh stays, twice as long. NaN: not computed.
-    expected_order : expected order of convergence.
+    bound_only : the changes do not decrease from one refinement to the next: the estimate is no more than a bound.
+    expected_order : order of convergence that the estimate counts on.
     """
 
     quantity: str
@@ -38,8 +35,6 @@ class QuantityEstimate:
     error: float
     order: float = math.nan
     bound_only: bool = True
-    mesh: float = math.nan
-    time: float = math.nan
     expected_order: float = 1.0
 
     @property
@@ -53,17 +48,14 @@ class QuantityEstimate:
         return max(self.error, FLOOR)
 
 
-_OWN: Final = {"observed_order": "order", "change_with_mesh": "mesh", "change_with_time_step": "time"}
 _NUMBERS: Final = rows(
     """
     value                 | - | quantity | value of the quantity, in its unit
     relative_error        | 1 | quantity | estimated relative error
     observed_order        | 1 | quantity | observed order of convergence
-    expected_order        | 1 | quantity | expected order of convergence
-    change_with_mesh      | 1 | quantity | relative change when the mesh is coarser under shorter steps
-    change_with_time_step | 1 | quantity | relative change when the step alone is longer
+    expected_order        | 1 | quantity | order of convergence that the estimate counts on
     """,
-    {name: attrgetter(own) for name, own in _OWN.items()},
+    {"observed_order": attrgetter("order")},
 )
 """Of a ``QuantityEstimate``."""
 _TEXTS: Final = rows(

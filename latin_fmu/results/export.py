@@ -4,7 +4,7 @@ A universal file holds datasets between lines ``-1``: number 164 says its units,
 frequency at one point along one axis (Universal File Formats for Modal Analysis Testing, SDRC; UC-SDRL, University of
 Cincinnati). Numbers are in SI there, in double precision; functions of time have an even abscissa where all steps are
 equal, spectra an uneven one. Sensors are the nodes 1, 2, ... in the order of the file, and the first line of a function
-is its name.
+is its name. Pure numbers (``units = "none"``) have user-defined units there, without labels.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class _Function(NamedTuple):
     node: int
     axis: int
     data: int
-    unit: str
+    unit: str  # NONE of pure numbers
     x: Array
     values: Array
 
@@ -88,14 +88,15 @@ def universal_file(tree: xr.DataTree, names: Sequence[str]) -> str:
     """Motions and stored spectra of sensors as a universal file (module docstring)."""
     units, every = units_of(tree.attrs), list(tree["sensors"].children)
     spectra = stored_spectra(tree)
-    lines = _units()
+    lines = _units(units)
     for name in names:
         node, time = 1 + every.index(name), np.asarray(tree[f"sensors/{name}"]["time"].values)
         for motion, values, unit in _motions(tree, name):
             data, size = _MOTIONS[motion.removesuffix("_filtered")][0], units.size(unit)
+            label = unit if units.measurable else "NONE"
             for axis, letter in enumerate(AXES):
                 own = f"{name} {motion} {letter}"
-                lines += _dataset_58(_Function(own, _TIME, node, axis + 1, data, unit, time, size * values[:, axis]))
+                lines += _dataset_58(_Function(own, _TIME, node, axis + 1, data, label, time, size * values[:, axis]))
         if name in spectra:
             lines += _spectrum(name, node, spectra[name][0], units)
     return "\n".join(lines) + "\n"
@@ -107,15 +108,18 @@ def _spectrum(name: str, node: int, spectrum: ShockSpectrum, units: UnitSystem) 
             for axis, letter in enumerate(AXES):
                 values = units.size(unit) * getattr(spectrum, kind)[r, :, axis]
                 own = f"{name} {response} {kind} {letter} Q {spectrum.quality:g}"
+                label = unit if units.measurable else "NONE"
                 yield from _dataset_58(
-                    _Function(own, _SPECTRUM, node, axis + 1, data, unit, spectrum.frequency, values)
+                    _Function(own, _SPECTRUM, node, axis + 1, data, label, spectrum.frequency, values)
                 )
 
 
-def _units() -> list[str]:
-    """Dataset 164: SI, lengths, forces and temperatures in units of it; temperatures are relative."""
+def _units(units: UnitSystem) -> list[str]:
+    """Dataset 164: SI, lengths, forces and temperatures in units of it, or user-defined ones; temperatures are
+    relative."""
     factors = "".join(f"{x:25.17E}".replace("E", "D") for x in (1.0, 1.0, 1.0))
-    return [_BAR, f"{164:6d}", f"{1:10d}{'SI: Meter (newton)':20s}{2:10d}", factors, f"{273.15:25.17E}", _BAR]
+    code, words = (1, "SI: Meter (newton)") if units.measurable else (9, "US: USER_DEFINED")
+    return [_BAR, f"{164:6d}", f"{code:10d}{words:20s}{2:10d}", factors, f"{273.15:25.17E}", _BAR]
 
 
 _BAR: Final = f"{-1:6d}"
@@ -129,7 +133,7 @@ def _dataset_58(f: _Function) -> Iterator[str]:
     yield f"{f.kind:5d}{0:10d}{0:5d}{0:10d}{response}{reference}"
     yield f"{4:10d}{len(f.x):10d}{int(step > 0):10d}{f.x[0]:13.5E}{step:13.5E}{0.0:13.5E}"
     abscissa, label, unit = _ABSCISSA[f.kind]
-    yield _axis(abscissa, label, unit)
+    yield _axis(abscissa, label, unit if f.unit != "NONE" else f.unit)
     yield _axis(f.data, {8: "Displacement", 11: "Velocity", 12: "Acceleration"}[f.data], f.unit)
     yield from (_axis(0, "NONE", "NONE"), _axis(0, "NONE", "NONE"))
     if step:

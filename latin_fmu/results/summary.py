@@ -84,8 +84,9 @@ def report(outcome: Outcome) -> dict[str, Any]:
     ``warnings``, ``warning_codes`` (of ``remarks.REMARKS``, one each), and ``interfaces``:
     per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
     resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
-    land), ``first_contact_time`` and ``separation_time`` (s; first and last instant at which the normal resultant
-    exceeds 1 % of its peak, None if never) and ``error_indicator``. A solution with an error estimate adds
+    land), ``first_contact_time`` (s; first instant at which the normal resultant exceeds 1 % of its peak),
+    ``separation_time`` (s; from which on its mean over ``peak_duration`` stays below a tenth of ``peak_force``; None of
+    both if never) and ``error_indicator``. A solution with an error estimate adds
     ``error_estimate``, see ``results.estimates``.
     """
     return {
@@ -222,7 +223,7 @@ def _cpu(outcome: Outcome) -> str:
 
 def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
     head = ("interface", "behaviour", "peak force", "mean over", "raw peak", "impulse on side E (x, y, z)")
-    more = ("first contact", "last contact", "slipping area", "sqrt(eta)")
+    more = ("first contact", "separation", "slipping area", "sqrt(eta)")
     return aligned([(*head, *more), *(_row(outcome, history, units) for history in outcome.interfaces.values())])
 
 

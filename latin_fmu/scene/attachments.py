@@ -64,6 +64,7 @@ class PointMass(Place):
             return self
         if self.face is None:
             raise refusal("a point of a solid has no rotation for an inertia", remedy="use 'face', or leave it out")
+        # the moments about two axes are never less than that about the third one
         if min(self.inertia) < 0 or 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-9):
             allowed = "numbers >= 0, none larger than the sum of the other two"
             raise refusal("not the moments of inertia of a body", value=list(self.inertia), allowed=allowed)

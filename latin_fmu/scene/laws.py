@@ -47,6 +47,7 @@ def _interpolated(t: ArrayLike, times: Points, values: Points) -> Array:
 
 def _integral(t0: float, t1: float, times: Points, values: Points) -> float:
     knots = np.asarray(times)
+    # exact: the knots inside are ends of trapezoids
     t = np.concatenate(([t0], knots[(knots > t0) & (knots < t1)], [t1]))
     return float(np.trapezoid(_interpolated(t, times, values), t))
 
@@ -161,6 +162,7 @@ class TimeLaw(Protocol):
 
 def _is_after(times: Array, jump: float) -> NDArray[np.bool_]:
     """True where a time lies after the jump by more than round-off."""
+    # relative to the larger of the two: after a jump at 0 is every instant above 0
     return times - jump > _JUMP_ROUND_OFF * np.maximum(np.abs(times), abs(jump))
 
 
@@ -277,6 +279,7 @@ def sampled(law: TimeLaw, times: ArrayLike) -> Array:
     values = law.sample(t)
     if len(t) > 1 and t[0] == 0.0:
         after = float(law.sample(_JUST_AFTER * t[1:2])[0])
+        # falls at once, by more than half of what the whole first step changes
         if abs(after) < abs(values[0]) and abs(after - values[0]) > 0.5 * abs(values[1] - values[0]):
             values = np.concatenate([[after], values[1:]])
     return values

@@ -64,6 +64,7 @@ def factor(unit: Any, system: UnitSystem = SI) -> float:
     """Factor to the units of a scene of a unit, by its name or the factor itself; 1 for what is none."""
     if isinstance(unit, str):
         known = si_unit(unit)
+        # names are those of SI: into the units of the scene
         return 1.0 if known is None else UNITS[known][unit] / system.size(known)
     return float(unit) if isinstance(unit, int | float) else 1.0
 
@@ -119,6 +120,7 @@ def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None 
     rows = []
     for number, line in [first, *lines]:
         cells = split(line)
+        # two cells without chosen columns: a third would be ambiguous
         row = _numbers(cells, chosen) if columns is not None or len(cells) == 2 else None
         if row is None and number == first[0]:
             continue  # the header

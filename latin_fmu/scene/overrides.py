@@ -47,6 +47,7 @@ def _apply(data: dict[str, Any], setting: str) -> Problem | None:
         return Problem(where, str(error), shown(text), "a TOML value")
     here: Any = data
     for depth, key in enumerate(keys[:-1]):
+        # parts of a mesh file, and tables without names, may be made
         step = _entered(here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(data, keys[0]))
         if isinstance(step, Problem):
             return step
@@ -110,11 +111,14 @@ def parse_value(text: str) -> Any:
     except RecursionError:
         raise ValueError("nested too deeply") from None
     except tomllib.TOMLDecodeError:
+        # brackets, quotes and line breaks are no bare word
         if not text or text[0] in "[{\"'" or "\n" in text:
             raise ValueError("not a value") from None
         return text
+    # the limit of Python on the digits of an integer
     except ValueError:
         raise ValueError("a number with too many digits") from None
+    # a line break in the text could begin another key
     if parsed.keys() != {"value"}:
         raise ValueError("more than one value")
     return parsed["value"]

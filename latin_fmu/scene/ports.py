@@ -98,6 +98,7 @@ class Port(SceneTable):
 
     def loads(self, name: str) -> dict[str, Load]:
         """Loads that act through the port, 1 N or 1 N m times their law, by the names of ``inputs``."""
+        # its motion is prescribed: nothing loads the face
         if self.causality == "motion_in":
             return {}
         return {n: Load(face=self.face, law=self.law(c), **_unit(c)) for n, c in self.inputs(name).items()}

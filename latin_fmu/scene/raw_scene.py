@@ -23,7 +23,7 @@ _MAX_BITS = 4096  # some 1200 digits; Python prints 4300
 
 def plain(data: Any, depth: int = _DEPTH) -> Any:
     """The data with tables built in Python replaced by dictionaries of what was given."""
-    if isinstance(data, BaseModel):
+    if isinstance(data, BaseModel):  # keys that were not given stay away
         return data.model_dump(exclude_unset=True)
     if depth > 0 and isinstance(data, Mapping):
         return {key: plain(item, depth - 1) for key, item in data.items()}

@@ -76,6 +76,7 @@ class Spectrum(SceneTable):
         first = 1.0 / duration if self.lowest is None else self.lowest
         last = 0.1 / step if self.highest is None else self.highest
         last = min(last, nyquist(step))
+        # a range of whole octaves keeps its last frequency whatever the round-off
         count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
         made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
         short = self.highest is not None and made and made[-1] < last * (1 - 1e-9) and len(made) < MAX_FREQUENCIES

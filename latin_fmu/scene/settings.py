@@ -4,6 +4,7 @@ The LATIN iteration does not change the converged result.
 """
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator
@@ -208,27 +209,36 @@ class Output(SceneTable):
         return self.strain or self.nodal_stress or self.principal_stress
 
 
-QUANTITY_KEYS: Final = (
-    "impulse",
-    "first_contact",
-    "separation",
-    "peak_force",
-    "peak_force_raw",
-    "friction_work",
-    "force_history",
-    "displacement",
+QUANTITY_OWNERS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "impulse": "interface",
+        "first_contact": "interface",
+        "separation": "interface",
+        "peak_force": "interface",
+        "peak_force_raw": "interface",
+        "friction_work": "interface",
+        "force_history": "interface",
+        "displacement": "sensor",
+        "displacement_peak": "sensor",
+        "displacement_history": "sensor",
+        "velocity_peak": "sensor",
+        "velocity_history": "sensor",
+        "acceleration_peak": "sensor",
+        "spectrum": "sensor",
+        "bolt_force": "bolt",
+    }
 )
-"""Kinds of quantities: those of interfaces, and the displacement of sensors."""
+"""Kinds of quantities, and the tables with their owners."""
 
 
 def _check_quantity(quantity: str) -> str:
     owner, _, key = quantity.rpartition(".")
-    if key not in QUANTITY_KEYS or "." in owner:
+    if key not in QUANTITY_OWNERS or "." in owner:
         raise refusal(
             "unknown quantity",
             value=quantity,
-            allowed=f"one of {', '.join(QUANTITY_KEYS)}, with the name of one interface or sensor before it or not",
-            remedy=did_you_mean(key, QUANTITY_KEYS),
+            allowed=f"one of {', '.join(QUANTITY_OWNERS)}, after the name of one owner or not",
+            remedy=did_you_mean(key, QUANTITY_OWNERS),
         )
     return quantity
 
@@ -243,7 +253,8 @@ class Accuracy(SceneTable):
     quantity: Annotated[
         Quantity,
         about(
-            'quantity that has to reach the target: "impulse" (of every interface that may open), "crush.impulse", ...'
+            'quantity that has to reach the target: "impulse" (of every interface that may open), "crush.impulse", '
+            '"head.acceleration_peak" (of the sensor head), ...'
         ),
     ] = "impulse"
     target: Annotated[
@@ -490,7 +501,7 @@ def _accuracy_problems(raw: Any) -> Iterator[Problem]:
     """The owner of the quantity aimed at must exist."""
     quantity = single_table(raw, "accuracy").get("quantity")
     owner, _, key = quantity.rpartition(".") if isinstance(quantity, str) else ("", "", "")
-    kind = "sensor" if key == "displacement" else "interface"
+    kind = QUANTITY_OWNERS.get(key, "interface")
     owners = named_tables(raw, kind)
     if kind == "interface" and named_tables(raw, "contact"):
         return  # interfaces are found on the meshes
@@ -508,7 +519,7 @@ def _time_problems(time: RawTable) -> Iterator[Problem]:
     if given(time, "instants") or end is None or step is None or end <= 0.0 or step <= 0.0:
         return
     ratio = end / step
-    if not ratio <= MAX_INSTANTS:
+    if not ratio <= MAX_INSTANTS:  # NaN, too
         yield Problem("time.step", f"more than {MAX_INSTANTS} steps", shown(step), None, "a longer step")
         return
     yield from _length_problems("time.step", step, step)
@@ -531,8 +542,10 @@ def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]
 
 def with_defaults(raw: Any) -> Any:
     """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
-    most of the time there; with the explicit propagator its time scheme; with bolts or temperatures a static start."""
-    strained = named_tables(raw, "bolt") or named_tables(raw, "temperature")
+    most of the time there; with the explicit propagator its time scheme; with bolts, and with temperatures unless an
+    initial state is read, a static start."""
+    heated = named_tables(raw, "temperature") and not given(raw, "initial_state")  # which brings its own start
+    strained = named_tables(raw, "bolt") or heated
     if strained and (time := single_table(raw, "time")) and not given(time, "start"):
         raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")

@@ -186,6 +186,8 @@ ALL = "*"
 def _all_or_listed(value: object) -> object:
     if isinstance(value, str) and value != ALL:
         raise refusal("must be a list of names, or all of them", value=value, allowed='"*", or e.g. ["bolt", "nut"]')
+    if isinstance(value, list | tuple) and ALL in value and len(value) > 1:
+        raise refusal('"*" stands alone', value=list(value), allowed='"*", or e.g. ["bolt", "nut"]')
     return (ALL,) if value == ALL else _as_list(value)
 
 
@@ -209,6 +211,7 @@ def part_name(group: str) -> str:
     name = re.sub("[^A-Za-z0-9_]", "_", group)
     if not name[:1].isalpha():
         name = f"part_{name}"
+    # the name of the ground is taken
     return f"{name}_" if name == GROUND else name[:100]
 
 
@@ -274,6 +277,7 @@ class Load(SceneTable):
         own, force = self.moment or (0.0, 0.0, 0.0), self.force or (0.0, 0.0, 0.0)
         if self.axes is not None:
             own, force = self.axes.to_global(own), self.axes.to_global(force)
+        # r x F of a point off the centre
         x, y, z = np.add(own, np.cross(np.subtract(self.point or centre, centre), force)).tolist()
         return (x, y, z)
 
@@ -281,6 +285,7 @@ class Load(SceneTable):
         """Size of the traction on a face of this area, m2, where the law is 1; Pa."""
         traction = self.uniform_traction(area)
         uniform = abs(self.pressure or 0.0) if traction is None else float(np.linalg.norm(traction))
+        # a moment over area times length, the root of the area
         return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 
@@ -390,7 +395,7 @@ def load_problems(raw: Any) -> Iterator[Problem]:
 def temperature_problems(raw: Any) -> Iterator[Problem]:
     """Problems of the changes of temperature of a scene as written: names, laws, materials without an expansion."""
     bodies, materials = named_tables(raw, "substructure"), named_tables(raw, "material")
-    unknown = dict[Any, tuple[str, str]]()
+    unknown = dict[str, tuple[str, str]]()
     for name, table in named_tables(raw, "temperature").items():
         listed = text_list(table.get("substructures"))
         for i, body in enumerate(listed):
@@ -407,10 +412,11 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
                 "give its course as a table",
             )
         for body, own in bodies.items():
-            if (not listed or ALL in listed or body in listed) and own.get("rigid") is not True:
-                unknown.setdefault(own.get("material"), (name, body))
+            material, heated = own.get("material"), not listed or ALL in listed or body in listed
+            if heated and own.get("rigid") is not True and isinstance(material, str):
+                unknown.setdefault(material, (name, body))
     for material, (name, body) in unknown.items():
-        own = materials.get(material, {}) if isinstance(material, str) else {}
+        own = materials.get(material, {})
         turned = given(own, "orthotropic")
         key = "orthotropic.thermal_expansions" if turned else "thermal_expansion"
         if own and not given(single_table(own, "orthotropic") if turned else own, key.rpartition(".")[2]):

@@ -32,7 +32,7 @@ def unit_text(unit: str, figure: bool = False) -> str:
             size = power.lstrip("-")
             raised = "" if size == "1" else "^" + size if "." in size else size.translate(_RAISED) if figure else size
             (below if power.startswith("-") else above).append(name + raised)
-    text = " ".join(above) or "1" * bool(below)
+    text = " ".join(above) or "1" * bool(below)  # "1/s" of what stands below alone
     return "/".join([text, *below]) if below else text
 
 
@@ -67,6 +67,7 @@ class UnitSystem:
         for name, power in _factors(unit):
             own = self.names.get(name, name)
             if own != "1":
+                # a name of two words, raised to a power, would raise the last one only
                 assert power == "1" or " " not in own, unit
                 parts.append(own if power == "1" else own + power)
         return " ".join(parts) or "1"
@@ -81,6 +82,7 @@ class UnitSystem:
         """Whether numbers can be compared with those in SI."""
         return self.name != "none"
 
+    # one object for each name: systems are compared by identity after unpickling, too
     def __reduce__(self) -> tuple[Callable[[object], "UnitSystem"], tuple[str]]:
         return system_named, (self.name,)
 
@@ -92,6 +94,7 @@ class UnitSystem:
 def _system(name: SystemName, names: dict[str, str], length: float, force: float) -> UnitSystem:
     """A system of seconds, by its units of length, m, and force, N."""
     sizes = {"m": length, "N": force, "Pa": force / length**2, "J": force * length, "W": force * length}
+    # s is the same in all
     return UnitSystem(name, MappingProxyType(names), MappingProxyType(sizes | {"kg": force / length}))
 
 

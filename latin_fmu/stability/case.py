@@ -145,11 +145,12 @@ def run_case(case: Case, end: float | None = None) -> CaseResult:
     failure = ""
     try:
         measures = list(case.check(bench))
+    # ``LimitError`` is none of these: it ends the suite
     except (ArithmeticError, LatinError, ValueError) as error:
         failure = f"{type(error).__name__}: {error}"
     limits = "; ".join(f"{m.what} <= {m.limit:.3g}" for m in measures)
     counts = bench.iterations
-    passed = bool(measures) and all(m.passed for m in measures)
+    passed = bool(measures) and all(m.passed for m in measures)  # a case without measures has shown nothing
     return CaseResult(
         case=case.name,
         family=case.family,
@@ -161,6 +162,7 @@ def run_case(case: Case, end: float | None = None) -> CaseResult:
         mean_iterations=sum(counts) / len(counts) if counts else 0.0,
         fallbacks=bench.fallbacks,
         seconds=time.perf_counter() - start,
+        # a case that holds again is not marked
         known=bool(case.fault) and not passed,
     )
 
@@ -219,9 +221,11 @@ def mean_iterations(solution: Solution) -> float:
 
 def turns(force: Array, level: float) -> int:
     """How often a force turns back by more than ``level``."""
+    # as if it rose before: a first fall counts as a turn
     count, peak, rising = 0, float(force[0]), True
     for value in map(float, force[1:]):
         if (value - peak) * (1 if rising else -1) > 0:
+            # the extreme moves on; a step back counts from it, however many instants it takes
             peak = value
         elif abs(value - peak) > level:
             count, rising, peak = count + 1, not rising, value
@@ -273,6 +277,7 @@ def contact_laws(solution: Solution) -> list[Measure]:
         size = float(np.abs(history.traction).max()) or 1.0
         normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
         shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)
+        # traction on E along its outward normal: compression is negative
         tension = max(tension, float(normal.max()) / size)
         excess = shear - history.mu * np.maximum(-normal, 0.0)
         cone = max(cone, float(excess.max()) / size)
@@ -307,6 +312,7 @@ def penetration_bound(solution: Solution) -> float:
     pushes a penetrated point out), plus what the tolerance lets pass: in each step anew the velocities of both
     sides agree to the force tolerance (1e-2) of their sum, at most twice the largest in the assembly.
     """
+    # equal steps from 0: the second instant is the step
     worst, step, span = 0.0, float(solution.time[1]), float(solution.time[-1])
     fastest = max(float(np.abs(history.velocity).max()) for history in solution.interfaces.values())
     for history in solution.interfaces.values():

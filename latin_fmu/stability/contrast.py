@@ -140,6 +140,7 @@ def shape_cases() -> Iterator[Case]:
 
 
 def _sliver(shape: str, aspect: float, bench: Bench) -> list[Measure]:
+    # thin along z, the way of the wave: the step follows the thickness
     size = {"thin": (1, 1, 1 / aspect), "long": (1, 1, aspect), "flat": (aspect, 1, 1)}[shape]
     step = 0.2 / aspect if shape == "thin" else 0.2
     material = Material(1.0, 1.0, 0.3)
@@ -161,6 +162,7 @@ def _symmetry(friction: float, bench: Bench) -> list[Measure]:
     tight: dict[str, Any] = {"tolerance": 1e-10, "max_iterations": 3000}
     quarter = bench.converged(press(friction, 2, 60, **tight)).interfaces["meet"]
     full = bench.converged(press(friction, 2, 60, quarter=False, **tight), counted=False).interfaces["meet"]
+    # the points of the quarter are among those of the full model
     apart = np.linalg.norm(full.points[None] - quarter.points[:, None], axis=2)
     same = apart.argmin(axis=1)
     assert full.gap is not None
@@ -193,6 +195,7 @@ def _eight(friction: float, bench: Bench) -> list[Measure]:
         block = Box(elements=(2, 2, 2), velocity=(0.3 - 0.6 * i, 0.2 - 0.4 * j, 1.0 - 2.0 * k))
         scene["substructure"][f"b{i}{j}{k}"] = block.table(tuple(map(float, place)))
         for axis, name in enumerate("xyz"):
+            # a block below 1 on an axis has the one above it as neighbour
             if place[axis] == 0:
                 other = "".join("1" if n == axis else str(c) for n, c in enumerate(place))
                 faces = f"b{i}{j}{k}.{name}max", f"b{other}.{name}min"

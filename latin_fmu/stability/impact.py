@@ -58,7 +58,7 @@ def _closing(gap: float, bench: Bench) -> list[Measure]:
     solution = bench.converged(_thrown_together(gap))
     given = bench.converged(_thrown_together(gap, in_mesh=False), counted=False)
     force, time = pressure_force(solution), solution.time
-    first = time[np.argmax(force > 0.01 * force.max())]
+    first = time[np.argmax(force > 0.01 * force.max())]  # the first True
     return [
         Measure("impulse off by", abs(impulse(solution) - 1.0), 0.75 * STEP),
         Measure("first contact late by steps", abs(first - gap) / STEP, 1.5),
@@ -91,7 +91,7 @@ def _overlap(bench: Bench) -> list[Measure]:
 def _touching(bench: Bench) -> list[Measure]:
     solution = bench.converged(_thrown_together(0.0))
     force = pressure_force(solution)
-    early = force[1:20]
+    early = force[1:20]  # without t = 0, where nothing acts yet
     return [
         Measure("largest stress over Z v/2", float(early.max()) / 0.5, 1.4),
         Measure("lack at step 2", 1.0 - float(force[2]) / 0.5, 0.3),
@@ -137,6 +137,7 @@ def _barely_touching(bench: Bench) -> list[Measure]:
     force = pressure_force(solution, "roof")
     # a point mass would just touch: 1 t - 5 t^2 = 0.05 at t = 0.1; the step resolves the top within dt^2 g / 8
     return [
+        # Z v = 30 x 0.01
         Measure("stress over that of 1 % of the launch speed", float(force.max()) / (30.0 * 0.01), 1.0),
         Measure("openings", openings(force, 0.0), 3),
         *energy_laws(solution),
@@ -155,7 +156,7 @@ def _preload(bench: Bench) -> list[Measure]:
     return measures
 
 
-PERIOD = 8 / 3  # from one contact to the next
+PERIOD = 8 / 3  # from one contact to the next: 2 s of flight from height 5 under gravity 10, and 2 L/c of contact
 FALL = 500.0  # energy of the fall, J
 
 
@@ -188,6 +189,7 @@ def long_cases() -> Iterator[Case]:
 def bouncing(bounces: int, elements: int, scheme: dict[str, Any], **solver: Any) -> Description:
     """The bar dropped from 5 under gravity 10, step 0.6 of the transit of an element."""
     end = PERIOD * bounces
+    # transit of an element: (10 / elements) / 30
     instants = round(end / (0.6 / 3 / elements))
     scene = thrown(elements, instants, end, 5.0, 0.0, 10.0, **solver)
     scene["time"]["scheme"] = scheme
@@ -235,8 +237,9 @@ def _keeps(elements: int, bench: Bench) -> list[Measure]:
 def _landing(courant: float, scheme: dict[str, Any], bench: Bench) -> list[Measure]:
     """The bar thrown at 10 from 0.1 above the ground: force 300 for 2/3, worst of three landing phases."""
     elements, peaks, gained = 40, [], []
-    step = courant / 3 / elements
+    step = courant / 3 / elements  # in transits of 10/40 at speed 30
     for phase in (0.1, 0.4, 0.9):
+        # gap crossed at speed 10 after ``phase`` of a step
         scene = thrown(
             elements, max(8, round(0.9 / step)), max(8, round(0.9 / step)) * step, 10 * phase * step, -10.0, 0.0
         )

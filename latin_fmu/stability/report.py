@@ -102,6 +102,7 @@ def stability_figure(rows: Sequence[CaseResult]) -> Figure:
 
 
 def _margins(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
+    # infinite margins end at the edge of the figure
     values = np.clip([row.margin for row in rows], _SMALLEST, 1e3)
     axes.hlines(place, _SMALLEST, values, color="0.85", linewidth=1)
     passed = np.array([row.passed for row in rows], dtype=bool)
@@ -115,6 +116,7 @@ def _margins(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
 
 
 def _counts(axes: Axes, rows: Sequence[CaseResult], place: np.ndarray) -> None:
+    # 0 has no place on a logarithmic axis
     largest = np.array([max(row.iterations, 0.8) for row in rows], dtype=float)
     mean = np.array([max(row.mean_iterations, 0.8) for row in rows])
     axes.hlines(place, mean, largest, color=_QUIET, linewidth=1.5)

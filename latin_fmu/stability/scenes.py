@@ -105,6 +105,48 @@ def placed(bodies: Mapping[str, tuple[Box, Triple]], time: Mapping[str, Any], **
     }
 
 
+def bolted_stack(
+    material: Material, force: float, friction: float, time: Mapping[str, Any], **tables: Any
+) -> Description:
+    """Two plates between two yokes, which two bolts beside the plates pull together; held at the foot.
+
+    Parameters
+    ----------
+    force : of each bolt, N. friction : coefficient between the plates. time, tables : as in ``placed``.
+    """
+    places = {  # origin, size in mm, elements
+        "base": ((0, 0, 0), (60, 20, 8), (12, 4, 2)),
+        "lower": ((20, 0, 8), (20, 20, 6), (4, 4, 2)),
+        "upper": ((20, 0, 14), (20, 20, 6), (4, 4, 2)),
+        "cover": ((0, 0, 20), (60, 20, 8), (12, 4, 2)),
+        "left": ((5, 5, 8), (5, 10, 12), (2, 4, 4)),
+        "right": ((50, 5, 8), (5, 10, 12), (2, 4, 4)),
+    }
+    bodies = {
+        name: (Box(material, [1e-3 * s for s in size], counts, keys={"bending_modes": True}), [1e-3 * x for x in at])
+        for name, (at, size, counts) in places.items()
+    }
+    bonds = {
+        f"{bolt}_{yoke}": {"sides": sides, "behaviour": "perfect"}
+        for bolt in ("left", "right")
+        for yoke, sides in (("base", ["base.zmax", f"{bolt}.zmin"]), ("cover", [f"{bolt}.zmax", "cover.zmin"]))
+    }
+    contacts = {
+        "bottom": rubbing("base.zmax", "lower.zmin", 0.5),
+        "joint": rubbing("lower.zmax", "upper.zmin", friction),
+        "top": rubbing("upper.zmax", "cover.zmin", 0.5),
+    }
+    axis = [0.0, 0.0, 1.0]
+    return placed(
+        bodies,
+        time,
+        interface=bonds | contacts,
+        boundary={"held": {"type": "fixed", "face": "base.zmin"}},
+        bolt={name: {"substructure": name, "axis": axis, "force": force} for name in ("left", "right")},
+        **tables,
+    )
+
+
 def rubbing(first: str, second: str, friction: float) -> Description:
     """Table of a contact of two faces with Coulomb friction."""
     return {"sides": [first, second], "friction_coefficient": friction}
@@ -145,6 +187,7 @@ def thrown(
     elements: int, instants: int, end: float, gap: float, speed: float, gravity: float, **solver: Any
 ) -> Description:
     """Bar of length 10, E 900, rho 1 (wave speed 30) above rigid ground, thrown down or dropped; interface ``wall``."""
+    # density 1
     falling = replace(bar(Material(900.0), 10.0, elements, speed), keys={"body_force": [0.0, 0.0, -gravity]})
     time = {"end": end, "instants": instants}
     scene = column({"bar": falling}, {}, time, solver=solver, output={"energy": True})
@@ -168,11 +211,13 @@ EDGE, PRESSURE = 0.01, 200e6
 
 def press(friction: float, elements: int = 3, instants: int = 100, quarter: bool = True, **solver: Any) -> Description:
     """Steel block on aluminium block crushed by a half-sine pressure of 10 us; the base slides and stays down."""
+    # planes of symmetry at x = 0 and y = 0
     side, count = (EDGE, elements) if quarter else (2 * EDGE, 2 * elements)
     low, up = (Box(m, (side, side, EDGE), (count, count, elements)) for m in (ALUMINIUM, STEEL))
     scene = two_boxes(low, up, 30e-6 / instants, instants, friction, **solver)
     _crush(scene, quarter)
     if not quarter:
+        # about the axes, so that the quarter keeps its place
         for table in scene["substructure"].values():
             table["box"]["origin"][:2] = [-EDGE, -EDGE]
     return scene

@@ -39,6 +39,7 @@ def typed_box(cell_type: str, origin: Array, size: Array, elements: tuple[int, i
             groups += [np.array(HEX_FACES), np.arange(8)[None]]
         parts, places, count = [cells], [nodes], len(nodes)
         for group in groups:
+            # an edge or face is known by its corners in ascending order: cells that share it get one node
             keys = np.sort(cells[:, group], axis=2).reshape(-1, group.shape[1])
             unique, inverse = np.unique(keys, axis=0, return_inverse=True)
             places.append(nodes[unique].mean(axis=1))
@@ -53,6 +54,7 @@ def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
     low, high, skin, faces = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0), boundary(mesh), {}
     for axis, letter in enumerate("xyz"):
         for end, value in (("min", low[axis]), ("max", high[axis])):
+            # of the extent: nodes of a plane of the box have its coordinate but for round-off
             near = 1e-9 * np.ptp(mesh.nodes[:, axis])
             on = [b.facets[(np.abs(mesh.nodes[b.facets][..., axis] - value) < near).all(axis=1)] for b in skin.blocks]
             faces[letter + end] = FacetSet.of(*(f for f in on if len(f)))
@@ -74,7 +76,7 @@ def write_mesh(file: Path, mesh: Mesh, place: Callable[[Array], Array] | None = 
         marks.append(np.ones(len(volume.cells), dtype=np.int64))
     made = meshio.Mesh(
         mesh.nodes if place is None else place(mesh.nodes),
-        cells,
+        cells,  # number, dimension
         cell_data={"gmsh:physical": marks, "gmsh:geometrical": marks},
         field_data={"body": np.array([1, 3]), **{n: np.array([t, 2]) for n, t in tags.items()}},
     )
@@ -139,6 +141,7 @@ def squeezed(flat: float, height: float, elements: int) -> Place | None:
         moved, layer = nodes.copy(), height / elements
         low = nodes[:, 2].min()
         number = np.round((nodes[:, 2] - low) / layer).astype(int)
+        # every second layer is thin, the next one thicker by as much; the top stays
         odd = (number % 2 == 1) & (number < elements)
         moved[odd, 2] -= (1.0 - flat) * layer
         return moved
@@ -162,6 +165,7 @@ def _patch(cell: str, aspect: float, flat: float, bench: Bench) -> list[Measure]
         names = [("low", "z"), *((body, axis) for body in ("low", "up") for axis in "xy")]
         scene["boundary"] = {f"{b}_{a}": {"type": "symmetry", "face": f"{b}.{a}min"} for b, a in names}
         history = bench.converged(scene).interfaces["meet"]
+    # traction on E along its outward normal
     pressure = -np.einsum("tpc,pc->tp", history.traction, history.normals)[-1] / 1e-3
     return [
         Measure("pressure at a point off by", float(np.abs(pressure - 1.0).max()), 1e-6),

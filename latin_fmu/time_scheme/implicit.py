@@ -125,11 +125,13 @@ class Newmark(TimeScheme):
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
         """The displacement of the new instant: springs of a layer are those of a mesh."""
         zero, one = np.zeros(1), np.ones(1)
+        # the recursion is linear in the new velocity: its value without one, and its factor
         rest, _ = self.advance_opening(gap, v, a, np.zeros_like(v), dt)
         return rest, float(self.advance_opening(zero, zero, zero, one, dt)[0][0])
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Weights of the energy identity in the module docstring."""
+        # (1 - gamma) times the equation of motion of n, gamma times that of n + 1, each with its alpha
         new, old = self.gamma, 1 - self.gamma
         force = (-old * self.alpha, old * (1 + self.alpha) - new * self.alpha, new * (1 + self.alpha))
         return force, (old, new)
@@ -165,6 +167,7 @@ class MasslessContact(Newmark):
 
     def advance_opening(self, gap: Array, v: Array, a: Array, new: Array, dt: float) -> tuple[Array, Array]:  # noqa: ARG002
         """Opening gap + dt * new, exactly."""
+        # the acceleration of the opening has no part in it
         return gap + dt * new, a
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
@@ -189,6 +192,7 @@ class GeneralizedAlpha(MasslessContact):
         a_m, a_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         shape = {"beta": 0.25 * (1 - a_m + a_f) ** 2, "gamma": 0.5 - a_m + a_f}
         Newmark.__init__(self, **shape, alpha=0.0, name="generalized_alpha")
+        # the fields of a frozen dataclass
         object.__setattr__(self, "old_weights", (a_m, a_f))
         object.__setattr__(self, "landing_damping", landing_damping)
 
@@ -218,6 +222,7 @@ class GeneralizedAlpha(MasslessContact):
 
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:  # noqa: ARG002
         """The displacement u_w: springs of a layer are those of a mesh."""
+        # a_f gap + (1 - a_f) (gap + dt new)
         return gap, self.force_weight * dt
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:

@@ -99,9 +99,11 @@ class TimeScheme(Protocol):
         """Acceleration of the new instant of a free body, from that of the old one and the forces per mass at both
         instants: the equation of motion of the scheme without C and K."""
         if self.explicit:
+            # as in the equation of motion of the step
             mean: Array = 0.5 * (old + new)
             return mean
         a_m, a_f = self.old_weights
+        # one of a_f and ``memory_weight`` is zero in every scheme
         weighted: Array = self.force_weight * new + (a_f - self.memory_weight) * old - a_m * a_old
         return weighted / (1.0 - a_m)
 
@@ -145,6 +147,7 @@ class TimeScheme(Protocol):
 def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     """Numbers of ``kernels.records.RUN_NUMBERS`` that belong to a time scheme and a step: the factors of its linear
     recursions, which are the values of its own functions for unit arguments."""
+    # unit vectors for arguments: entry i of a result is its factor of argument i
     nothing, (first, second, third) = np.zeros(3), np.eye(3)
     # half of an explicit step is made before the forces are known, half after
     late = 0.5 * dt if scheme.explicit else 0.0
@@ -157,6 +160,7 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
     mass_old, force_old = scheme.old_weights
     numbers = {
         "dt": dt,
+        # of the first half of an explicit step: the second one follows as ``u_late``
         "u_v": u[0] - late,
         "u_a": u[1],
         "v_a": v[1],
@@ -176,7 +180,7 @@ def coefficients(scheme: Any, dt: float) -> dict[str, float]:
         "gap_offset": scheme.gap_offset(dt),
         "layer_v": layer[0],
         "layer_a": layer[1],
-        "layer_rate": 1 / span,
+        "layer_rate": 1 / span,  # displacement laws take the jump of displacement times this
         "opening_v": opening[0],
         "opening_a": opening[1],
         "opening_new": opening[2],
@@ -232,7 +236,7 @@ class CentralDifference(TimeScheme):
     def layer_jump(self, gap: Array, v: Array, a: Array, dt: float) -> tuple[Array, float]:
         """Mean of the step, u_n + dt/4 (v_n + v_{n+1}) = x + dt/4 (v_{n+1} - v_n): second order, and a layer of any
         stiffness leaves the stable step alone."""
-        return gap - 0.25 * dt * v, 0.25 * dt
+        return gap - 0.25 * dt * v, 0.25 * dt  # the gap is that of x, dt/2 after the old instant
 
     def energy_weights(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
         """Interface tractions act over the step that ends in their instant."""

@@ -11,7 +11,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy.adaptive_resolution import COURANT, Choice, RefinementSequence, choose, step_ratio
-from latin_fmu.accuracy.runs import measure_solution
+from latin_fmu.accuracy.quantities import measure_solution
 from latin_fmu.cli import main
 from latin_fmu.commands import LIMITED, NOT_CONVERGED
 from latin_fmu.results.quantities_of_interest import IMPULSE
@@ -44,7 +44,6 @@ def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
     choice, true = aimed(impact_bar(), "peak_force_raw", 0.05)
     assert not choice.reached
     assert "take peak_force, a mean over a stated time" in choice.sentence
-    assert choice.error >= 0.12
     assert true <= choice.error
 
 
@@ -58,7 +57,7 @@ def test_the_raw_peak_of_a_force_that_jumps_is_refused() -> None:
 def test_the_accuracy_guaranteed_for_landing_bars_is_reached(
     made: Callable[[], Known], quantity: str, target: float
 ) -> None:
-    """Within eight runs; the raw peak carries its floor of 12 %."""
+    """Within twelve runs, the cheap ones across included."""
     known = made()
     output = known.scene.output.model_copy(update={"energy": False})
     accuracy = known.scene.accuracy.model_copy(update={"quantity": quantity})
@@ -67,19 +66,16 @@ def test_the_accuracy_guaranteed_for_landing_bars_is_reached(
     choice = choose(scene, target, 60.0, lines.append)
     assert choice.reached
     assert choice.solution is not None
-    measured, owner = measure_solution(scene, choice.solution), choice.quantity.partition(".")[0]
+    measured = measure_solution(scene, choice.solution)
     assert max(measured.error(choice.quantity, known.exact), choice.error) <= target
-    assert sum(" s  mesh x" in line for line in lines) <= 8
-    assert choice.solution.estimate is not None
-    raw = choice.solution.estimate[f"{owner}.peak_force_raw"].error
-    assert max(0.12, measured.error(f"{owner}.peak_force_raw", known.exact)) <= raw
+    assert sum(" s  mesh x" in line for line in lines) <= 12
 
 
 def test_what_costs_too_much_is_refused_before_it_is_run() -> None:
     choice, _ = aimed(impact_bar(), "impulse", 0.001, limit=0.5)
     assert not choice.reached
-    assert "above the limit of 0.5 s" in choice.sentence
-    assert choice.seconds < 10.0
+    assert "of the limit of 0.5 s for all runs" in choice.sentence
+    assert choice.seconds < 1.0
 
 
 def test_steps_follow_the_courant_number() -> None:
@@ -100,28 +96,22 @@ def test_runs_that_agree_on_an_order_extrapolate() -> None:
     assert not estimate.bound_only
     assert 0.4 < estimate.order < 1.3
     assert true <= estimate.error <= 3.0 * true
-    assert len(sequence.runs) == 4
+    assert len(sequence.runs) == 3
 
 
-def test_two_runs_and_the_one_across_make_a_bound() -> None:
-    """The change of the impulse by a refinement by two (half of 35 elements are 18) counts 7/4 without a third run,
-    that by four times the steps on the coarser mesh, over the ratio, 3/4; and the iteration."""
+def test_two_runs_make_a_bound() -> None:
+    """The change of the impulse by a refinement by two (half of 35 elements are 18) counts twice without a third run;
+    and the iteration."""
     known = impact_bar()
     sequence = RefinementSequence(known.scene, lambda _: None)
     halves = [sequence.at(factor) for factor in sequence.chain(0.35)[:2]]
-    without = sequence.estimate(0.35, "wall.impulse", across=False)
-    assert len(sequence.runs) == 2
     estimate = sequence.estimate(0.35, "wall.impulse")
-    assert len(sequence.runs) == 3
+    assert len(sequence.runs) == 2
     assert estimate.bound_only
     at = {run.resolution: run.quantities.values["wall.impulse"] for run in sequence.runs}
     fine, half = (at[resolution] for resolution in halves)
-    across = next(value for resolution, value in at.items() if resolution.time > sequence.at(0.35).time)
     ratio, left = sequence.at(0.35).time / sequence.at(0.18).time, 0.5 * known.scene.solver.tolerance
-    bound = IMPULSE.safety * IMPULSE.irregular
-    last, steps = abs(fine - half) / fine / (ratio - 1.0), abs(across - half) / fine / ratio
-    assert without.error == pytest.approx(bound * 1.75 * last + left, rel=1e-6)
-    assert estimate.error == pytest.approx(bound * (1.75 * last + 0.75 * steps) + left, rel=1e-6)
+    assert estimate.error == pytest.approx(IMPULSE.safety * 2.0 * abs(fine - half) / fine / (ratio - 1.0) + left)
     assert abs(fine / 200.0 - 1.0) <= estimate.error
 
 
@@ -134,22 +124,22 @@ def searched(settings: list[str]) -> tuple[Choice, list[str]]:
 
 
 def test_the_search_makes_no_run_twice() -> None:
-    """Two coarse runs and the one across are enough for 5 %; where the scene requests no output the finer one is the
-    result, else it is made once more with its output."""
+    """Three coarse runs are enough for 5 %, the coarsest for the estimate of the one that confirms; where the scene
+    requests no output the finest one is the result, else it is made once more with its output."""
     bare, runs = searched(["output.energy=false", "output.fields=false"])
     assert bare.reached
     assert len(runs) == 3
     assert not any("with its output" in line for line in runs)
-    full, runs = searched(["output.energy=false", "output.fields=false", "output.surfaces=true"])
-    assert len(runs) == 4
-    assert "with its output" in runs[-1]
+    full, again = searched(["output.energy=false", "output.fields=false", "output.surfaces=true"])
+    assert len(again) == len(runs) + 1
+    assert "with its output" in again[-1]
     assert full.resolution == bare.resolution
     assert full.solution is not None
     assert full.solution.surfaces
 
 
 def test_the_search_grows_towards_a_sharper_target() -> None:
-    """Runs with their halves and those across, none twice; all others cost at most three times the finest."""
+    """Runs with their halves, none twice; all others cost at most three times the finest."""
     lines: list[str] = []
     scene = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", ["output.energy=false", "output.fields=false"])
     choice = choose(scene, 0.01, 60.0, lines.append)

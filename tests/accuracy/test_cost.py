@@ -12,7 +12,8 @@ import pytest
 import xarray as xr
 
 from latin_fmu.accuracy import study as study_module
-from latin_fmu.accuracy.runs import MeasuredRun, Quantities, Resolution, RunTimeFit, run_at
+from latin_fmu.accuracy.quantities import Quantities
+from latin_fmu.accuracy.runs import MeasuredRun, Resolution, RunTimeFit, run_at
 from latin_fmu.accuracy.study import (
     REDUCTION,
     SPACE,

@@ -71,7 +71,7 @@ def test_windowed_estimate_is_that_of_the_plain_run() -> None:
     times = np.linspace(0.0, END, STEPS + 1)
     plain = with_law(KNOWN, {"type": "table", "times": times.tolist(), "values": pulse(times).tolist()})
     expected = latin_fmu.estimate_error(plain, latin_fmu.solve(plain))
-    assert len(estimate.quantities) == len(expected.quantities) == 8
+    assert len(estimate.quantities) == len(expected.quantities) == 18
     for ours, theirs in zip(estimate.quantities, expected.quantities, strict=True):
         assert ours.quantity == theirs.quantity
         assert ours.value == pytest.approx(theirs.value, rel=1e-6)
@@ -130,7 +130,7 @@ def test_what_is_not_known_is_not_estimated() -> None:
     uneven = driven(HOLD, steps=60, last=0.37)
     grid = END / STEPS / uneven.scene.time.time_step
     even = driven(HOLD, steps=60, last=np.floor(0.37 * grid) / grid)
-    assert len(even.estimate_error().quantities) == 8
+    assert len(even.estimate_error().quantities) == 18
     for ours, theirs in zip(uneven.estimate_error().quantities, even.estimate_error().quantities, strict=True):
         assert (ours.quantity, ours.error) == (theirs.quantity, pytest.approx(theirs.error, rel=1e-9, abs=1e-12))
     moved = Session(uneven.scene, uneven.settings)

@@ -56,7 +56,7 @@ def by_python(session: Session) -> Session:
     from the laws of the scene (``Timeline``), marched without communication steps."""
     mode = session._mode
     assert isinstance(mode, Windowed)
-    kernels = mode._kernels
+    kernels = mode.kernels
 
     def given_up(loads: Loads, part: GridPart, _early: bool) -> None:
         run = mode.run
@@ -67,7 +67,10 @@ def by_python(session: Session) -> Session:
         step, run = kernels.begun, mode.run
         assert step is not None
         run.set_state(step.state if step.state["made"] else None)
-        return mode.advance(step.n, step.loads.driving(step.part, run.dt, mode.rule))
+        loads = step.loads.driving(step.part, run.dt, mode.rule)
+        end, recorder = (run.made + step.n) * run.dt, mode._outputs.recorder(loads)
+        with np.errstate(all="ignore"):
+            return run.advance(end, step.n, loads, recorder=recorder)
 
     kernels.march, kernels.recorded = given_up, recorded  # type: ignore[method-assign,assignment]
     kernels.accept = lambda loads: loads.accept(kernels.begun.part, mode.run.dt, mode.rule)  # type: ignore

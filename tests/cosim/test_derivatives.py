@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import latin_fmu
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.errors import InputError, LatinError
+from latin_fmu.errors import InputError, LatinError, SolverError
+from latin_fmu.kernels.derivatives import UNSOLVED
 from latin_fmu.scene.schema import Scene
+from latin_fmu.stability.scenes import STEEL, Box, column
 
 from .scenes import blocks
 from .test_driven import bars
+from .test_ports import Z, bar
 
 PRECISE = Settings(tolerance=1e-13, keep=False)
 EXACT, SLIP = 1e-8, 1e-5  # of the largest derivative of a quantity
@@ -30,6 +34,7 @@ def sliding(**changes: Any) -> Scene:
 SOFT = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "behaviour": "soft_contact", "friction_coefficient": 0.2}}
 SOFT["crush"]["normal_stiffness"] = 1e14
 OPEN = {"crush": {"sides": ["lower.zmax", "upper.zmin"], "friction_coefficient": 0.2, "gap": 3e-6}}
+LARGE = {"end": 3e-6, "step": 1.5e-7, "scheme": "hht"}
 STATIC = {"end": 6e-6, "step": 1e-6, "quasi_static": True}
 SCENES = {
     "stick": (sliding, {"press": 2.0, "push": 0.3}, 3e-6, EXACT),
@@ -158,6 +163,61 @@ def test_without_rates_a_value_turns_the_causal_line(what):
     assert np.abs(line).max() > 0.1 * np.abs(computed).max()
 
 
+@pytest.mark.parametrize("rate", [0.0, 2.0], ids=["causal line", "first rate"])
+def test_a_variant_whose_rate_would_be_zero(rate):
+    """The slope over the step, x length 1 and 2, is as large as a change of the variants by the value, or by itself."""
+    scene, h = sliding(), 1e-6
+    session = Session(scene, PRECISE)
+    session.initialize()
+    session.set_load("press", 4.0)
+    assert session.step(0.0, h)
+    before = session.snapshot()
+    session.set_load("push", 1.0, rate / h)
+    assert session.step(h, h)
+    computed = derivatives(session, ["load.push.rate"], [1.0])
+    session.set_load("push", 1.0, max(rate, 1.0) / h)  # with it set, a line of the same slope
+    known, alike = difference(session, scene, before, h, "push", "rate", 1e-2 / h)
+    assert alike
+    _compare(session, computed / h, known / h, SLIP)  # some points slip
+
+
+@pytest.mark.parametrize("ruled", [False, True])
+def test_a_wave_whose_rate_would_be_zero(ruled):
+    cut = {"face": "bar.zmax", "causality": "wave", "components": ["z"], "impedance": [Z]}
+    scene = bar(10, 20, port={"cut": cut})
+    dt, name = scene.time.time_step, "port.cut.incident[3]"
+    session = Session(scene, PRECISE)
+    session.initialize()
+    session.set_load(name, 0.0, 100.0 / dt if ruled else 0.0)
+    assert session.step(0.0, dt)
+    before = session.snapshot()
+    session.set_load(name, 100.0, 500.0 / (2.0 * dt))
+    assert session.step(dt, 2.0 * dt)
+    computed = derivatives(session, ["port.cut.incidentRate[3]"], [1.0])
+    known, _ = difference(session, scene, before, 2.0 * dt, name, "rate", 1.0 / dt)
+    _compare(session, computed / dt, known / dt, EXACT)
+
+
+def test_with_tables_of_large_interfaces_they_are_those_of_the_exact_operator():
+    """The exact motion corrects what the tables of Y leave, in the instants of the variants too."""
+    names, found = ["interface.crush.force[3]", "interface.crush.velocityEp[3]", "interface.crush.impulse[3]"], []
+    block = Box(STEEL, (0.01, 0.01, 0.002), (10, 10, 2))
+    for form in ("sparse", "exact"):
+        tables = column({"lower": block, "upper": block}, {"crush": {"friction_coefficient": 5.0}}, dict(LARGE))
+        tables["boundary"] = {"base": {"type": "symmetry", "face": "lower.zmin"}}
+        load = {"face": "upper.zmax", "pressure": 2e8, "law": {"type": "input", "start_value": 0.2}}
+        tables |= {"load": {"press": load}, "solver": {"interface_operator": form, "share_identical": False}}
+        session = Session(latin_fmu.scene_from_dict(tables), Settings(keep=False))
+        session.initialize()
+        for i in range(3):
+            session.set_load("press", 0.3 + 0.2 * i, 1e4)
+            assert session.step(i * 4.5e-7, 4.5e-7)
+        assert session._mode.kernels.image.run[0]["sparse"] == (form == "sparse")  # type: ignore[union-attr]
+        found.append(session.derivative(names, ["load.press.value"], [1.0]))
+        assert session.step(session.time, 4.5e-7)
+    assert np.abs(found[0] / found[1] - 1.0).max() < 1e-7
+
+
 def test_derivatives_leave_the_simulation_as_it_is():
     rows = []
     for derived in (False, True):
@@ -185,6 +245,57 @@ def test_after_the_next_step_the_derivatives_are_its_own():
     session.set_load("press", 2.0)
     assert session.step(session.time, 3e-6)
     assert session.derivative(["sensor.head.velocity[3]"], ["load.press.value"], [1.0]) != first
+
+
+def test_forces_of_moved_faces_in_an_explicit_march_are_refused():
+    """They are means over two time steps; the other outputs have derivatives from the second step on."""
+    port = {"foot": {"face": "bar.zmax", "causality": "motion_in", "components": ["z"]}}
+    scene = bar(10, 20, propagator="explicit", port=port, output={"energy": True})
+    session, dt = Session(scene, PRECISE), scene.time.time_step
+    session.initialize()
+    force, work, given = "port.foot.force[3]", "energy.kinetic", "port.foot.velocity[3]"
+    assert force in session.outputs
+    for i in range(2):
+        session.set_load("port.foot.velocity[3]", 0.1 * i, 0.1 / dt)
+        assert session.step(i * dt, dt)
+        with pytest.raises(InputError, match=r"port\.foot\.force\[3\]: is a mean over two time steps .* \"direct\""):
+            session.derivative([work, force], [given], [1.0])
+        if i == 0:
+            with pytest.raises(InputError, match=r"(?s)first step of this scene.* take them from the second step on"):
+                session.derivative([work], [given], [1.0])
+    assert session.derivative([work], [given], [1.0])[0] != 0.0
+
+
+def test_a_failure_leaves_the_rules_of_the_run(monkeypatch):
+    """In the second pass, after a stall, the iteration is one without acceleration."""
+    session, _ = stepped(sliding(), {"press": 2.0, "push": 0.3}, 1e-6)
+    image = session._mode.kernels.image  # type: ignore[union-attr]
+    before, call = dict(image.run_fields), image.call
+
+    def stall(action: int, *arguments: int) -> int:
+        if arguments[0] < 0:
+            return call(action, *arguments)
+        if image.run_fields["depth"] == 0:
+            raise MemoryError
+        return UNSOLVED
+
+    assert before["depth"] > 0
+    with monkeypatch.context() as patched:
+        patched.setattr(image, "call", stall)
+        with pytest.raises(MemoryError):
+            session.derivative(["interface.crush.force[1]"], ["load.press.value"], [1.0])
+    assert {name: image.run_fields[name] for name in ("depth", "relaxation")} == {
+        name: before[name] for name in ("depth", "relaxation")
+    }
+
+
+def test_a_law_written_in_python_is_refused(monkeypatch):
+    """Its tangents are not in the kernels."""
+    session, _ = stepped(sliding(), {"press": 2.0, "push": 0.3}, 1e-6)
+    for fields in session._mode.kernels.image._groups:  # type: ignore[union-attr]
+        monkeypatch.setitem(fields, "law", -1)
+    with pytest.raises(SolverError, match="a law of an interface is written in Python"):
+        session.derivative(["interface.crush.force[1]"], ["load.press.value"], [1.0])
 
 
 def test_refusals():

@@ -13,6 +13,7 @@ from latin_fmu.cosim.variables import PRESCRIBED
 from latin_fmu.kernels.inputs import REACHED
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column, rubbing
+from tests.scenes import given_motion
 
 from .scenes import bar, blocks
 
@@ -99,13 +100,7 @@ def test_a_face_driven_without_inertia_touches_where_its_way_is_the_gap(steps) -
     """The rates of equilibria are those over the steps: 2.5 gaps in the time 1."""
     gap = 1e-4
     boundary = {
-        "top": {
-            "type": "displacement",
-            "face": "block.zmax",
-            "components": ["z"],
-            "value": [-2.5 * gap],
-            "law": ramp(0.0, 1.0, 1.0),
-        },
+        "top": given_motion("block.zmax", [-2.5 * gap], ramp(0.0, 1.0, 1.0), "z", kind="displacement"),
         "side": {"type": "fixed", "face": "block.zmax", "components": ["x", "y"]},
     }
     time = {"end": 1.0, "step": 0.03125, "quasi_static": True}

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
+from latin_fmu.cosim import Session
+from latin_fmu.cosim.output_table import EVENTS, FAMILIES, INTERFACE, SOLVER, FacePoints
 from latin_fmu.cosim.variable import UNITS, table_from, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import SceneError
@@ -52,3 +55,26 @@ def test_the_table_survives_its_file():
 def test_a_sensor_on_a_substructure_that_is_not_there_is_refused():
     with pytest.raises(SceneError, match="did you mean 'upper'"):
         blocks(sensor={"head": {"substructure": "uper", "point": [0.0, 0.0, 0.0]}})
+
+
+def test_every_output_follows_from_the_points_or_signals_or_is_written_by_the_kernels():
+    for family in FAMILIES:
+        for row in family.rows:
+            assert row.of or row.integral or family in (SOLVER, EVENTS), row.name
+            assert not row.unit or row.unit in UNITS
+
+
+def test_outputs_of_an_interface_are_those_of_its_points():
+    """The rows over the signals, which are made from unit fields, and what the kernels read point by point."""
+    session = Session(blocks())
+    session.initialize()
+    for step in range(8):
+        assert session.step(step * 0.4e-6, 0.4e-6)
+    points = FacePoints.over(session._mode.interfaces["crush"])
+    compared = [row for row in INTERFACE.rows if row.of]
+    assert len(compared) == len(INTERFACE.rows) - 1
+    for row in compared:
+        names = [f"interface.crush.{row.name}{end}" for end in ("[1]", "[2]", "[3]")]
+        values = np.ravel(row.of(points)[-1])
+        got = session.values(names if len(values) == 3 else [f"interface.crush.{row.name}"])
+        assert got == pytest.approx(values, rel=1e-12, abs=1e-15 + 1e-12 * np.abs(values).max()), row.name

@@ -14,19 +14,10 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
-from latin_fmu.assembly.merged_assembly import merge
-from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
-from latin_fmu.propagator import DirectPropagator
+from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.propagator.base import full_displacement
-
-
-def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice]]:
-    """The assembly as one body, begun at its instants; slices of the full dofs of its substructures."""
-    assembly = built.assembly
-    merged = merge([m for p in assembly.propagators for m in p.members], assembly.interfaces, built.info)
-    propagator = DirectPropagator([merged.model], assembly.scheme, assembly.dt, False)
-    propagator.begin([merged.histories(built.timeline, assembly.time)], assembly.dt)
-    return propagator, merged.where
+from tests.alone import alone_of, started_alone
+from tests.verification.test_equivalence import bonded
 
 
 @pytest.fixture
@@ -200,11 +191,11 @@ def test_bonded_march_is_that_of_calculix(modules: dict[str, ModuleType]) -> Non
     built = build(ready.scene)
     body, where = bonded(built)
     nothing = np.zeros((0, 1))
-    body.start(nothing, None)
+    started_alone(body, nothing, None)
     scale = float(np.abs(there.printed.displacement).max())
     for displacement in there.printed.displacement:
-        body.alone.predict()
-        body.alone.commit(nothing)
+        alone_of(body).predict()
+        alone_of(body).commit(nothing)
         moved = full_displacement(body, 0)
         for name, dofs in where.items():
             here = moved[dofs.start // 3 : dofs.stop // 3]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from latin_fmu.fem.faces import Surface
 from latin_fmu.fem.location import locate, nearest_surface_point
-from latin_fmu.fem.mesh import Mesh
+from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
 
-from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, typed_box
+from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, cut, typed_box
 
 INNER = ORIGIN + SIZE * np.random.default_rng(3).uniform(0.02, 0.98, (6, 3))
 
@@ -41,6 +42,14 @@ def test_a_point_at_a_node_has_that_node_alone(cell_type: str) -> None:
         assert place.weights.tolist() == [1.0]
 
 
+def test_the_apex_of_pyramids() -> None:
+    """In the middle of a cube, where the Jacobian of all six is singular."""
+    mesh = cut(box_mesh(np.zeros(3), np.ones(3), (1, 1, 1)), "pyramid")
+    place = locate(mesh, mesh.nodes[-1])
+    assert place is not None
+    assert place.nodes.tolist() == [mesh.n_node - 1]
+
+
 def test_a_point_in_a_curved_cell() -> None:
     """Cells of 27 nodes bent around an axis hold the map of any reference point."""
     mesh = typed_box("hexahedron27")
@@ -66,9 +75,12 @@ def test_outside_of_a_box(cell_type: str, offset: tuple[float, ...], near: tuple
     foot = np.where(np.array(near) == (0.5, 0.4, 1.0), foot, ORIGIN + SIZE * np.array(near))
     point = foot + np.array(offset)
     assert locate(mesh, point) is None
-    distance, nearest = nearest_surface_point(mesh, point)
-    assert distance == pytest.approx(np.linalg.norm(offset), rel=1e-12)
-    assert nearest == pytest.approx(foot, abs=1e-12)
+    surface, away = Surface(mesh.nodes, boundary(mesh)), float(np.linalg.norm(offset))
+    for within in (np.inf, 1.001 * away):
+        distance, nearest = nearest_surface_point(surface, point, within)
+        assert distance == pytest.approx(away, rel=1e-12)
+        assert nearest == pytest.approx(foot, abs=1e-12)
+    assert nearest_surface_point(surface, point, 0.5 * away)[0] > away
 
 
 def test_round_off_of_a_file_is_inside() -> None:

@@ -10,9 +10,9 @@ import pytest
 pytest.importorskip("fmpy")
 
 from fmu_build.build import build_fmu
+from tests.cosim.scenes import blocks
 
 from .host import Host
-from .scenes import blocks
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -28,7 +28,7 @@ def store(tmp_path_factory) -> Iterator[Path]:
 def fmus(tmp_path_factory) -> dict[str, Path]:
     """FMU of the two blocks, by version of the FMI."""
     folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi) for fmi in ("2", "3")}
+    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi, python=True) for fmi in ("2", "3")}
 
 
 @pytest.fixture(params=["2", "3"])
@@ -43,7 +43,7 @@ def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
 
     def open_fmu(fmi: str = "2", path: Path | None = None, folder: str = "") -> Host:
         place = tmp_path / (folder or f"instance {len(hosts)}")  # a path with a space
-        hosts.append(Host(path or fmus[fmi], place))
+        hosts.append(Host(path or fmus[fmi], place, alone=bool(folder)))
         return hosts[-1]
 
     yield open_fmu

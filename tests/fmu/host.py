@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import fmpy
@@ -21,14 +23,32 @@ def hosts_folder() -> Path | None:
     return Path(folder) if folder else None
 
 
-class Host:
-    """An instance of an FMU in a folder of its own; ``early``: steps may end before their end (FMI 3)."""
+_FOLDERS = TemporaryDirectory(prefix="extracted_fmus_")
 
-    def __init__(self, fmu: Path, folder: Path, name: str = "instance", early: bool = False) -> None:
+
+@cache
+def _extracted(fmu: Path, modified: int) -> tuple[Path, Any]:
+    """Files of an FMU, and its description."""
+    del modified
+    folder = mkdtemp(dir=_FOLDERS.name)
+    return Path(fmpy.extract(str(fmu), unzipdir=folder)), fmpy.read_model_description(str(fmu))
+
+
+class Host:
+    """An instance of an FMU in a folder, which leads to one extraction for all instances, or has its own (``alone``);
+    ``early``: steps may end before their end (FMI 3)."""
+
+    def __init__(
+        self, fmu: Path, folder: Path, name: str = "instance", early: bool = False, alone: bool = False
+    ) -> None:
         self.early = early
         self.messages: list[tuple[int, str, str]] = []
-        self.folder = Path(fmpy.extract(str(fmu), unzipdir=str(folder)))
-        self.description = fmpy.read_model_description(str(fmu))
+        extracted, self.description = _extracted(fmu, fmu.stat().st_mtime_ns)
+        if alone:
+            shutil.copytree(extracted, folder)
+        else:
+            folder.symlink_to(extracted)
+        self.folder = folder
         self.three = self.description.fmiVersion.startswith("3")
         self.variables = {v.name: v for v in self.description.modelVariables}
         self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output" and not v.dimensions]
@@ -117,4 +137,7 @@ class Host:
 
     def close(self) -> None:
         self.fmu.freeInstance()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if self.folder.is_symlink():
+            self.folder.unlink()
+        else:
+            shutil.rmtree(self.folder, ignore_errors=True)

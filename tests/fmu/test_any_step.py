@@ -15,9 +15,9 @@ from fmu_build.build import build_fmu
 from latin_fmu import load_scene
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
+from tests.cosim.scenes import bar, blocks
 
 from .host import Host
-from .scenes import bar, blocks
 
 DT = 0.2e-6
 END = 30 * DT
@@ -31,7 +31,7 @@ needs_library = pytest.mark.skipif(
 @pytest.fixture(scope="module", params=["python", pytest.param("compiled", marks=needs_library)])
 def made(tmp_path_factory, request) -> dict[str, Path]:
     folder, compiled = tmp_path_factory.mktemp("fmus"), request.param == "compiled"
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=compiled) for fmi in ("2", "3")}
+    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, python=not compiled) for fmi in ("2", "3")}
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_a_host_with_its_own_step(made, fmi, interval):
 def test_initialization_mode_has_the_values_of_the_start(fmi, compiled, tmp_path):
     """Under what is set at that moment, and nothing else follows from the reading; events are counted in whole
     numbers."""
-    path = build_fmu(bar(), tmp_path / "bar.fmu", fmi, compiled=compiled)
+    path = build_fmu(bar(), tmp_path / "bar.fmu", fmi, python=not compiled)
     read, plain = (Host(path, tmp_path / str(number)) for number in range(2))
     assert (read.read()[read.outputs.index("interface.wall.gap")] if read.three else 0.0) == 0.0
     read.prepare(0.5)
@@ -170,7 +170,7 @@ def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
     port = {"tool": {"face": "bar.zmax", "causality": "motion_in", "components": ["x", "y", "z"]}}
     scene = type(model).model_validate(model.model_dump(exclude_unset=True) | {"port": port})
     session, dt = Session(scene), scene.time.time_step
-    host = Host(build_fmu(scene, tmp_path / "moved.fmu", fmi, compiled=True), tmp_path / "instance")
+    host = Host(build_fmu(scene, tmp_path / "moved.fmu", fmi), tmp_path / "instance")
     host.start()
     session.initialize()
     for i in range(6):

@@ -13,8 +13,7 @@ from fmu_build.build import build_fmu
 from fmu_build.checks import validate
 from latin_fmu.errors import InputError
 from latin_fmu.scene.schema import Scene
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -24,12 +23,12 @@ def test_with_inputs_and_sensors_too(fmus, fmi):
 
 
 def test_same_scene_same_bytes(fmi, tmp_path):
-    first, again = (build_fmu(blocks(), tmp_path / f"{name}.fmu", fmi) for name in ("first", "again"))
+    first, again = (build_fmu(blocks(), tmp_path / f"{name}.fmu", fmi, python=True) for name in ("first", "again"))
     assert first.read_bytes() == again.read_bytes()
 
 
 def test_another_scene_has_another_token_and_the_same_program(fmus, tmp_path):
-    other = build_fmu(blocks(description="something else"), tmp_path / "other.fmu")
+    other = build_fmu(blocks(description="something else"), tmp_path / "other.fmu", python=True)
     programs, tokens = set(), set()
     for fmu in (fmus["2"], other):
         with zipfile.ZipFile(fmu) as archive:
@@ -55,7 +54,7 @@ def test_contents(fmus, fmi):
 
 def test_mesh_files_travel(tmp_path):
     scene = latin_fmu.load_scene(MODELS / "punched_plates" / "scene.toml")
-    fmu = build_fmu(scene, tmp_path / "plates.fmu")
+    fmu = build_fmu(scene, tmp_path / "plates.fmu", python=True)
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(tmp_path / "out")
     inside = latin_fmu.load_scene(tmp_path / "out" / "resources" / "scene" / "scene.toml")
@@ -102,7 +101,7 @@ def cube(file: Path) -> Scene:
 
 
 def test_included_files_travel(tmp_path):
-    fmu = build_fmu(cube(deck(tmp_path / "in")), tmp_path / "cube.fmu")
+    fmu = build_fmu(cube(deck(tmp_path / "in")), tmp_path / "cube.fmu", python=True)
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(tmp_path / "out")
     inside = tmp_path / "out" / "resources" / "scene"
@@ -113,4 +112,4 @@ def test_included_files_travel(tmp_path):
 def test_included_files_elsewhere_are_refused(tmp_path):
     file = deck(tmp_path / "in", str(tmp_path / "in" / "parts" / "cells.inp"))
     with pytest.raises(InputError, match="outside of its folder, which cannot travel"):
-        build_fmu(cube(file), tmp_path / "cube.fmu")
+        build_fmu(cube(file), tmp_path / "cube.fmu", python=True)

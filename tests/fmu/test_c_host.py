@@ -16,8 +16,7 @@ import pytest
 from fmu_build.bridge import zig
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
-
-from .scenes import bar
+from tests.cosim.scenes import bar
 
 H = 0.2e-6
 _SHARED = sysconfig.get_config_var("Py_ENABLE_SHARED")
@@ -84,7 +83,7 @@ def test_a_python_that_is_none_is_named(host, fmus, tmp_path):
 
 def test_two_fmus_in_one_process(host, fmus, tmp_path):
     """One after the other, and again: their libraries are closed and opened, the interpreter stays."""
-    other = build_fmu(bar(), tmp_path / "bar.fmu", "2")
+    other = build_fmu(bar(), tmp_path / "bar.fmu", "2", python=True)
     first = extracted(fmus["2"], tmp_path / "first")
     second = extracted(other, tmp_path / "second", "timeStep")
     done = ran(host, 3, 2e-6, H, 0.1e-6, "-", *first, *second)
@@ -94,7 +93,7 @@ def test_two_fmus_in_one_process(host, fmus, tmp_path):
 
 def test_fmus_in_threads_that_begin_at_once(host, fmus, tmp_path):
     """Each FMU has a copy of the C library: one of them alone starts the interpreter, the others wait for it."""
-    other = build_fmu(bar(), tmp_path / "bar.fmu", "2")
+    other = build_fmu(bar(), tmp_path / "bar.fmu", "2", python=True)
     given = []
     for i in range(2):
         given += extracted(fmus["2"], tmp_path / f"first {i}", "timeStep")

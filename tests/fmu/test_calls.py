@@ -12,9 +12,9 @@ import pytest
 
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
+from tests.cosim.scenes import blocks
 
 from .host import Host
-from .scenes import blocks
 
 H = 0.2e-6
 LIBRARY = library.target() == "linux-x86_64" and library.loaded() is not None
@@ -82,7 +82,7 @@ KINDS += [pytest.param(True, id="compiled", marks=pytest.mark.skipif(not LIBRARY
 @pytest.fixture(scope="module", params=KINDS)
 def made(request, tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, compiled=request.param) for fmi in ("2", "3")}
+    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, python=not request.param) for fmi in ("2", "3")}
 
 
 @pytest.fixture

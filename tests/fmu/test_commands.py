@@ -11,8 +11,8 @@ import pytest
 
 from latin_fmu import cli
 from latin_fmu.commands import fmu as commands
-
-from .scenes import blocks
+from latin_fmu.compiled import library
+from tests.cosim.scenes import blocks
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -42,6 +42,32 @@ def test_build_and_simulate(scene_file, tmp_path, version, capsys):
     assert float(rows[-1]["interface.crush.force[3]"]) != 0.0
 
 
+def needs_tool(fmu: Path) -> bool:
+    """Whether an FMU says that it needs something where it runs."""
+    return 'needsExecutionTool="true"' in zipfile.ZipFile(fmu).read("modelDescription.xml").decode()
+
+
+def test_python_is_a_choice_or_a_need(scene_file, tmp_path, capsys, monkeypatch):
+    """Without a library the FMU is one with Python, and a remark says why; what cannot be had then is refused."""
+    target, asked = tmp_path / "a.fmu", ["fmu", str(scene_file), "-o", str(tmp_path / "a.fmu"), "--reference", "none"]
+    assert cli.main([*asked, "--python"]) == 0
+    assert needs_tool(target)
+    assert "needs a Python" not in capsys.readouterr().err
+    monkeypatch.setattr(library, "shipped", list)
+    assert cli.main(asked) == 0
+    assert needs_tool(target)
+    said = capsys.readouterr().err
+    assert (
+        "needs a Python where it runs, as with --python: compiled FMU: the library of compiled kernels is mis" in said
+    )
+    for option in (["--portable"], ["--modes", "6"]):
+        assert cli.main([*asked, *option]) == 2
+        assert "the library of compiled kernels is missing here" in capsys.readouterr().err
+    for wrong in (["--python", "--portable"], ["--python", "--modes", "6"], ["--patches", "2"]):
+        assert cli.main([*asked, *wrong]) == 2
+        assert "contradict" in capsys.readouterr().err
+
+
 def test_a_folder_of_scenes_and_one_that_cannot_be_made(tmp_path, capsys):
     scenes, made = tmp_path / "scenes", tmp_path / "fmus"
     (scenes / "pair").mkdir(parents=True)
@@ -62,10 +88,10 @@ def test_a_folder_of_scenes_and_one_that_cannot_be_made(tmp_path, capsys):
 def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path, capsys, monkeypatch):
     """Within a factor of two of the matrices in the file; nothing of small ones."""
     target = tmp_path / "blocks.fmu"
-    assert cli.main(["fmu", str(scene_file), "-o", str(target), "--compiled"]) == 0
+    assert cli.main(["fmu", str(scene_file), "-o", str(target)]) == 0
     assert "--modes" not in capsys.readouterr().err
-    monkeypatch.setattr(commands, "_LARGE", 1e7)
-    assert cli.main(["fmu", str(MODELS / "lap_joint" / "scene.toml"), "-o", str(target), "--compiled"]) == 0
+    monkeypatch.setattr(commands, "_LARGE", 1e6)
+    assert cli.main(["fmu", str(MODELS / "stacked_blocks" / "n02.toml"), "-o", str(target)]) == 0
     told = re.search(r"take about ([\d.]+) MB in the FMU .* --modes 20", capsys.readouterr().err)
     assert told is not None
     size = zipfile.ZipFile(target).getinfo("resources/image.bin").file_size
@@ -74,7 +100,7 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
 
 def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, capsys):
     target = tmp_path / "blocks.fmu"
-    assert cli.main(["fmu", str(scene_file), "-o", str(target)]) == 0
+    assert cli.main(["fmu", str(scene_file), "-o", str(target), "--python"]) == 0
     start = ["--start", "maxIterations=1", "--start", "tolerance=1e-9"]
     assert cli.main(["simulate", str(target), *start, "-o", str(tmp_path / "o.csv"), "--quiet"]) == 3
     assert "no convergence" in capsys.readouterr().err

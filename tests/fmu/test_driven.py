@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session, Settings
-
-_SPEC = importlib.util.spec_from_file_location("driven", Path(__file__).parents[1] / "cosim" / "test_driven.py")
-assert _SPEC is not None
-assert _SPEC.loader is not None
-driven = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(driven)
+from tests.cosim import test_driven as driven
 
 H = 4 * driven.STEP
 
@@ -27,7 +19,7 @@ def test_the_fmu_is_the_session(opened, fmi, tmp_path, kind, compiled):
     if compiled and library.loaded() is None:
         pytest.skip("no library of kernels here")
     scene = driven.bars({"type": "input"}, kind)
-    host = opened(fmi, build_fmu(scene, tmp_path / "driven.fmu", fmi, compiled=compiled))
+    host = opened(fmi, build_fmu(scene, tmp_path / "driven.fmu", fmi, python=not compiled))
     session, stem = Session(scene, Settings(keep=False)), driven.name_of(kind)
     session.set_load(stem, 0.0, 1.0)
     session.initialize()

@@ -13,9 +13,9 @@ import latin_fmu
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
 from latin_fmu.cosim import Session, Settings
+from tests.cosim.scenes import bar, blocks
 
 from .host import Host
-from .scenes import bar, blocks
 
 H = 0.6e-6
 NEEDS_LIBRARY = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")
@@ -259,7 +259,7 @@ def early_steps(fmu: Any, stop: float, h: float) -> list[tuple[bool, float]]:
 @pytest.mark.parametrize("mode", [0, 1])
 def test_a_step_ends_early_where_the_host_allows_it(tmp_path, mode, compiled):
     """The bar touches the wall at 0.05 s and leaves it: each time the step ends with its time step of 0.02 s."""
-    path = build_fmu(bar(), tmp_path / "bar.fmu", "3", compiled=compiled)
+    path = build_fmu(bar(), tmp_path / "bar.fmu", "3", python=not compiled)
     host, refusing = Host(path, tmp_path / "early", early=True), Host(path, tmp_path / "plain")
     for h in (host, refusing):
         h.set(mode=mode)
@@ -279,7 +279,7 @@ def test_a_step_ends_early_where_the_host_allows_it(tmp_path, mode, compiled):
 
 
 def test_simulate_fmu_records_the_early_ends(tmp_path):
-    path = build_fmu(bar(), tmp_path / "bar.fmu", "3")
+    path = build_fmu(bar(), tmp_path / "bar.fmu", "3", python=True)
     result = fmpy.simulate_fmu(str(path), stop_time=1.0, output_interval=0.2, early_return_allowed=True)
     times = [0.0, 0.06, 0.2, 0.4, 0.6, 0.74, 0.8, 1.0]
     assert result["time"] == pytest.approx(times)

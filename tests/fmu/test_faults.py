@@ -24,8 +24,7 @@ from fmu_build.drive import described
 from latin_fmu import InputError
 from latin_fmu.cosim.fmi_instance import FmiInstance
 from latin_fmu.cosim.variables import table_of
-
-from .scenes import bar, blocks
+from tests.cosim.scenes import bar, blocks
 
 H = 0.6e-6
 
@@ -186,7 +185,7 @@ def test_nothing_is_printed_and_no_file_appears(fmus, fmi, tmp_path):
 
 
 def test_two_scenes_in_one_process(opened, fmi, tmp_path):
-    other = build_fmu(bar(), tmp_path / "bar.fmu", fmi)
+    other = build_fmu(bar(), tmp_path / "bar.fmu", fmi, python=True)
     first, second = opened(fmi), opened(fmi, other)
     for host in (first, second):
         host.start()
@@ -204,7 +203,7 @@ def test_two_versions_of_the_package_in_one_process(opened, fmus, fmi, tmp_path,
         return {**files, "latin_fmu/cosim/windowed.py": (text + "\nOTHER = True\n").encode()}
 
     monkeypatch.setattr("fmu_build.build.package_files", changed)
-    other = build_fmu(blocks(), tmp_path / "other.fmu", fmi)
+    other = build_fmu(blocks(), tmp_path / "other.fmu", fmi, python=True)
     first, second = opened(fmi), opened(fmi, other)
     for host in (first, second):
         host.start()

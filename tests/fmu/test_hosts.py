@@ -17,10 +17,10 @@ import pytest
 from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, reference_of
 from latin_fmu.compiled import library
+from tests.cosim.scenes import bar, blocks
 
 from .compatibility import INPUT, OUTPUT, STEP, VALUE, N, expected, in_fmpy, in_host, judged
 from .host import hosts_folder
-from .scenes import bar, blocks
 
 SCRIPTS = Path(__file__).parent / "hosts"
 MODULES = {
@@ -68,13 +68,13 @@ def test_host(host, version, compiled, fmus, tmp_path):
     if compiled:
         if library.loaded() is None:
             pytest.skip("no library of kernels here")
-        fmu = build_fmu(blocks(), tmp_path / "compiled.fmu", version, compiled=True)
+        fmu = build_fmu(blocks(), tmp_path / "compiled.fmu", version)
     assert in_host(Path(python_of(host)), SCRIPTS / f"with_{host}.py", fmu) == "passed"
 
 
 def test_container_of_two(fmus, tmp_path):
     (tmp_path / "blocks.fmu").write_bytes(fmus["2"].read_bytes())
-    build_fmu(bar(), tmp_path / "bar.fmu")
+    build_fmu(bar(), tmp_path / "bar.fmu", python=True)
     plan = {"name": "both.fmu", "step_size": STEP, "fmu": ["blocks.fmu", "bar.fmu"]}
     (tmp_path / "both.json").write_text(json.dumps(plan))
     ran([tool("common", "fmucontainer"), "-fmu-directory", ".", "-container", "both.json"], tmp_path)
@@ -96,7 +96,9 @@ def test_an_fmu_that_does_not_give_its_reference_fails(tmp_path):
     last = rows[-1].split(",")
     last[head.split(",").index(OUTPUT)] = "1.0"
     wrong = {**files, name: "\n".join([head, *rows[:-1], ",".join(last)]).encode()}
-    right, off = (build_fmu(blocks(), tmp_path / f"{i}.fmu", extra=extra) for i, extra in enumerate((files, wrong)))
+    right, off = (
+        build_fmu(blocks(), tmp_path / f"{i}.fmu", extra=extra, python=True) for i, extra in enumerate((files, wrong))
+    )
     assert judged(in_fmpy(right)) == "passed"
     assert judged(in_fmpy(off)).startswith("failed: off by")
 

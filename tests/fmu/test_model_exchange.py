@@ -16,9 +16,9 @@ from fmu_build.build import build_fmu, build_model_exchange
 from fmu_build.checks import validate
 from latin_fmu import cli
 from latin_fmu.errors import SceneError
+from tests.cosim.scenes import bar, blocks
 
 from .exchange_host import ExchangeHost, integrate
-from .scenes import bar, blocks
 from .test_hosts import SCRIPTS, ran, tool
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -112,7 +112,7 @@ def test_shipped_models_agree_with_their_fmu_for_co_simulation(case, tmp_path):
     overrides, contact = CASES[case]
     scene = latin_fmu.load_scene(MODELS / case / "scene.toml", overrides)
     step = 2 * scene.time.time_step
-    reference = fmpy.simulate_fmu(str(build_fmu(scene, tmp_path / "co.fmu", "3")), output_interval=step)
+    reference = fmpy.simulate_fmu(str(build_fmu(scene, tmp_path / "co.fmu", "3", python=True)), output_interval=step)
     compare(reference, integrate(build_model_exchange(scene, tmp_path / "me.fmu"))[0], contact, 0.02)
 
 
@@ -343,7 +343,7 @@ def test_command(tmp_path, capsys):
     assert cli.main([*asked, "--model-exchange", "--modes", "3", "--patches", "1"]) == 0
     assert "valid" in capsys.readouterr().out
     assert fmpy.read_model_description(str(target)).modelExchange is not None
-    for wrong in (["--modes", "3"], ["--model-exchange", "--fmi", "2"]):
+    for wrong in (["--patches", "3"], ["--model-exchange", "--fmi", "2"]):
         assert cli.main([*asked, *wrong]) == 2
         assert "contradict" in capsys.readouterr().err
 

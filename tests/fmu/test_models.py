@@ -47,7 +47,7 @@ def plain(tmp_path_factory):
 
     def build(path: Path, fmi: str) -> Path:
         target = folder / f"{path.parent.name}_{path.stem}_{fmi}.fmu"
-        return target if target.exists() else build_fmu(latin_fmu.load_scene(path), target, fmi)
+        return target if target.exists() else build_fmu(latin_fmu.load_scene(path), target, fmi, python=True)
 
     return build
 
@@ -82,7 +82,7 @@ def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
     """The reference comes from a session; the FMU, driven with X_in.csv over X.exp, gives it to the last digit."""
     scene, files = prepared(path)
     assert (f"{FOLDER}/{scene.name}_in.csv" in files) == bool(scene.load)
-    fmu = build_fmu(scene, tmp_path / "model.fmu", fmi, files)
+    fmu = build_fmu(scene, tmp_path / "model.fmu", fmi, files, python=True)
     reference = columns(files[f"{FOLDER}/{scene.name}_ref.csv"])
     given = columns(files[f"{FOLDER}/{scene.name}_in.csv"]) if scene.load else None
     (experiment,) = fromstring(files[f"{FOLDER}/{scene.name}.exp"])

@@ -6,7 +6,7 @@ import pytest
 
 from latin_fmu.compiled import library
 
-from .platforms import ELSEWHERE, HERE, LIMIT, SCENES, compared
+from .platforms import ELSEWHERE, HERE, LIMIT, PORTABLE, SCENES, compared
 
 pytestmark = [
     pytest.mark.slow,  # zig makes the C library of Windows first
@@ -23,7 +23,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("platform", "fmi"), [pytest.param(p, fmi, id=f"{p.target}-{fmi}") for p in ELSEWHERE for fmi in p.fmi]
+    ("platform", "fmi"), [pytest.param(p, fmi, id=f"{p.name}-{fmi}") for p in (*ELSEWHERE, PORTABLE) for fmi in p.fmi]
 )
 def test_outputs_are_those_of_linux(platform, fmi, folder):
     reason = platform.lacks()

@@ -202,7 +202,7 @@ def thrown(opened: Any, fmus: dict[str, Path], steps: int, rates: bool) -> tuple
 @pytest.mark.parametrize(("rates", "low", "high"), [(False, 1.7, 2.4), (True, 3.3, 5.0)])
 def test_a_mass_behind_a_spring_meets_a_block(opened, others, tmp_path, rates, low, high):
     scene = bar(1, FORCE_IN, HALF, HALF / 512, rigid=True)
-    fmus = {**others, "block": build_fmu(scene, tmp_path / "block.fmu")}
+    fmus = {**others, "block": build_fmu(scene, tmp_path / "block.fmu", python=True)}
     (coarse, lost), (fine, _) = (thrown(opened, fmus, steps, rates) for steps in (32, 64))
     assert lost <= 1e-6
     assert low <= coarse / fine <= high
@@ -274,7 +274,7 @@ def test_a_mass_pushes_the_tip_of_a_bar(opened, others, tmp_path, rates, low, hi
         sensor={"tip": {"face": "bar.zmax"}},
     )
     wanted = latin_fmu.solve(whole).sensors["tip"].velocity[:, 2]
-    tip = build_fmu(bar(N, TIP, end, end / n, **HELD), tmp_path / "tip.fmu")
+    tip = build_fmu(bar(N, TIP, end, end / n, **HELD), tmp_path / "tip.fmu", python=True)
     coarse, fine = (pushed(opened, {**others, "tip": tip}, steps, rates, wanted) for steps in (64, 128))
     assert low <= coarse / fine <= high
     assert fine <= (5e-3 if rates else 0.1)
@@ -288,7 +288,7 @@ def cut_bars(folder: Path, steps: int) -> tuple[list[Path], float]:
     for name, n, face in (("first", 3, "bar.zmax"), ("second", 2, "bar.zmin")):
         port = {"cut": {"face": face, "causality": "wave", "components": ["z"], "impedance": [RHO * C * AREA]}}
         load = {"strike": {"face": "bar.zmin", "pressure": 1e7, "law": strike}} if name == "first" else {}
-        made.append(build_fmu(bar(n, port, steps * dt, dt, load=load), folder / f"{name}.fmu"))
+        made.append(build_fmu(bar(n, port, steps * dt, dt, load=load), folder / f"{name}.fmu", python=True))
     return made, dt
 
 
@@ -341,7 +341,7 @@ def test_terminals_and_constants_of_ports(tmp_path, fmi):
     """One terminal for each port, the impedance as a constant of the description, the numbers of a session."""
     wave = {"cut": {"face": "bar.zmax", "causality": "wave", "components": ["z", "rx"], "impedance": [400.0, 0.5]}}
     scene = bar(2, {**wave, "foot": {"face": "bar.zmin", "components": ["x", "z"]}}, 1e-5, 1e-6)
-    host = Host(build_fmu(scene, tmp_path / "ports.fmu", fmi), tmp_path / "ports")
+    host = Host(build_fmu(scene, tmp_path / "ports.fmu", fmi, python=True), tmp_path / "ports")
     session = Session(scene, Settings(keep=False))
     session.initialize()
     host.start()

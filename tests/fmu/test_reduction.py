@@ -11,8 +11,7 @@ import latin_fmu
 from fmu_build.checks import SETTING, Inputs, reduction_errors, reduction_note, with_inputs
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.stability.scenes import half_sine
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 PULSE = 4e-6
 

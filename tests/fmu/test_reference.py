@@ -18,8 +18,7 @@ from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, NOTE, reference_of
 from latin_fmu import cli
 from latin_fmu.compiled import library
-
-from .scenes import bar, blocks
+from tests.cosim.scenes import bar, blocks
 
 LS = "{http://fmi-standard.org/fmi-ls-manifest}fmi-ls-"
 needs_library = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")
@@ -39,7 +38,7 @@ def columns(content: bytes) -> np.ndarray:
 @needs_library
 @pytest.mark.parametrize("compiled", [False, True])
 def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
-    fmu = build_fmu(blocks(), tmp_path / "blocks.fmu", fmi, compiled=compiled)
+    fmu = build_fmu(blocks(), tmp_path / "blocks.fmu", fmi, python=not compiled)
     files = contents(fmu)
     (experiment,) = etree.fromstring(files[f"{FOLDER}/blocks.exp"])
     children = {child.tag: f"{FOLDER}/{child.get('source')}" for child in experiment}
@@ -65,7 +64,7 @@ def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
 
 @needs_library
 def test_the_manifest_follows_the_layered_standard(tmp_path):
-    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu"))
+    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
     manifest = etree.fromstring(files[f"{FOLDER}/fmi-ls-manifest.xml"])
     assert manifest.tag == "fmiReferences"
     assert dict(manifest.attrib) == {
@@ -89,7 +88,7 @@ SCHEMAS = os.environ.get("FMI_LS_REF_SCHEMAS", "")
 @needs_library
 @pytest.mark.skipif(not SCHEMAS, reason="FMI_LS_REF_SCHEMAS names no folder with the schemas of FMI-LS-REF")
 def test_the_schemas_of_the_layered_standard_find_nothing(tmp_path):
-    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu"))
+    files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
     common = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3LayeredStandardManifest.xsd"
     for part, name in (("Manifest", "fmi-ls-manifest.xml"), ("Experiments", "blocks.exp")):
         path = Path(SCHEMAS, f"fmi3LayeredStandardReference{part}.xsd")

@@ -88,7 +88,7 @@ def test_a_host_in_c(watch: str, tmp_path: Path) -> None:
     if by_valgrind and shutil.which("valgrind") is None:
         pytest.skip("no valgrind")
     options = () if by_valgrind else SANITIZERS
-    files, references = extracted(build_fmu(scene(), tmp_path / "blocks.fmu", "2", compiled=True), tmp_path / "fmu")
+    files, references = extracted(build_fmu(scene(), tmp_path / "blocks.fmu", "2"), tmp_path / "fmu")
     shutil.copy(kernels_library(tmp_path, options, older_kernels() if by_valgrind else b""), files[0])
     program, compiler = tmp_path / "steps", ["gcc", "-g", "-O1", "-D_GNU_SOURCE", *options]
     subprocess.run([*compiler, str(HERE / "steps.c"), "-o", str(program), "-ldl", "-lpthread"], check=True)

@@ -16,8 +16,7 @@ from lxml import etree
 from fmu_build.ssp import write_ssp
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import InputError
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"
 LINE = ("first", "interface.crush.slipping", "second", "load.press.value")

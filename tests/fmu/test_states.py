@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from latin_fmu.cosim.session import Session
 from latin_fmu.latin import state_serialization as serialization
-
-from .scenes import blocks
+from tests.cosim.scenes import blocks
 
 H = 0.6e-6
 ACTIONS = st.lists(

@@ -81,7 +81,7 @@ def whole(kind: str) -> Mapping[str, bytes]:
             unsaid = Checkpoint(folder / "out.nc.checkpoint", 2, stop=lambda: next(stop), log=lambda _: None)
             latin_fmu.solve(scene, checkpoint=unsaid)
         else:
-            build_fmu(blocks(), folder / "blocks.fmu", "2")
+            build_fmu(blocks(), folder / "blocks.fmu", "2", python=True)
         (folder / "scene.toml").unlink()
         return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 

@@ -106,7 +106,7 @@ def in_session(scene: latin_fmu.Scene, _: Path) -> Array:
 
 
 def in_fmu(scene: latin_fmu.Scene, folder: Path, compiled: bool = False) -> Array:
-    host = Host(build_fmu(scene, folder / "pair.fmu", "2", compiled=compiled), folder / "instance")
+    host = Host(build_fmu(scene, folder / "pair.fmu", "2", python=not compiled), folder / "instance")
     try:
         host.start()
         rows = []

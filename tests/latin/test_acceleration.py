@@ -12,11 +12,13 @@ import pytest
 
 from latin_fmu import load_scene
 from latin_fmu.assembly.build import discretise, solver_ready
-from latin_fmu.kernels import acceleration, entries
+from latin_fmu.kernels import acceleration
 from latin_fmu.kernels.acceleration import Anderson
+from latin_fmu.kernels.newton import advance_iterate
 from latin_fmu.latin.outcome import Timings
 from latin_fmu.latin.recorder import Recorder
 from latin_fmu.latin.windows import Run
+from tests.plain_kernels import call
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -138,7 +140,7 @@ def test_sums_by_interface_give_the_same_step(window: int) -> None:
         for count in range(6):
             start, residual = rng.normal(size=(2, *q.shape))
             q[...], r[...] = start, residual
-            image.call(entries.NEXT, window, count, 0)
+            call(advance_iterate, image, window, count, 0)
             step = plain.next(start, residual) - start
             size = float(np.sqrt((metric * step**2).sum() / (metric * residual**2).sum()))
             share = min(1.0, longest / size) if count else 1.0

@@ -14,7 +14,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin import recorder, windows
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box
-from tests.scenes import pressed_stack, rayleigh
+from tests.scenes import given_motion, pressed_stack, rayleigh
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
@@ -40,15 +40,7 @@ def moving_ground(tables: Tables) -> None:
 
 
 def driven_face(tables: Tables) -> None:
-    tables["boundary"] = {
-        "drive": {
-            "type": "velocity",
-            "face": "b0.xmin",
-            "components": ["x"],
-            "value": [2.0],
-            "law": {"type": "half_sine", "duration": 3e-6},
-        }
-    }
+    tables["boundary"] = {"drive": given_motion("b0.xmin", [2.0], {"type": "half_sine", "duration": 3e-6})}
 
 
 def damped(tables: Tables) -> None:
@@ -279,14 +271,7 @@ def shaken(n: int) -> Tables:
             "law": {"type": "half_sine", "duration": 4e-6},
         }
     tables["boundary"] = {
-        f"drive{i}": {
-            "type": "velocity",
-            "face": f"b{i}.xmin",
-            "components": ["x"],
-            "value": [1.0 + i],
-            "law": {"type": "half_sine", "duration": 3e-6},
-        }
-        for i in range(n)
+        f"drive{i}": given_motion(f"b{i}.xmin", [1.0 + i], {"type": "half_sine", "duration": 3e-6}) for i in range(n)
     }
     return tables
 

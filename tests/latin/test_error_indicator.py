@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from latin_fmu.api import run
-from latin_fmu.kernels import entries
+from latin_fmu.kernels import entries, iteration
+from latin_fmu.kernels.indicator import accept
 from latin_fmu.latin.run_image import negligible_scales
 from latin_fmu.latin.search_direction import Direction
 from latin_fmu.latin.settings import SolverSettings
+from tests.plain_kernels import call
 
 Array = np.ndarray
 NOTHING = np.zeros(3)
@@ -52,7 +54,7 @@ class Indicator:
         q = f_hat + self._k * w_hat - residual
         n = self._put(scales, q=q, f=f, w=w, local_f=f_hat, local_w=w_hat)
         self.image.set({"tolerance": 1e-300})  # the force residual is not computed
-        self.image.call(entries.MEASURE, n)
+        call(iteration.measure, self.image, n, 0)
         actual = self.image.field("r", n, self.image.n_flat)
         assert actual == pytest.approx(residual, rel=1e-9, abs=1e-9 * (np.abs(f_hat).max() + 1e-300))
         measure = self.image.field("measure", 8)
@@ -74,7 +76,7 @@ class Indicator:
         self.image.field("measure", 8)[2:5] = scales
         worst = self.image.field("worst", len(self._run.assembly.interfaces))
         worst[:] = 0.0
-        self.image.call(entries.ACCEPT, n)
+        call(accept, self.image, n)
         np.testing.assert_array_equal(self.image.field("scales", 3), scales)
         return worst.copy()
 

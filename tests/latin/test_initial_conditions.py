@@ -9,6 +9,7 @@ import pytest
 
 from latin_fmu.api import run
 from latin_fmu.latin.initial_conditions import initial_conditions
+from tests.scenes import given_motion
 
 LOADS: dict[str, dict[str, Any]] = {
     "end_load": {"load": {"pull": {"face": "a.zmin", "traction": [0.3, -0.1, 0.8]}}},
@@ -42,13 +43,7 @@ def cut(bars_scene: Any, bar_box: Any, case: str, pieces: int) -> dict[str, Any]
     tables["boundary"] = {"held": {"type": "fixed", "face": f"{last}.zmax"}}
     if what.get("drive"):
         law = {"type": "table", "times": [0.0, 1.0, 3.0], "values": [0.2, 1.0, 0.0]}
-        tables["boundary"]["driven"] = {
-            "type": "velocity",
-            "face": "a.zmin",
-            "components": ["z"],
-            "value": [0.5],
-            "law": law,
-        }
+        tables["boundary"]["driven"] = given_motion("a.zmin", [0.5], law, "z")
     tables["load"] = what.get("load", {})
     tables["solver"] = {"tolerance": 1e-11, "force_tolerance": 1e-9}
     return tables

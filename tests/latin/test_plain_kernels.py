@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.compiled import PLAIN
+from tests.scenes import given_motion
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="nothing to compare with")
 
@@ -122,13 +123,7 @@ VARIANTS: dict[str, Callable[[dict[str, Any]], None]] = {
     ),
     "bonded": _changed(interface__rub=rub(behaviour="perfect")),
     "driven, absorbing, rigid": _changed(
-        boundary__pushed={
-            "type": "velocity",
-            "face": "high.zmax",
-            "components": ["z"],
-            "value": [-0.1],
-            "law": {"type": "half_sine", "duration": 1.0},
-        },
+        boundary__pushed=given_motion("high.zmax", [-0.1], {"type": "half_sine", "duration": 1.0}, "z"),
         boundary__out={"type": "absorbing", "face": "low.xmin"},
         substructure__high__initial_velocity=[0.0, 0.0, 0.0],
     ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -11,18 +13,17 @@ from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.substitution import LANES, SPARE, TILED
 from latin_fmu.kernels import products
 from latin_fmu.propagator.class_record import BlockLayout, put_dense, put_symmetric
+from tests.plain_kernels import in_python
 
 MEMBERS = [1, 2, 3, 7, 8, 9, 17]
 RNG = np.random.default_rng(7)
 
 
 @pytest.fixture(autouse=True)
-def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+def every_kernel_in_python() -> Iterator[None]:
     """Lets kernels call each other in Python; the entries of the library are compared with theirs elsewhere."""
-    for module in (products, sweeps):
-        for name, value in vars(module).items():
-            if hasattr(value, "py_func"):
-                monkeypatch.setattr(module, name, value.py_func)
+    with in_python():
+        yield
 
 
 def definite(n: int) -> sp.csr_array:

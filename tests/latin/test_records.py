@@ -20,6 +20,7 @@ from latin_fmu.compiled import PLAIN
 from latin_fmu.kernels import entries, records
 from latin_fmu.kernels.energy import FIELDS
 from latin_fmu.kernels.energy_parts import N_TERM
+from latin_fmu.kernels.instants import OPENINGS
 from latin_fmu.kernels.records import CLASS_FIELDS, GROUP_FIELDS, RUN_FIELDS, RUN_NUMBERS
 from latin_fmu.kernels.tasks import CHUNK
 from latin_fmu.kernels.team import LINE, PARTS
@@ -27,6 +28,8 @@ from latin_fmu.propagator import layout
 from latin_fmu.propagator.class_record import BlockLayout
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+from tests.alone import alone_of
+from tests.scenes import given_motion
 
 Tables = dict[str, Any]
 POOLS = ("constants", "direction", "histories", "state", "work", "output")
@@ -71,13 +74,7 @@ def driven(tables: Tables) -> None:
     law = {"type": "half_sine", "duration": 2e-6}
     tables["interface"]["floor_b0"]["ground_velocity"] = {"direction": [0.0, 0.0, 1.0], "amplitude": 3.0, "law": law}
     tables["boundary"] = {
-        f"drive_{name}": {
-            "type": "velocity",
-            "face": f"{name}.xmin",
-            "components": ["x"],
-            "value": [1.0 + i],
-            "law": law,
-        }
+        f"drive_{name}": given_motion(f"{name}.xmin", [1.0 + i], law)
         for i, name in enumerate(sorted(tables["substructure"]))
     }
     tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
@@ -333,7 +330,7 @@ def test_a_snapshot_is_a_copy_of_the_state(tables: Tables, change: Callable[[Tab
         assert last == begun + instants
         state = {"state": run.image.state.copy(), "f": run.recorder.rows.f_hat[first : last + 1].copy()}
         for c, p in enumerate(run.assembly.propagators):
-            state |= {f"{c} {term}": values for term, values in p.alone.totals.items()}
+            state |= {f"{c} {term}": values for term, values in alone_of(p).totals.items()}
         return state
 
     on()
@@ -355,7 +352,7 @@ def test_propagators_stand_in_the_image() -> None:
         at = int(run.image.classes[c]["u"])
         assert np.shares_memory(p.state.u, run.image.moving)
         np.testing.assert_array_equal(p.state.u.ravel(), run.image.moving[at : at + p.state.u.size])
-    run.image.call(entries.BEGIN)
+    run.image.call(entries.BEGIN, 1, 1, OPENINGS)
     assert all(p.instant == 0 for p in run.assembly.propagators)
 
 

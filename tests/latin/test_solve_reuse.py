@@ -9,10 +9,13 @@ import pytest
 
 import latin_fmu
 from latin_fmu.kernels import entries
+from latin_fmu.kernels.instants import OPENINGS
+from latin_fmu.kernels.iteration import linear_stage
 from latin_fmu.latin.run_image import reuse_bound
 from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.propagator.image import take_marched
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
+from tests.plain_kernels import call
 
 Tables = dict[str, Any]
 
@@ -69,16 +72,14 @@ def linear(run: Any, q: np.ndarray, iteration: int) -> tuple[np.ndarray, int]:
     """W (n, n_flat) for q, and the substructure-instants that it took."""
     n, image = len(q), run.image
     image.field("q", n, image.n_flat)[:] = q
-    image.call(entries.LINEAR_STAGE, n, 1, iteration)
+    call(linear_stage, image, n, 1, iteration)
     return image.field("w", n, image.n_flat).copy(), sum(take_marched(image))
 
 
 def open_window(run: Any, n: int, reuse: float) -> None:
     """Begin a window of n instants; solutions are kept where q has changed by no more than ``reuse``."""
     run.image.set({"reuse": reuse})
-    run.image.call(entries.BEGIN)
-    for c in range(len(run.image.propagators) if n == 1 else 0):
-        run.image.call(entries.PREDICT, c, 1)
+    run.image.call(entries.BEGIN, n, 1, OPENINGS)
     take_marched(run.image)
 
 

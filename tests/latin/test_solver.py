@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.compiled import PLAIN
-from latin_fmu.kernels import entries
 from latin_fmu.kernels import iteration as loop
+from latin_fmu.kernels.newton import advance_iterate
 from latin_fmu.kernels.records import CLASS, GROUP, RUN
 from latin_fmu.kernels.sums import MEASURES
 from latin_fmu.latin.outcome import WindowRecord
@@ -18,6 +17,7 @@ from latin_fmu.latin.run_image import Iterate, Stages
 from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.latin.solver import WindowSolver
 from latin_fmu.propagator.image import pools_of
+from tests.plain_kernels import in_python
 
 ROOM = 32  # numbers between the fields
 
@@ -56,9 +56,8 @@ class OneNumber:
         }
         for name, value in numbers.items():
             run[name] = value
-        kind = np.recarray if PLAIN else np.ndarray
-        rows = (np.zeros(0, dtype=record).view(kind) for record in (CLASS, GROUP))
-        self.pools = pools_of(run.view(kind), *rows, fixed, self.moving)
+        rows = (np.zeros(0, dtype=record).view(np.recarray) for record in (CLASS, GROUP))
+        self.pools = pools_of(run.view(np.recarray), *rows, fixed, self.moving)
 
     def set(self, fields: dict[str, float]) -> None:
         """Numbers of the run."""
@@ -70,9 +69,15 @@ class OneNumber:
         at = int(self.pools.run[0][name])
         return self.moving[at : at + int(np.prod(shape))].reshape(shape)
 
-    def call(self, action: int, a: int = 0, b: int = 0, c: int = 0, d: int = 0) -> int:
-        """An action of the kernels."""
-        return int(entries.call(self.pools, action, a, b, c, d))
+    def judge(self, window: int, phase: int, iteration: int, accelerated: bool) -> int:
+        """Verdict on an iterate."""
+        with in_python():
+            return int(loop.judge(self.pools, window, phase, iteration, accelerated))
+
+    def advance(self, window: int, iteration: int, phase: int) -> None:
+        """The next iterate."""
+        with in_python():
+            advance_iterate(self.pools, window, iteration, phase)
 
 
 class Scripted(Stages):
@@ -102,12 +107,12 @@ class Scripted(Stages):
             if bits & (loop.BROKEN | loop.STALLED):
                 return -(iteration + 1)
             if iteration + 1 < limit:
-                self.image.call(entries.NEXT, self.n, iteration, phase)
+                self.image.advance(self.n, iteration, phase)
         return -limit
 
     def judge(self, phase: int, iteration: int, accelerated: bool) -> int:
         """Verdict on the iterate."""
-        return int(self.image.call(entries.JUDGE, self.n, phase, iteration, int(accelerated)))
+        return int(self.image.judge(self.n, phase, iteration, accelerated))
 
     def evaluate(self) -> None:
         """The next of the script."""
@@ -262,9 +267,7 @@ def test_free_motion_is_without_the_tractions_of_the_last_instant(blocks_scene: 
     for number in range(6):
         run.advance(1, number, 12)
     stages, image, assembly = run.stages(1, run.assembly.instant + 1), run.image, run.assembly
-    image.call(entries.BEGIN)
     stages.begin()
-    stages.predict()
     under = [image.class_field(c, "w_free", *channels.shape).copy() for c, channels in enumerate(assembly.channels)]
     stages.free_motion()
     free = image.field("w", image.n_flat)

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.kernels import entries
+from latin_fmu.kernels import entries, local_stage
+from latin_fmu.kernels.instants import OPENINGS
+from latin_fmu.kernels.iteration import linear_stage
 from latin_fmu.latin.run_image import Stages
 from latin_fmu.propagator.base import full_velocity
 from latin_fmu.propagator.image import take_marched
+from tests.plain_kernels import call
 
 Array = np.ndarray
 WINDOW = 8
@@ -42,7 +45,7 @@ def fields(run_: Any, name: str, n: int) -> Array:
 def openings(run_: Any, n: int) -> Array:
     """Gap, its velocity, its acceleration, and the start of the next instant, (4, n_point); n instants to come."""
     if n:
-        run_.image.call(entries.OPEN, n, 0)
+        run_.image.call(entries.BEGIN, n, 1, OPENINGS)
     group = run_.assembly.layout.groups[0]
     opening: Array = run_.image.group_field(0, "opened", 4, group.n_point)
     return opening
@@ -50,8 +53,10 @@ def openings(run_: Any, n: int) -> Array:
 
 def points(run_: Any, i: int, n: int) -> None:
     """The local stage of instant i."""
-    for action, *arguments in ((entries.PREPARE, 0, i), (entries.POINTS, 0), (entries.FINISH, 0, i, n)):
-        run_.image.call(action, *arguments)
+    count = run_.assembly.layout.groups[0].n_point
+    call(local_stage.prepare, run_.image, 0, i, 0, count)
+    call(local_stage.solve_points, run_.image, 0, 0, count)
+    call(local_stage.finish, run_.image, 0, i, n, 0, count)
 
 
 def local(run_: Any, s: Array) -> tuple[Array, Array, Array]:
@@ -69,13 +74,9 @@ def local(run_: Any, s: Array) -> tuple[Array, Array, Array]:
 def linear(run_: Any, q: Array, first: int = 1) -> Array:
     """W (n, n_flat) of the linear stage over a window from the present state."""
     n, image = len(q), run_.image
-    image.call(entries.BEGIN)
-    image.call(entries.OPEN, n, first - 1)
+    image.call(entries.BEGIN, n, first, OPENINGS)
     fields(run_, "q", n)[:] = q
-    if n == 1:
-        for c in range(len(image.propagators)):
-            image.call(entries.PREDICT, c, first)
-    image.call(entries.LINEAR_STAGE, n, first, 0)
+    call(linear_stage, image, n, first, 0)
     return fields(run_, "w", n).copy()
 
 
@@ -83,9 +84,7 @@ def commit(run_: Any, f_hat: Array, instant: int) -> None:
     """End an instant with tractions."""
     fields(run_, "local_f", 1)[0] = f_hat
     run_.image.set({"first_row": instant})
-    for c in range(len(run_.image.propagators)):
-        run_.image.call(entries.END_CLASS, c, instant)
-    run_.image.call(entries.END_INSTANT, instant)
+    run_.image.call(entries.END, instant, 0, 1)
     run_._set_instant(instant)
 
 
@@ -95,7 +94,7 @@ def test_outgoing_quantities_of_the_linear_stage(run_: Any) -> None:
     q, w = incoming(run_, 3, 1), incoming(run_, 3, 2)
     fields(run_, "q", 3)[:], fields(run_, "w", 3)[:] = q, w
     for i in range(3):
-        run_.image.call(entries.OUTGOING, i)
+        call(local_stage.outgoing, run_.image, 0, i, 0, run_.assembly.layout.groups[0].n_point)
     np.testing.assert_allclose(fields(run_, "f", 3), q - k * w, rtol=1e-14, atol=1e-14)
     expected = np.where(k > 0, w - direction.z * (q - k * w), w)
     np.testing.assert_allclose(fields(run_, "s", 3), expected, rtol=1e-13, atol=1e-13)
@@ -186,7 +185,7 @@ def test_condensed_and_marched_windows_agree(run_: Any) -> None:
     """Instant by instant with Y, or marched: the same velocities for the same q."""
     q, k = incoming(run_, 4), run_.direction(1).k
     together = linear(run_, q)
-    run_.image.call(entries.REWIND)
+    run_.image.call(entries.LEAVE)
     for i in range(4):
         w = linear(run_, q[i : i + 1], i + 1)
         np.testing.assert_allclose(w[0], together[i], atol=1e-11)
@@ -200,7 +199,7 @@ def test_linear_stage_is_affine_and_repeats(run_: Any) -> None:
         velocities = []
         for q in (a, b, 0.3 * a + 0.7 * b, a):
             velocities.append(linear(run_, q))
-            run_.image.call(entries.REWIND)
+            run_.image.call(entries.LEAVE)
             np.testing.assert_array_equal(run_.image.state, before)
         w_a, w_b, mixed, again = velocities
         np.testing.assert_allclose(mixed, 0.3 * w_a + 0.7 * w_b, atol=1e-11)
@@ -256,7 +255,7 @@ def test_a_trial_has_no_consequences(run_: Any) -> None:
         assert seen[-1][1] > 0.0
         np.testing.assert_array_equal(run_.image.moving, before)
         assert all(p.instant == 0 for p in run_.assembly.propagators)
-        run_.image.call(entries.REWIND)
+        run_.image.call(entries.LEAVE)
 
 
 def test_marched_substructure_instants_are_counted(run_: Any) -> None:
@@ -264,7 +263,7 @@ def test_marched_substructure_instants_are_counted(run_: Any) -> None:
     for n in (1, 3):
         for _ in range(2):
             linear(run_, incoming(run_, n))
-            run_.image.call(entries.REWIND)
+            run_.image.call(entries.LEAVE)
         marched, condensed = take_marched(run_.image)
         assert marched + condensed == 2 * n * 2
         assert (marched == 0) == (n == 1)

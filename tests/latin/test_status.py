@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.latin.outcome import WindowRecord
-from latin_fmu.latin.status import WindowList
+from latin_fmu.latin.status import WindowList, with_work
 
 
 @pytest.fixture
@@ -74,3 +74,8 @@ def test_cut(both: tuple[WindowList, list[WindowRecord]]) -> None:
     windows, expected = both
     assert windows.cut(2) == expected[2:]
     assert list(windows) == expected[:2]
+
+
+@pytest.mark.parametrize(("work", "converged"), [(1e-4, True), (1.1e-4, False), (-1.0, True), (np.nan, False)])
+def test_work_of_the_errors_that_is_no_number_has_not_converged(work: float, converged: bool) -> None:
+    assert with_work("converged", work, 1.0, 1e-4, 1e-5)[0] == converged

@@ -50,14 +50,16 @@ def test_surfaces_of_element_faces(tmp_path: Path) -> None:
     ("kind", "nodes"),
     [
         ("C3D4", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("C3D5", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]),
         ("C3D6", [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
     ],
 )
-def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[list[float]]) -> None:
+def test_labels_of_tetrahedra_pyramids_and_wedges(tmp_path: Path, kind: str, nodes: list[list[float]]) -> None:
     """Where the faces lie, by hand: Abaqus Analysis User's Guide, solid elements."""
     planes = {
-        "C3D4": [("z", 0), ("y", 0), ("sum", 1), ("x", 0)],
-        "C3D6": [("z", 0), ("z", 1), ("y", 0), ("sum", 1), ("x", 0)],
+        "C3D4": [("z", 0), ("y", 0), ("xyz", 1), ("x", 0)],
+        "C3D5": [("z", 0), ("y", 0), ("xz", 1), ("yz", 1), ("x", 0)],
+        "C3D6": [("z", 0), ("z", 1), ("y", 0), ("xy", 1), ("x", 0)],
     }[kind]
     points = np.array(nodes, dtype=float)
     text = "*NODE\n" + node_rows(points) + f"*ELEMENT, TYPE={kind}\n" + element_rows(np.arange(len(points))[None])
@@ -66,10 +68,7 @@ def test_labels_of_tetrahedra_and_wedges(tmp_path: Path, kind: str, nodes: list[
     content = read_content(written(tmp_path, text))
     for i, (axis, value) in enumerate(planes):
         corners = content.points[content.facets[f"f{i + 1}"][0][0]]
-        along = corners[:, :2].sum(axis=1) if axis == "sum" else corners[:, "xyz".index(axis)]
-        if kind == "C3D4" and axis == "sum":
-            along = corners.sum(axis=1)
-        np.testing.assert_allclose(along, value)
+        np.testing.assert_allclose(corners[:, ["xyz".index(a) for a in axis]].sum(axis=1), value)
     assert len(SOLID_FACES[len(points)]) == len(planes)
 
 
@@ -194,6 +193,18 @@ def test_nastran_properties_are_parts_and_faces(tmp_path: Path) -> None:
         np.testing.assert_allclose(mesh.nodes, box.nodes, rtol=1e-12)
         assert_same_face_normal(mesh, "PSHELL_8", [0, 0, 1])
         assert_same_face_normal(mesh, "SPC_3", [0, 0, -1])  # nodes 1 to 9 are the lowest layer
+
+
+def test_nastran_constraints_before_their_nodes(tmp_path: Path) -> None:
+    """Entries of bulk data may have any order."""
+    deck = nastran_deck()
+    grids, rest = deck[: deck.index("CHEXA")], deck[deck.index("CHEXA") :]
+    after, before = (read_content(written(tmp_path, text, "a.bdf")) for text in (deck, rest + grids))
+    np.testing.assert_array_equal(before.node_sets["SPC_3"], np.arange(9))
+    np.testing.assert_array_equal(after.node_sets["SPC_3"], np.arange(9))
+    mixed = "SPC1,4,3,27,5\nSPC1,4,3,99\nSPC1,4,3,20,THRU,22\nSPC,4,2,3,0.,30,3,0.\n" + deck
+    content = read_content(written(tmp_path, mixed, "a.bdf"))
+    np.testing.assert_array_equal(content.node_sets["SPC_4"], [1, 4, 19, 20, 21, 26])
 
 
 def test_names_of_properties_in_comments(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import pytest
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.mesh_files.exodus import _SIDES
+from latin_fmu.mesh_files.content import FileProblems
+from latin_fmu.mesh_files.exodus import _SIDES, _facets
 from latin_fmu.mesh_files.reading import read_content
 
 from .decks import cube, read_mesh
@@ -81,6 +82,28 @@ def test_exodus_without_names(tmp_path: Path) -> None:
     assert list(content.volumes) == ["block_10", "block_20"]
     assert list(content.facets) == [f"sideset_{10 * i}" for i in range(1, 7)]
     assert list(content.node_sets) == ["nodeset_10"]
+
+
+def test_sides_of_pyramids_in_exodus() -> None:
+    """Every side of a pyramid behind a hexahedron: three triangles, two more, and the base (Exodus II manual)."""
+    cells = [("hexahedron", np.arange(8)[None]), ("pyramid", np.array([[4, 5, 6, 7, 8]]))]
+    problems = FileProblems("file")
+    facets = _facets(cells, np.array([0, 1, 1, 1, 1, 1]), np.array([4, 0, 1, 2, 3, 4]), problems, "set")
+    assert [sorted(facet[0].tolist()) for facet in facets] == [
+        *([0, 1, 2, 3], [4, 5, 8], [5, 6, 8], [6, 7, 8], [4, 7, 8], [4, 5, 6, 7])
+    ]
+    problems.stop()
+
+
+def test_edges_of_shells_in_exodus_are_no_facets() -> None:
+    """Sides 1 and 2 of a shell are its faces, 3 to 6 its edges."""
+    shells = cube().faces["zmax"].blocks[0].facets
+    sides = np.array([1, 2, 3, 6]) - 1
+    problems = FileProblems("shells.e")
+    facets = _facets([("quad", shells)], np.arange(4), sides, problems, "set")
+    np.testing.assert_array_equal(np.concatenate(facets), shells[:2])
+    assert _facets([("quad", shells)], np.arange(4), np.full(4, 2), problems, "set") == []
+    problems.stop()
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk", "mesh"])

@@ -10,6 +10,7 @@ import pytest
 from latin_fmu.model_exchange.equations import (
     GAP_MARGIN,
     N_WORK,
+    WORKS,
     Amplitudes,
     ContactLaw,
     ContactModes,
@@ -51,6 +52,19 @@ def test_power_balance(equations, seed):
     assert interface == pytest.approx(-springs - friction - contact, abs=1e-12 * scale)
     assert friction >= 0.0
     assert contact >= 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_damping_of_contact_takes_all_where_it_takes_the_pressure_off(equations, seed):
+    """Power of the interfaces with so much damping that patches that leave have no pressure: P g' = p g' - loss."""
+    strong = Equations(equations.system, energy=True)
+    strong.use(replace(Regularisation.of(equations.system), damping=1e3))
+    y, modes = random_state(strong, seed)
+    now = strong.evaluate(2e-6, y, modes, {})
+    area, traction, rate = strong.system.contacts.area, now.traction, now.motion.rate
+    assert (traction.pressure == 0.0).any()
+    taken = np.sum(area * (traction.elastic - traction.pressure) * rate)
+    assert now.derivative[-N_WORK:][WORKS.index("contact_dissipation")] == pytest.approx(taken, rel=1e-12)
 
 
 def test_force_is_mass_times_acceleration_of_a_thrown_bar():

@@ -165,6 +165,19 @@ def test_rigid_bodies_have_no_modes():
         reduced_system(pair(substructure={"lower": rigid, "upper": upper}))
 
 
+def test_a_temperature_at_the_start_is_refused():
+    """A reduced model has no stress there; one that begins with 0 is taken."""
+    steel = {"steel": {**pair().material["steel"].model_dump(exclude_none=True), "thermal_expansion": 12e-6}}
+
+    def heated(law, **keys):
+        time = {"end": 6e-6, "step": 0.2e-6, "start": "given"}
+        return pair(material=steel, time=time, temperature={"day": {"change": 5.0, "law": law, **keys}})
+
+    with pytest.raises(SceneError, match=r"temperature\.day\.law.*starts without stress.*let it rise"):
+        reduced_system(heated("constant"), 3, 1)
+    reduced_system(heated({"type": "table", "times": [0, 1], "values": [0, 1]}), 3, 1)
+
+
 def test_what_cannot_move_is_told():
     held = {"type": "fixed"}
     faces = ("zmin", "zmax", "xmin", "xmax", "ymin", "ymax")

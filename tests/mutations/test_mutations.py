@@ -68,7 +68,7 @@ def test_every_site_of_the_package_can_be_changed() -> None:
     every = all_sites(PACKAGE)
     assert {site[0].file.partition("/")[0] for site in every} == set(FOLDERS)
     assert len(every) > 3000
-    for site in every[::40]:
+    for site in every[::80]:
         source = (PACKAGE / site[0].file).read_text(encoding="utf-8")
         for mutant in site:
             changed = mutant.applied(source)

@@ -16,7 +16,7 @@ from latin_fmu.errors import ResultsError
 from latin_fmu.fem.mesh import Array, box_mesh
 from latin_fmu.pictures.assembly_picture import _assembly, _shifts, assembly_figure
 from latin_fmu.pictures.frame import Skin, View, draw, edges_of, skin_of
-from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure
+from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure, stored_instants
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
 
@@ -138,6 +138,14 @@ def test_bodies_of_results(results: Any) -> None:
     assert "bc: pressure on b" in labels
     assert "times as large" in labels
     assert "drawn 7 times" in texts(result_figure(results, magnify=7.0, time=1e-6))
+
+
+def test_without_interfaces_the_last_instant_is_drawn(results: Any) -> None:
+    alone = results.copy()
+    del alone["interfaces"]
+    last = float(stored_instants(alone)[-1])
+    assert result_figure(alone).get_suptitle() == result_figure(alone, time=last).get_suptitle()
+    assert result_figure(alone).get_suptitle() != result_figure(alone, time=0.0).get_suptitle()
 
 
 def test_results_that_cannot_be_drawn(results: Any) -> None:

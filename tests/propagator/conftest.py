@@ -20,6 +20,7 @@ from latin_fmu.interface.geometry import local_frames
 from latin_fmu.propagator import DirectPropagator, Histories, LoadTerm, SubstructureModel
 from latin_fmu.propagator.base import channel_velocity, full_displacement, full_velocity
 from latin_fmu.time_scheme import HHT, Newmark, TimeScheme
+from tests.alone import alone_of, started_alone
 
 Array = NDArray[np.float64]
 
@@ -191,7 +192,7 @@ def started(members: list[Driven], scheme: TimeScheme, traction: Array | None = 
     propagator = DirectPropagator([d.model for d in members], scheme, DT, energy=True)
     propagator.begin([d.histories for d in members], DT)
     at_start = np.zeros((propagator.n_channel, len(members))) if traction is None else traction
-    propagator.start(at_start, propagator.mass_factor())
+    started_alone(propagator, at_start, propagator.mass_factor())
     return propagator
 
 
@@ -199,8 +200,8 @@ def commit_all(propagator: DirectPropagator, tractions: Array) -> Motion:
     """Commit tractions (n + 1, n_channel, n_member) from the present instant on; full motion of member 0."""
     fields = [_state(propagator)]
     for traction in tractions[propagator.instant + 1 :]:
-        propagator.alone.predict()
-        propagator.alone.commit(traction)
+        alone_of(propagator).predict()
+        alone_of(propagator).commit(traction)
         fields.append(_state(propagator))
     return Motion(*(np.array(f) for f in zip(*fields, strict=True)))
 
@@ -286,11 +287,11 @@ def admittance_columns() -> Callable[..., dict[int, Array]]:
             traction = np.zeros((n, 1))
             if j >= 0:
                 traction[j] = 1.0
-            snapshot = propagator.alone.snapshot()
-            propagator.alone.predict()
-            propagator.alone.commit(traction)
+            snapshot = alone_of(propagator).snapshot()
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(traction)
             velocities[j] = channel_velocity(propagator)[:, 0]
-            propagator.alone.restore(snapshot)
+            alone_of(propagator).restore(snapshot)
         free = velocities.pop(-1)
         return {j: column - free for j, column in velocities.items()}
 
@@ -302,11 +303,11 @@ def unbalanced() -> Callable[..., float]:
     """Largest error of the energy balance over a march with given tractions, relative to the largest term."""
 
     def march(propagator: Any, tractions: Array) -> float:
-        start, worst = dict(propagator.alone.totals), 0.0
+        start, worst = dict(alone_of(propagator).totals), 0.0
         for traction in tractions:
-            propagator.alone.predict()
-            propagator.alone.commit(traction)
-            now = propagator.alone.totals
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(traction)
+            now = alone_of(propagator).totals
             change = {t: now[t] - start[t] for t in now}
             balance = (
                 change["kinetic"]
@@ -325,8 +326,8 @@ def unbalanced() -> Callable[..., float]:
 
 def continue_from(propagator: Any, other: Any) -> None:
     """Let a propagator go on from where another one is, as a run does: from the state of its image and the motions."""
-    image = propagator.alone.image()
-    image.state[:] = other.alone.image().state
+    image = alone_of(propagator).image()
+    image.state[:] = alone_of(other).image().state
     propagator.resume(image, 0, other.motions())
 
 
@@ -340,20 +341,20 @@ def resumes(tractions: Callable[..., Array]) -> Callable[..., None]:
 
         def on(propagator: Any) -> Array:
             for traction in given[5:9]:
-                propagator.alone.predict()
-                propagator.alone.commit(traction)
-            terms = [propagator.alone.totals[t] for t in sorted(propagator.alone.totals)]
+                alone_of(propagator).predict()
+                alone_of(propagator).commit(traction)
+            terms = [alone_of(propagator).totals[t] for t in sorted(alone_of(propagator).totals)]
             fields = full_displacement(propagator, 0), full_velocity(propagator, 0)
             return np.concatenate([*(field.ravel() for field in fields), *terms])
 
         propagator = start()
         for traction in given[1:5]:
-            propagator.alone.predict()
-            propagator.alone.commit(traction)
-        kept, other = propagator.alone.snapshot(), start()
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(traction)
+        kept, other = alone_of(propagator).snapshot(), start()
         continue_from(other, propagator)
         whole = on(propagator)
-        propagator.alone.restore(kept)
+        alone_of(propagator).restore(kept)
         np.testing.assert_array_equal(on(propagator), whole)
         rest = type(m.histories)(
             m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]

@@ -20,6 +20,7 @@ from latin_fmu.propagator import DirectPropagator, Histories
 from latin_fmu.propagator.base import full_displacement
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.time_scheme import Newmark
+from tests.alone import alone_of, started_alone
 
 # c = 2 along a bar with E = 4, rho = 1, nu = 0; shear waves at sqrt(2)
 MATERIAL = {"young_modulus": 4.0, "poisson_ratio": 0.0, "density": 1.0}
@@ -165,10 +166,10 @@ def test_rayleigh_damping_of_a_mode(model: Callable[..., Any]) -> None:
     propagator = DirectPropagator([alone], Newmark(), dt, energy=False)
     propagator.begin([Histories(dt * np.arange(n + 1), [], np.zeros((n + 1, 0)))], dt)
     nothing = np.zeros((propagator.n_channel, 1))
-    propagator.start(nothing, propagator.mass_factor())
+    started_alone(propagator, nothing, propagator.mass_factor())
     for i in range(1, n + 1):
-        propagator.alone.predict()
-        propagator.alone.commit(nothing)
+        alone_of(propagator).predict()
+        alone_of(propagator).commit(nothing)
         t = i * dt
         exact = math.exp(-z * w * t) * (math.cos(w_d * t) + z * w / w_d * math.sin(w_d * t))
         assert full_displacement(propagator, 0).ravel() @ phi / (phi @ phi) == pytest.approx(exact, abs=2e-4)

@@ -23,6 +23,7 @@ from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.reduced import ReducedPropagator
 from latin_fmu.propagator.static import StaticPropagator
 from latin_fmu.time_scheme import CentralDifference
+from tests.alone import alone_of, started_alone
 
 from .conftest import DT
 
@@ -55,7 +56,7 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
     rows: list[list[Any]] = [[] for _ in range(m)]
 
     def look() -> None:
-        totals, now = propagator.alone.totals, propagator.state
+        totals, now = alone_of(propagator).totals, propagator.state
         for j, member in enumerate(propagator.members):
             full = [
                 member.expansion @ field[:, j] + imposed(propagator.instant)[:, j]
@@ -69,12 +70,12 @@ def marched(propagator: Any, tractions: Array, incoming: bool = False) -> tuple[
 
     look()
     for given in tractions[1:]:
-        propagator.alone.predict()
+        alone_of(propagator).predict()
         if incoming:
-            acted.append(given - propagator.k * propagator.alone.respond(given))
+            acted.append(given - propagator.k * alone_of(propagator).respond(given))
         else:
             acted.append(given)
-        propagator.alone.commit(given)
+        alone_of(propagator).commit(given)
         look()
     fields = []
     for j in range(m):
@@ -169,7 +170,7 @@ def test_terms_of_the_reduced_march(scheme: Any, kind: str, modes: int, model: M
     propagator = ReducedPropagator([d.model for d in members], scheme, DT, energy=True, n_mode=modes)
     propagator.begin([d.histories for d in members], DT)
     given = tractions(propagator.n_channel, 2)
-    propagator.start(given[0], propagator.mass_factor())
+    started_alone(propagator, given[0], propagator.mass_factor())
     fields, _ = marched(propagator, given)
     for j, (own, member) in enumerate(zip(propagator.members, members, strict=True)):
         forces = (given[..., j] * own.channel_area) @ dense(own.trace)
@@ -182,7 +183,7 @@ def test_terms_of_the_explicit_march(kind: str, model: Make, tractions: Make) ->
     propagator = ExplicitPropagator([d.model for d in members], CentralDifference(), STEP, energy=True)
     propagator.begin([d.histories for d in members], STEP)
     given = tractions(propagator.n_channel, 2)
-    propagator.start(given[0], propagator.mass_factor())
+    started_alone(propagator, given[0], propagator.mass_factor())
     fields, _ = marched(propagator, given)
     for j, member in enumerate(members):
         own, f = member.model, fields[j]
@@ -232,7 +233,7 @@ def test_terms_of_the_static_march(kind: str, model: Make, tractions: Make, chan
     propagator.begin([d.histories for d in members], DT)
     given = tractions(n, 2)
     given[0] = 0.0
-    propagator.start(given[0], None)
+    started_alone(propagator, given[0], None)
     propagator.bind(k)
     fields, acted = marched(propagator, given, incoming=True)
     for j, member in enumerate(members):

@@ -16,6 +16,7 @@ from latin_fmu.propagator.explicit import ExplicitPropagator
 from latin_fmu.propagator.model import lumped
 from latin_fmu.propagator.stable_step import StableStep
 from latin_fmu.time_scheme import CentralDifference
+from tests.alone import alone_of, started_alone
 
 Array = np.ndarray
 Make = Callable[..., Any]
@@ -28,7 +29,7 @@ def started(members: list[Any], dt: float = DT, traction: Array | None = None) -
     propagator = ExplicitPropagator([d.model for d in members], scheme, dt, energy=True)
     propagator.begin([d.histories for d in members], dt)
     zero = np.zeros((propagator.n_channel, len(members)))
-    propagator.start(zero if traction is None else traction, propagator.mass_factor())
+    started_alone(propagator, zero if traction is None else traction, propagator.mass_factor())
     return propagator
 
 
@@ -67,8 +68,8 @@ def test_march_under_given_tractions(kind: str, model: Make, tractions: Make) ->
     u, v = leapfrog(m, given[..., 0], DT)
     propagator = started([m])
     for i in range(1, len(given)):
-        propagator.alone.predict()
-        propagator.alone.commit(given[i])
+        alone_of(propagator).predict()
+        alone_of(propagator).commit(given[i])
         for actual, expected in ((full_displacement(propagator, 0), u), (full_velocity(propagator, 0), v)):
             np.testing.assert_allclose(actual.ravel(), expected[i], rtol=0, atol=1e-11 * np.abs(expected).max())
 
@@ -101,9 +102,9 @@ def test_respond_is_a_march_with_dashpots(kind: str, model: Make, tractions: Mak
     )
     q = tractions(propagator.n_channel)
     for i in range(1, 6):
-        propagator.alone.predict()
-        w = propagator.alone.respond(q[i])
-        propagator.alone.commit(q[i] - propagator.k * w)
+        alone_of(propagator).predict()
+        w = alone_of(propagator).respond(q[i])
+        alone_of(propagator).commit(q[i] - propagator.k * w)
         np.testing.assert_allclose(channel_velocity(propagator), w, atol=1e-11 * np.abs(w).max())
 
 
@@ -111,8 +112,8 @@ def test_channels_read_the_motion_half_a_step_ahead(model: Make, tractions: Make
     m = model("everything")
     given = tractions(len(m.model.channel_area))
     propagator = started([m])
-    propagator.alone.predict()
-    propagator.alone.commit(given[1])
+    alone_of(propagator).predict()
+    alone_of(propagator).commit(given[1])
     u, v = full_displacement(propagator, 0).ravel(), full_velocity(propagator, 0).ravel()
     expected = m.model.trace @ (u + 0.5 * DT * v)
     np.testing.assert_allclose(channel_displacement(propagator)[:, 0], expected, atol=1e-12)
@@ -146,8 +147,8 @@ def test_the_stable_step_is_the_longest_one(kind: str, model: Make, changed: Mak
         zero = np.zeros((propagator.n_channel, 1))
         for _ in range(600):
             propagator.begin([rest], dt)
-            propagator.alone.predict()
-            propagator.alone.commit(zero)
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(zero)
         return float(np.abs(full_velocity(propagator, 0)).max())
 
     assert grown(0.98 * limit) < 50.0

@@ -12,9 +12,13 @@ import pytest
 
 from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
+from latin_fmu.kernels.instants import OPENINGS
+from latin_fmu.kernels.substructure import linear_response
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.image import Image, ImageClass
 from latin_fmu.time_scheme import TimeScheme
+from tests.alone import alone_of, started_alone
+from tests.plain_kernels import call
 
 Array = np.ndarray
 Make = Callable[..., Any]
@@ -25,7 +29,7 @@ has_panels = pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has no
 def marched(model: Make, begin: Make, hht: TimeScheme) -> DirectPropagator:
     """A propagator at its first instant, before the interface forces."""
     propagator = begin([model("held")], hht)
-    propagator.alone.predict()
+    alone_of(propagator).predict()
     return propagator
 
 
@@ -33,7 +37,7 @@ def respond(propagator: DirectPropagator) -> Array:
     """Velocities of the channels for q = 1 with the direction that the image uses."""
     image, n = propagator.state.image, propagator.n_channel
     image.field("q", n)[:] = 1.0
-    image.call(entries.RESPOND, 0)
+    call(linear_response, image, 0, image.field("q", n), image.field("w", n))
     return image.field("w", n).copy()
 
 
@@ -61,7 +65,7 @@ def test_a_propagator_alone_takes_no_further_memory(marched: DirectPropagator) -
     rng, sizes = np.random.default_rng(3), []
     for _ in range(60):
         marched.bind(rng.uniform(0.1, 4.0, marched.n_channel))
-        marched.alone.respond(np.ones((marched.n_channel, 1)))
+        alone_of(marched).respond(np.ones((marched.n_channel, 1)))
         sizes.append(marched.state.image.fixed.size)
     assert sizes[-1] == sizes[1]
 
@@ -82,7 +86,7 @@ def test_directions_placed_before_are_kept(marched: DirectPropagator) -> None:
 
 def free_velocity(propagator: DirectPropagator) -> Array:
     """Velocities of the channels without interface forces, computed again by the kernels."""
-    propagator.state.image.call(entries.PREDICT, propagator.state.number, 1)
+    propagator.state.image.call(entries.BEGIN, 1, 1, OPENINGS)
     return propagator.state.part("w_free", propagator.n_channel).copy()
 
 
@@ -104,7 +108,7 @@ def test_panels_lie_in_memory_once(model: Make, begin: Make, hht: TimeScheme, pr
     propagator = begin([replace(held, model=held.model.with_factor(precision))], hht)
     factor, load = propagator.operators.factor, np.random.default_rng(5).normal(size=(propagator.n_dof, 4))
     own, solution = weakref.ref(factor.panels), factor.solve(load)
-    panels, velocity = factor.panels.copy(), propagator.alone.predict().ravel()
+    panels, velocity = factor.panels.copy(), alone_of(propagator).predict().ravel()
     assert own() is None
     image, blocks, rng = propagator.state.image, [], np.random.default_rng(6)
     for key in range(10, 18):
@@ -127,10 +131,10 @@ def test_classes_with_one_factor_share_its_panels(model: Make, begin: Make, hht:
     first = begin([held], hht)
     second = DirectPropagator([held.model], hht, first.dt, energy=True, twin=first)
     second.begin([held.histories], first.dt)
-    second.start(np.zeros((second.n_channel, 1)), second.mass_factor())
+    started_alone(second, np.zeros((second.n_channel, 1)), second.mass_factor())
     factor = first.operators.factor
     assert second.operators.factor is factor
-    velocity = first.alone.predict().ravel()
+    velocity = alone_of(first).predict().ravel()
     before, n = first.state.image, first.n_channel
     places = [np.arange(n)[:, None], np.arange(n, 2 * n)[:, None]]
     both = Image(
@@ -144,5 +148,5 @@ def test_classes_with_one_factor_share_its_panels(model: Make, begin: Make, hht:
     assert len({int(row["panels"]) for row in both.classes}) == 1
     assert np.shares_memory(factor.panels, both.fixed)
     both.fixed[:] = np.nan
-    before.call(entries.PREDICT, 0, 1)
+    before.call(entries.BEGIN, 1, 1, OPENINGS)
     np.testing.assert_array_equal(before.moving[before.row(0)["w_free"] :][:n], velocity)

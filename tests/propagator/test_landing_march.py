@@ -13,6 +13,7 @@ from latin_fmu.propagator.base import channel_displacement, full_displacement, f
 from latin_fmu.propagator.direct import CgPropagator
 from latin_fmu.time_scheme import GeneralizedAlpha
 from latin_fmu.time_scheme.implicit import MasslessContact
+from tests.alone import alone_of, started_alone
 
 Make = Callable[..., Any]
 Array = np.ndarray
@@ -106,9 +107,9 @@ def test_march_and_energies_are_those_of_the_equations(
     expected = [dense_march(d, scheme, given[..., j]) for j, d in enumerate(members)]
     for i in range(N + 1):
         if i:
-            propagator.alone.predict()
-            propagator.alone.commit(given[i])
-        totals = propagator.alone.totals
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(given[i])
+        totals = alone_of(propagator).totals
         for j, dense in enumerate(expected):
             size = np.abs(dense["u"]).max()
             np.testing.assert_allclose(full_displacement(propagator, j).ravel(), dense["u"][i], atol=1e-10 * size)
@@ -142,11 +143,11 @@ def test_conjugate_gradients_march_alike(model: Make, begin: Make, tractions: Ma
     direct = begin([member], GeneralizedAlpha(), given[0])
     other = CgPropagator([member.model], GeneralizedAlpha(), DT, energy=True)
     other.begin([member.histories], DT)
-    other.start(given[0], other.mass_factor())
+    started_alone(other, given[0], other.mass_factor())
     for traction in given[1:]:
         for propagator in (direct, other):
-            propagator.alone.predict()
-            propagator.alone.commit(traction)
+            alone_of(propagator).predict()
+            alone_of(propagator).commit(traction)
     np.testing.assert_allclose(other.state.u, direct.state.u, atol=1e-7 * np.abs(direct.state.u).max())
 
 
@@ -160,7 +161,7 @@ def test_response_is_what_the_tractions_cause(
     propagator.bind(np.random.default_rng(1).uniform(0.5, 2.0, propagator.n_channel))
     for q in given[1:5]:
         before = channel_displacement(propagator)
-        propagator.alone.predict()
-        w = propagator.alone.respond(q)
-        propagator.alone.commit(q - propagator.k * w)
+        alone_of(propagator).predict()
+        w = alone_of(propagator).respond(q)
+        alone_of(propagator).commit(q - propagator.k * w)
         np.testing.assert_allclose((channel_displacement(propagator) - before) / DT, w, atol=1e-10)

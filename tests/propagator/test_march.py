@@ -10,6 +10,7 @@ import pytest
 
 from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.base import channel_displacement, channel_velocity, full_displacement, full_velocity
+from tests.alone import alone_of
 
 from .conftest import continue_from
 
@@ -47,10 +48,10 @@ def test_respond_is_a_march_with_dashpots(
     propagator = begin([m], scheme)
     propagator.bind(k)
     for i in range(1, len(q)):
-        propagator.alone.predict()
-        w = propagator.alone.respond(q[i])
+        alone_of(propagator).predict()
+        w = alone_of(propagator).respond(q[i])
         close(w[:, 0], m.model.trace @ expected.v[i], 1e-9)
-        propagator.alone.commit(q[i] - propagator.k * w)
+        alone_of(propagator).commit(q[i] - propagator.k * w)
         close(channel_velocity(propagator), w)
     close(full_displacement(propagator, 0).ravel(), expected.u[-1])
 
@@ -88,14 +89,14 @@ def test_members_respond_each_for_itself(hht: Any, model: Make, begin: Make, tra
     k = np.random.default_rng(5).uniform(0.0, 2.0, n)
     together.bind(k)
     q = tractions(n, count)[4]
-    w_0 = together.alone.predict()
-    actual = together.alone.respond(q)
+    w_0 = alone_of(together).predict()
+    actual = alone_of(together).respond(q)
     close(actual, w_0 + response(together) @ (q - k[:, None] * w_0), 1e-13)
     for j, member in enumerate(members):
         alone = begin([member], hht)
         alone.bind(k)
-        close(alone.alone.predict(), w_0[:, j : j + 1], 1e-12)
-        close(alone.alone.respond(q[:, j : j + 1]), actual[:, j : j + 1], 1e-12)
+        close(alone_of(alone).predict(), w_0[:, j : j + 1], 1e-12)
+        close(alone_of(alone).respond(q[:, j : j + 1]), actual[:, j : j + 1], 1e-12)
 
 
 def test_causality(
@@ -152,16 +153,16 @@ def test_restore_repeats_bit_by_bit(
     given = tractions(len(m.model.channel_area))
     propagator = begin([m], scheme, given[0])
     advance(propagator, given[:9])
-    snapshot = propagator.alone.snapshot()
+    snapshot = alone_of(propagator).snapshot()
     first = advance(propagator, given)
-    energies = {t: propagator.alone.totals[t].copy() for t in TERMS}
-    propagator.alone.restore(snapshot)
+    energies = {t: alone_of(propagator).totals[t].copy() for t in TERMS}
+    alone_of(propagator).restore(snapshot)
     assert propagator.instant == 8
     second = advance(propagator, given)
     for name in "uva":
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     for term in TERMS:
-        np.testing.assert_array_equal(propagator.alone.totals[term], energies[term])
+        np.testing.assert_array_equal(alone_of(propagator).totals[term], energies[term])
 
 
 def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: Make, tractions: Make) -> None:
@@ -169,9 +170,9 @@ def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: 
     given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht)
     before = {name: getattr(propagator.state, name).copy() for name in ("u", "v", "a", "residual")}
-    first = propagator.alone.predict().copy()
-    propagator.alone.respond(given[3])
-    np.testing.assert_array_equal(propagator.alone.predict(), first)
+    first = alone_of(propagator).predict().copy()
+    alone_of(propagator).respond(given[3])
+    np.testing.assert_array_equal(alone_of(propagator).predict(), first)
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(propagator.state, name), value)
     assert propagator.instant == 0
@@ -193,7 +194,9 @@ def test_members_march_as_if_alone(
         close(full_velocity(together, j), full_velocity(alone, 0), 1e-12)
         close(together.state.residual[:, j : j + 1], alone.state.residual, 1e-11)
         for term in TERMS:
-            assert together.alone.totals[term][j] == pytest.approx(alone.alone.totals[term][0], rel=1e-9, abs=1e-12)
+            assert alone_of(together).totals[term][j] == pytest.approx(
+                alone_of(alone).totals[term][0], rel=1e-9, abs=1e-12
+            )
 
 
 def test_admittance_is_symmetric_and_positive(scheme: Any, kind: str, model: Make, begin: Make) -> None:
@@ -239,7 +242,7 @@ def test_energies_are_those_of_the_motion(hht: Any, model: Make, begin: Make, ad
     given = tractions(len(m.model.channel_area))
     propagator = begin([m], hht, given[0])
     motion = advance(propagator, given)
-    totals = propagator.alone.totals
+    totals = alone_of(propagator).totals
     assert totals["kinetic"][0] == pytest.approx(0.5 * motion.v[-1] @ (m.model.mass @ motion.v[-1]), rel=1e-12)
     assert totals["elastic"][0] == pytest.approx(0.5 * motion.u[-1] @ (m.model.stiffness @ motion.u[-1]), rel=1e-12)
     assert totals["damping_dissipation"][0] > 0
@@ -249,14 +252,14 @@ def test_a_march_taken_back_is_not_accounted(hht: Any, model: Make, begin: Make,
     """Energies go back with the motion."""
     m = model("everything")
     propagator, given = begin([m], hht), tractions(len(m.model.channel_area))
-    before, kept = propagator.alone.totals, propagator.alone.snapshot()
+    before, kept = alone_of(propagator).totals, alone_of(propagator).snapshot()
     for traction in given[1:4]:
-        propagator.alone.predict()
-        propagator.alone.commit(traction)
-    assert propagator.alone.totals["interface_work"][0] != before["interface_work"][0]
-    propagator.alone.restore(kept)
+        alone_of(propagator).predict()
+        alone_of(propagator).commit(traction)
+    assert alone_of(propagator).totals["interface_work"][0] != before["interface_work"][0]
+    alone_of(propagator).restore(kept)
     for term in TERMS:
-        np.testing.assert_array_equal(propagator.alone.totals[term], before[term])
+        np.testing.assert_array_equal(alone_of(propagator).totals[term], before[term])
 
 
 def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
@@ -290,7 +293,7 @@ def test_segments_are_one_run(
     close(full_velocity(pieces, 0).ravel(), expected.v[-1], 1e-12)
     close(pieces.state.residual, whole.state.residual, 1e-11)
     for term in TERMS:
-        assert pieces.alone.totals[term][0] == pytest.approx(whole.alone.totals[term][0], rel=1e-10, abs=1e-12)
+        assert alone_of(pieces).totals[term][0] == pytest.approx(alone_of(whole).totals[term][0], rel=1e-10, abs=1e-12)
 
 
 def test_a_state_can_be_taken_up_by_another_propagator(
@@ -311,7 +314,7 @@ def test_a_state_can_be_taken_up_by_another_propagator(
     for name in "uva":
         np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name))
     for term in TERMS:
-        np.testing.assert_array_equal(second.alone.totals[term], first.alone.totals[term])
+        np.testing.assert_array_equal(alone_of(second).totals[term], alone_of(first).totals[term])
 
 
 def test_another_step_in_between(hht: Any, model: Make, begin: Make, advance: Make, changed: Make) -> None:

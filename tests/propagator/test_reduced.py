@@ -11,6 +11,7 @@ import pytest
 from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.base import channel_velocity, full_displacement, full_velocity
 from latin_fmu.propagator.reduced import ReducedPropagator, reduced_members
+from tests.alone import alone_of, started_alone
 
 from .conftest import DT
 
@@ -24,7 +25,7 @@ def started(members: list[Any], scheme: Any, modes: int, traction: Array | None 
     propagator = ReducedPropagator([d.model for d in members], scheme, DT, energy=True, n_mode=modes)
     propagator.begin([d.histories for d in members], DT)
     zero = np.zeros((propagator.n_channel, len(members)))
-    propagator.start(zero if traction is None else traction, propagator.mass_factor())
+    started_alone(propagator, zero if traction is None else traction, propagator.mass_factor())
     return propagator
 
 
@@ -44,16 +45,16 @@ def _same_march(scheme: Any, kind: str, model: Make, begin: Make, tractions: Mak
     for i in range(len(given)):
         if i:
             for propagator in (direct, reduced):
-                propagator.alone.predict()
-                propagator.alone.commit(given[i])
+                alone_of(propagator).predict()
+                alone_of(propagator).commit(given[i])
         for j in range(2):
             for read in (full_displacement, full_velocity):
                 expected = read(direct, j)
                 scale = np.abs(expected).max()
                 np.testing.assert_allclose(read(reduced, j), expected, rtol=0, atol=1e-8 * scale)
         for term in TERMS:
-            expected = direct.alone.totals[term]
-            np.testing.assert_allclose(reduced.alone.totals[term], expected, rtol=1e-7, atol=1e-7)  # type: ignore[union-attr]
+            expected = alone_of(direct).totals[term]
+            np.testing.assert_allclose(alone_of(reduced).totals[term], expected, rtol=1e-7, atol=1e-7)  # type: ignore[union-attr]
 
 
 def test_the_admittance_with_every_mode_is_that_of_the_mesh(hht: Any, kind: str, model: Make, begin: Make) -> None:
@@ -90,9 +91,9 @@ def test_respond_is_a_march_with_dashpots(hht: Any, kind: str, model: Make, trac
     propagator.bind(k)
     q = tractions(propagator.n_channel)
     for i in range(1, 6):
-        propagator.alone.predict()
-        w = propagator.alone.respond(q[i])
-        propagator.alone.commit(q[i] - propagator.k * w)
+        alone_of(propagator).predict()
+        w = alone_of(propagator).respond(q[i])
+        alone_of(propagator).commit(q[i] - propagator.k * w)
         np.testing.assert_allclose(channel_velocity(propagator), w, atol=1e-10 * np.abs(w).max())
 
 

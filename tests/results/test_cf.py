@@ -58,30 +58,34 @@ ACCEPTED = (
 )
 
 
-def findings(file: Path) -> list[str]:
-    """What the checker has against a file, warnings and its own crashes included, but for ``ACCEPTED``."""
-    report = file.with_suffix(".json")
-    command = [str(CHECKER), f"--test={VERSION}", "--criteria=strict", "--format=json", "-o", str(report), str(file)]
+def findings(*files: Path) -> list[str]:
+    """What the checker has against files, by their names, warnings and its own crashes included, but for
+    ``ACCEPTED``."""
+    report, names = files[0].with_suffix(".json"), [str(file) for file in files]
+    command = [str(CHECKER), f"--test={VERSION}", "--criteria=strict", "--format=json_new", "-o", str(report), *names]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert report.exists(), done.stderr
-    checks = json.loads(report.read_text())[VERSION]
-    crashes = [line for line in done.stderr.splitlines() if line.startswith(f"{VERSION}.")]
-    messages = [
-        text for level in ("high", "medium", "low") for check in checks[f"{level}_priorities"] for text in check["msgs"]
+    checks = json.loads(report.read_text())
+    messages = [("", line) for line in done.stderr.splitlines() if line.startswith(f"{VERSION}.")]
+    messages += [
+        (f"{file.stem}: ", text)
+        for file in files
+        for level in ("high", "medium", "low")
+        for check in checks[str(file)][VERSION][f"{level}_priorities"]
+        for text in check["msgs"]
     ]
-    return [text for text in messages + crashes if not text.startswith(ACCEPTED)]
+    return [f"{where}{text}" for where, text in messages if not text.startswith(ACCEPTED)]
 
 
-def findings_by_group(tree: xr.DataTree, folder: Path) -> dict[str, list[str]]:
-    """Findings in each group that has variables, as a file of its own; groups without any are left out."""
-    violations = {}
+def findings_by_group(tree: xr.DataTree, folder: Path) -> list[str]:
+    """Findings in each group that has variables, as a file of its own."""
+    files = []
     for node in tree.subtree:
         dataset = node.to_dataset()
         dataset.attrs = {**tree.attrs, **dataset.attrs}
-        file = folder / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc"
-        write_netcdf(xr.DataTree(dataset), file)
-        violations[node.path] = findings(file)
-    return {path: texts for path, texts in violations.items() if texts}
+        files.append(folder / f"{node.path.strip('/').replace('/', '_') or 'root'}.nc")
+        write_netcdf(xr.DataTree(dataset), files[-1])
+    return findings(*files)
 
 
 @NEEDS_CHECKER
@@ -89,7 +93,7 @@ def findings_by_group(tree: xr.DataTree, folder: Path) -> dict[str, list[str]]:
     "kind", ["crushing", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("stalled", "estimated"))]
 )
 def test_every_group_follows_cf(kind: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    assert findings_by_group(request.getfixturevalue(kind).to_datatree(), tmp_path) == {}
+    assert findings_by_group(request.getfixturevalue(kind).to_datatree(), tmp_path) == []
 
 
 def made_study(folder: Path) -> xr.DataTree:
@@ -139,7 +143,7 @@ def made_surfaces(folder: Path) -> xr.DataTree:
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [made_study, made_spectra, made_modes, made_session, made_surfaces])
 def test_other_files_follow_cf(make: Callable[[Path], xr.DataTree], tmp_path: Path) -> None:
-    assert findings_by_group(make(tmp_path), tmp_path) == {}
+    assert findings_by_group(make(tmp_path), tmp_path) == []
 
 
 @NEEDS_CHECKER

@@ -129,3 +129,6 @@ def test_refused(tmp_path: Path, file: Path, capsys: pytest.CaptureFixture[str])
     assert main(["export", str(tmp_path / "pure.nc"), "--g"]) == 2
     assert "--g: the results have no units" in capsys.readouterr().err
     assert main(["export", str(tmp_path / "pure.nc")]) == 0
+    text = (tmp_path / "pure_sensors.unv").read_text()
+    assert text.splitlines()[2].split() == ["9US:", "USER_DEFINED", "2"]  # user-defined units
+    assert "m s-2" not in text

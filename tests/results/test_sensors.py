@@ -14,6 +14,7 @@ from latin_fmu.fem.location import locate
 from latin_fmu.fem.mesh import Mesh, cell_blocks
 from latin_fmu.results.vtk import export_vtu
 from latin_fmu.stability.scenes import STEEL, Box, Material, column, half_sine
+from tests.scenes import given_motion
 
 INSIDE = [0.0013, 0.0041, 0.0137]
 SENSORS = {
@@ -44,13 +45,7 @@ def pressed(**changes: Any) -> latin_fmu.Scene:
         {"end": 4e-6, "step": 0.2e-6},
         name="pressed",
         boundary={
-            "base": {
-                "type": "velocity",
-                "face": "lower.zmin",
-                "components": ["z"],
-                "value": [0.05],
-                "law": half_sine(6e-6),
-            },
+            "base": given_motion("lower.zmin", [0.05], half_sine(6e-6), "z"),
             "side": {"type": "symmetry", "face": "upper.xmin"},
             "back": {"type": "symmetry", "face": "upper.ymin"},
             "front": {"type": "symmetry", "face": "lower.ymin"},

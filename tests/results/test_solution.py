@@ -90,7 +90,7 @@ def test_summary_tells_what_matters(crushing: Solution) -> None:
         "100 pm",
         "36.00 kN",
         "3.150 us",
-        "16.65 us",
+        "15.70 us",
         "impulse 0.2 % too small",
         "120 MB",
         "balance closed to",

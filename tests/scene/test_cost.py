@@ -140,7 +140,7 @@ def test_predicted_and_real_seconds_are_of_one_size() -> None:
 
 def test_explicit_is_suggested_never_chosen() -> None:
     """A reduced model costs more than this one run: its modes pay in studies, and it is not suggested here."""
-    explanation = explain(scene(18))
+    explanation = explain(scene(15))
     assert "direct" in explanation.choices["propagator"]
     (other,) = [s for s in explanation.suggestions if "propagator costs less" in s.what]
     assert other.settings[0] == "solver.propagator=explicit"

@@ -28,6 +28,7 @@ from latin_fmu.scene.settings import (
     Solver,
     Time,
     Uniform,
+    with_defaults,
 )
 from latin_fmu.scene.substructures import BoxTable, Substructure
 
@@ -227,3 +228,19 @@ def test_what_would_be_read_without_an_end_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text('name = "x"\ndescription = "' + "a." * 500 + '"\n')
     with pytest.raises(SceneError, match="material: this key is missing"):
         load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("tables", "static"),
+    [
+        ({"bolt": {"b": {}}}, True),
+        ({"temperature": {"day": {}}}, True),
+        ({"temperature": {"day": {}}, "initial_state": {"file": "out.nc"}}, False),
+        ({"temperature": {"day": {}}, "time": {"start": "given"}}, False),
+        ({}, False),
+    ],
+)
+def test_scenes_that_start_from_equilibrium(tables: dict[str, Any], static: bool) -> None:
+    """Those with bolts, and with temperatures where no other start is given."""
+    made = with_defaults({"time": {"end": 1.0}} | tables)
+    assert (made["time"].get("start") == {"type": "static"}) == static

@@ -118,7 +118,7 @@ def test_explain_gives_the_remarks_of_check(change: str | None) -> None:
 
 
 MODEL_FILES = [
-    pytest.param(path, marks=pytest.mark.slow) if path.parent.name == "lap_joint" else path
+    pytest.param(path, marks=pytest.mark.slow) if path.parent.name in ("lap_joint", "bolted_beam") else path
     for path in sorted(MODELS.glob("*/*.toml"))
 ]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import latin_fmu
-from latin_fmu.accuracy.runs import Quantities, in_short_windows, of_force
+from latin_fmu.accuracy.quantities import Band, Quantities, add_sensor, of_force
+from latin_fmu.accuracy.runs import in_short_windows
+from latin_fmu.latin.outcome import SensorHistory
 from latin_fmu.results.quantities_of_interest import Force
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, bar, column, thrown, two_boxes
@@ -43,7 +45,7 @@ class Known:
 def exact_of(
     interface: str, solved: Solved, area: float, end: float, sensors: dict[str, tuple[int, int]] | None = None
 ) -> Quantities:
-    """Exact quantities of one contact; ``sensors``: connection and side of bar ends by name."""
+    """Exact quantities of one contact; ``sensors``: connection and side of bar ends by name, for their displacement."""
     exact = Quantities()
     knots: list[float] = []
     values: list[float] = []
@@ -53,12 +55,40 @@ def exact_of(
     force = Force(np.array(knots), np.array(values))
     exact.forces[interface] = force
     exact.add(interface, of_force(force, end, opens=True))
-    for name, (connection, side) in (sensors or {}).items():
-        velocity = solved.waves.velocity[connection][side]
-        path = np.array([velocity.integral(0.0, t) for t in np.linspace(0.0, end, 2001)])
+    for name, place in (sensors or {}).items():
+        path = _path(solved.waves, place, np.linspace(0.0, end, 2001))
         exact.vectors[name] = np.array([0.0, 0.0, path[-1]])
         exact.add(name, {"displacement": (abs(path[-1]), float(np.abs(path).max()))})
     return exact
+
+
+def add_exact_sensor(exact: Quantities, name: str, waves: Waves, place: tuple[int, int], scene: Scene) -> None:
+    """Add all quantities of a sensor on the end of a bar (connection and side).
+
+    Its motion is sampled sixteen times as often as that of the run, the acceleration as the second difference of the
+    exact displacement: what it integrates to over a sample is exact, jumps of the velocity included.
+    """
+    step = scene.time.time_step / 16
+    time = step * np.arange(int(scene.time.end / step + 1e-6) + 1)
+    path = _path(waves, place, time)
+    motions = np.zeros((3, len(time), 3))
+    motions[0, :, 2] = path
+    motions[1, :, 2] = np.gradient(path, step)
+    motions[2, 1:-1, 2] = np.diff(path, 2) / step**2
+    history = SensorHistory(name, scene.sensor[name].body, None, np.zeros(3), *motions)
+    add_sensor(exact, time, history, scene.time.end, Band.of(scene, scene.sensor[name]))
+
+
+def _path(waves: Waves, place: tuple[int, int], time: np.ndarray) -> np.ndarray:
+    """Displacement (n,) of the end of a bar at instants (n,) from 0 on, exact."""
+    connection, side = place
+    pieces = list(waves.velocity[connection][side].pieces(0.0, float(time[-1])))
+    knots = np.array([piece[0] for piece in pieces] + [pieces[-1][1]])
+    steps, first, last = (np.array(column) for column in zip(*((b - a, u, v) for a, b, u, v in pieces), strict=True))
+    way = np.concatenate([[0.0], np.cumsum(0.5 * steps * (first + last))])
+    i = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(pieces) - 1)
+    passed = time - knots[i]
+    return way[i] + passed * (first[i] + 0.5 * passed / steps[i] * (last[i] - first[i]))
 
 
 def _with_sensors(scene: Scene, **places: tuple[str, float]) -> Scene:
@@ -257,8 +287,3 @@ MAKERS: tuple[Callable[[], Known], ...] = (
 def known() -> tuple[Known, ...]:
     """All of them."""
     return tuple(make() for make in MAKERS)
-
-
-def named(*names: str) -> Iterator[Known]:
-    """Some of them."""
-    return (case for case in known() if case.name in names)

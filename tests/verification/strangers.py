@@ -2,9 +2,10 @@
 
     python -m tests.verification.strangers --seeds 0:60
 
-prints, for every quantity, in how many cases the estimated error is at least the true one. A chain has 2 to 5 unlike
-bars, contacts with and without gaps, bonds, a thrown body or a load (step, pulse, half sine, triangle), a free or a
-fixed end; its seed alone decides. Exact: ``oracles.bars``. Seeds are of one half or the other: the even ones may set
+prints, for every quantity, in how many cases the estimated error is at least the true one; with ``--promises``, how
+many targets a search for an accuracy promises, and how many of these it misses. A chain has 2 to 5 unlike bars,
+contacts with and without gaps, bonds, a thrown body or a load (step, pulse, half sine, triangle), a free or a fixed
+end; its seed alone decides. Exact: ``oracles.bars``. Seeds are of one half or the other: the even ones may set
 constants, the odd ones judge them.
 """
 
@@ -19,12 +20,13 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
+from latin_fmu.accuracy.adaptive_resolution import choose
 from latin_fmu.accuracy.estimate import estimate_error
-from latin_fmu.accuracy.runs import Quantities, measure_solution
+from latin_fmu.accuracy.quantities import Quantities, measure_solution
 from latin_fmu.results.quantities_of_interest import FLOOR
 from latin_fmu.stability.scenes import Box, Material, column
 
-from .known_answers import Known, exact_of
+from .known_answers import Known, add_exact_sensor, exact_of
 from .oracles.bars import Bar, Waves
 from .oracles.cases import Solved
 from .oracles.connections import Connection, Contact, Joint, PrescribedStress
@@ -59,12 +61,20 @@ def chain(seed: int) -> Known:
     data["load"] = {"push": {"face": "bar0.zmin", "pressure": _PRESSURE, "law": _table(law, duration)}} if law else {}
     last = f"bar{n - 1}.zmax"
     data["boundary"] = {"wall": {"type": "fixed", "face": last, "components": ["z"]}} if fixed else {}
-    data["sensor"] = {"foot": {"substructure": "bar0", "point": [0.0, 0.0, 0.0]}}
+    top = sum(bar.length for bar in bars) + sum(gaps)
+    data["sensor"] = {
+        "foot": {"substructure": "bar0", "point": [0.0, 0.0, 0.0], "spectrum": {}},
+        "tip": {"substructure": f"bar{n - 1}", "point": [0.0, 0.0, top - bars[-1].length * fixed], "spectrum": {}},
+    }
     joints = [Contact(gap) if opens else Joint() for opens, gap in zip(contacts, gaps, strict=True)]
     ends = PrescribedStress(_stress(law, duration, end)), PrescribedStress(PiecewiseLinear.constant(0.0, 0.0, end))
     rows: list[Connection] = [ends[0], *joints, Joint() if fixed else ends[1]]
-    waves = Waves(bars, rows, end)
-    return Known(f"chain_{seed}", latin_fmu.scene_from_dict(data), _exact(waves, contacts, gaps, end))
+    waves, scene = Waves(bars, rows, end), latin_fmu.scene_from_dict(data)
+    exact = _exact(waves, contacts, gaps, end)
+    if exact.values:
+        for sensor, place in (("foot", (0, 1)), ("tip", (n - 1, 1) if fixed else (n, 0))):
+            add_exact_sensor(exact, sensor, waves, place, scene)
+    return Known(scene.name, scene, exact)
 
 
 def _scene(name: str, bars: list[Bar], numbers: list[int], contacts: list[bool], gaps: list[float], time: Any) -> Any:
@@ -118,10 +128,8 @@ def _exact(waves: Waves, contacts: list[bool], gaps: list[float], end: float) ->
         solved = Solved(waves, i + 1, gaps[i])
         if not opens or not any(max(a, b) > 0.0 for _, _, a, b in solved.pressure.pieces(0.0, end)):
             continue
-        own = exact_of(f"face{i}", solved, 0.04, end, {"foot": (0, 1)})
-        for mine, theirs in (
-            (getattr(exact, of), getattr(own, of)) for of in ("values", "scales", "forces", "vectors")
-        ):
+        own = exact_of(f"face{i}", solved, 0.04, end)
+        for mine, theirs in ((getattr(exact, of), getattr(own, of)) for of in ("values", "scales", "forces")):
             mine.update(theirs)
     return exact
 
@@ -129,13 +137,15 @@ def _exact(waves: Waves, contacts: list[bool], gaps: list[float], end: float) ->
 # -- the estimate against the truth -------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Case:
-    """A quantity of a chain: true and estimated relative error, and whether the estimate is told to be a bound only."""
+    """A quantity of a scene: true and estimated relative error, whether the estimate is a bound only, and
+    what the estimate of all quantities costs over the run (CPU time)."""
 
-    chain: str
+    scene: str
     quantity: str
     true: float
     told: float
     bound: bool
+    cost: float
 
 
 def judged(seeds: Iterable[int]) -> Iterator[Case]:
@@ -148,42 +158,139 @@ def judged(seeds: Iterable[int]) -> Iterator[Case]:
             continue
         estimate, measured = estimate_error(problem.scene, solution), measure_solution(problem.scene, solution)
         known = {own.quantity for own in estimate.quantities}
-        for quantity in problem.quantities:
+        for quantity in reached_by_waves(problem.exact):
             if quantity not in known or quantity not in measured.values:
                 continue
             told = estimate[quantity]
             true = max(measured.error(quantity, problem.exact), FLOOR)
-            yield Case(problem.name, quantity, true, max(told.error, FLOOR), told.bound_only)
+            cost = estimate.cpu / solution.timings.total
+            yield Case(problem.name, quantity, true, max(told.error, FLOOR), told.bound_only, cost)
 
 
-def table(cases: list[Case]) -> str:
-    """Coverage by quantity, told over true, the worst true over told, and how often only a bound is told."""
-    lines = ["quantity             n   told >= true   told/true 50 %, 90 %   worst true/told   only a bound"]
+def table(cases: list[Case], worst: int = 0) -> str:
+    """Coverage by quantity, told over true, the worst true over told, how often it is only a bound, and how often the
+    error is unknown (left out of the other columns); the cost of the estimates; the worst cases."""
+    lines = [
+        "quantity                 n   told >= true   told/true 50 %, 90 %   worst true/told   only a bound   unknown"
+    ]
     by_key = {case.quantity.rpartition(".")[2]: None for case in cases}
     for key in [*by_key, "all"]:
-        some = [c for c in cases if key in ("all", c.quantity.rpartition(".")[2])]
+        every = [c for c in cases if key in ("all", c.quantity.rpartition(".")[2])]
+        some = [c for c in every if np.isfinite(c.told)]
+        if not some:
+            continue
         ratio = np.array([c.told / c.true for c in some])
         median, most = np.quantile(ratio, [0.5, 0.9])
         lines.append(
-            f"{key:16s} {len(some):5d} {100 * np.mean(ratio >= 1.0):12.0f} % {median:12.2f} {most:9.2f} "
-            f"{1.0 / ratio.min():17.2f} {100 * np.mean([c.bound for c in some]):13.0f} %"
+            f"{key:20s} {len(some):5d} {100 * np.mean(ratio >= 1.0):12.0f} % {median:12.2f} {most:9.2f} "
+            f"{1.0 / ratio.min():17.2f} {100 * np.mean([c.bound for c in some]):13.0f} % {len(every) - len(some):9d}"
         )
+    costs = list({c.scene: c.cost for c in cases}.values())
+    median, most = np.quantile(costs, [0.5, 0.9])
+    lines.append(f"cost of an estimate over the run, {len(costs)} scenes: median {median:.2f}, 90 % {most:.2f}")
+    lines += [
+        f"{case.scene} {case.quantity}: true {100 * case.true:.2f} %, told {100 * case.told:.2f} %"
+        for case in sorted(cases, key=lambda c: c.told / c.true)[:worst]
+    ]
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Print the table of a range of seeds."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--seeds", default="0:40", help="FIRST:END")
+# -- promises of a search for an accuracy ---------------------------------------------------------------------------
+TARGETS = {
+    "impulse": 0.01,
+    "displacement": 0.01,
+    "first_contact": 0.05,
+    "separation": 0.05,
+    "peak_force": 0.05,
+    "acceleration_peak": 0.1,
+}
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A search: whether the target was promised, told and true error, and its cost over the run it ends with."""
+
+    scene: str
+    key: str
+    made: bool
+    told: float
+    true: float
+    cost: float
+
+
+def promised(seeds: Iterable[int], limit: float) -> Iterator[Promise]:
+    """The searches for ``TARGETS`` on the chains of seeds, with at most ``limit`` CPU seconds each."""
+    for seed in seeds:
+        problem = chain(seed)
+        for key, target in TARGETS.items():
+            if not problem.exact.values:
+                continue
+            accuracy = problem.scene.accuracy.model_copy(update={"quantity": key})
+            choice = choose(problem.scene.model_copy(update={"accuracy": accuracy}), target, limit, lambda _: None)
+            if choice.solution is None:
+                yield Promise(problem.name, key, False, np.inf, np.nan, np.nan)
+                continue
+            measured = measure_solution(problem.scene, choice.solution)
+            names = [q for q in reached_by_waves(problem.exact) if q.endswith(f".{key}") and q in measured.values]
+            true = max((measured.error(q, problem.exact) for q in names), default=0.0)
+            cost = choice.seconds / choice.cpu
+            yield Promise(problem.name, key, choice.reached, choice.error, true, cost)
+
+
+def reached_by_waves(exact: Quantities) -> list[str]:
+    """Quantities but those of sensors that no wave reaches: next to nothing beside the same of others."""
+    largest: dict[str, float] = {}
+    for quantity, scale in exact.scales.items():
+        key = quantity.rpartition(".")[2]
+        largest[key] = max(scale, largest.get(key, 0.0))
+    return [q for q, scale in exact.scales.items() if scale > 1e-6 * largest[q.rpartition(".")[2]]]
+
+
+def promises_table(promises: list[Promise]) -> str:
+    """Promises made, false ones and the worst of them, cost of the search over the run it ends with, by quantity."""
+    lines = ["quantity             target   searches   promised   false   worst true/target   cost 50 %, 90 %"]
+    for key, target in TARGETS.items():
+        some = [p for p in promises if p.key == key]
+        made = [p for p in some if p.made]
+        if not made:
+            continue
+        false, worst = sum(p.true > target for p in made), max(p.true for p in made) / target
+        median, most = np.quantile([p.cost for p in made], [0.5, 0.9])
+        lines.append(
+            f"{key:20s} {100 * target:4.0f} % {len(some):10d} {len(made):10d} {false:7d} {worst:19.2f} "
+            f"{median:9.1f} {most:6.1f}"
+        )
+    made = [p for p in promises if p.made]
+    lines.append(f"{len(made)} of {len(promises)} promised, {sum(p.true > TARGETS[p.key] for p in made)} false")
+    lines += [
+        f"{p.scene} {p.key}: promised {100 * TARGETS[p.key]:g} %, true {100 * p.true:.2f} %, told {100 * p.told:.2f} %"
+        for p in made
+        if p.true > TARGETS[p.key]
+    ]
+    return "\n".join(lines)
+
+
+def chosen_seeds(parser: argparse.ArgumentParser, usual: str) -> tuple[argparse.Namespace, list[int]]:
+    """The options of the command line, and the seeds that they choose."""
+    parser.add_argument("--seeds", default=usual, help="FIRST:END")
     parser.add_argument("--half", choices=("even", "odd", "all"), default="all", help="even: may set constants")
     parser.add_argument("--worst", type=int, default=0, help="how many of the worst cases are listed")
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     halves = {"even": (0,), "odd": (1,), "all": (0, 1)}[given.half]
-    cases = list(judged(seed for seed in range(first, end) if seed % 2 in halves))
-    print(table(cases))  # noqa: T201
-    for case in sorted(cases, key=lambda c: c.told / c.true)[: given.worst]:
-        print(f"{case.chain} {case.quantity}: true {100 * case.true:.2f} %, told {100 * case.told:.2f} %")  # noqa: T201
+    return given, [seed for seed in range(first, end) if seed % 2 in halves]
+
+
+def main() -> None:
+    """Print the table of a range of seeds."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--promises", action="store_true", help="searches for an accuracy in the place of estimates")
+    parser.add_argument("--limit", type=float, default=20.0, help="CPU seconds of one search")
+    given, seeds = chosen_seeds(parser, "0:40")
+    if given.promises:
+        print(promises_table(list(promised(seeds, given.limit))))  # noqa: T201
+    else:
+        print(table(list(judged(seeds)), given.worst))  # noqa: T201
 
 
 if __name__ == "__main__":

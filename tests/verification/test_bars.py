@@ -48,13 +48,13 @@ def test_force_history_converges_at_the_order_of_a_front():
     """L2 error of a shock front: order about 1/2 (a jump), the impulse stays within 0.5 % at every resolution."""
     exact = cases.beam_in_traction()
     errors = []
-    for n in (250, 500, 1000):
+    for n in (250, 500):
         solution = solved("beam_in_traction/scene", *refined(n))
         assert solution.windows[0].iterations <= 8  # the count does not depend on the resolution
         history = pressure(solution, "contact")
         errors.append(histories.relative_l2_error(solution.time, history, exact.pressure))
         assert abs(histories.relative_integral_error(solution.time, history, exact.pressure)) < 5e-3
-    order = histories.fitted_order((4.0, 2.0, 1.0), errors)
+    order = histories.fitted_order((2.0, 1.0), errors)
     assert 0.3 < order < 1.0, f"errors {errors}, order {order:.2f}"
     assert errors[0] < 0.25
 
@@ -95,7 +95,7 @@ def test_impact_bar_numbers_and_their_refinement():
 def test_bouncing_bar_two_contacts():
     """Contacts [1, 5/3] and [11/3, 13/3], impulse 800/3 each, foot at 3.8889 at t = 8/3."""
     losses = []
-    for level in (1, 2, 4):
+    for level in (1, 2):
         mesh = (f"time.instants={1100 * level}", f"substructure.bar.box.elements=[1, 1, {100 * level}]")
         # at the default tolerance a third of the loss is of the iteration
         solution = solved("bouncing_bar/scene", "output.fields=false", "solver.tolerance=1e-5", *mesh)
@@ -116,8 +116,7 @@ def test_bouncing_bar_two_contacts():
         energy = solution.energy
         losses.append(-(energy["kinetic"] + energy["elastic"] - energy["work_of_loads"])[-1] / 500)
     assert losses[0] < 0.015  # of the energy of the fall, lost by the scheme at the impacts (HHT: 0.039)
-    ratios = np.array(losses[:-1]) / np.array(losses[1:])
-    assert (ratios > 1.5).all(), f"losses {losses}"
+    assert losses[0] > 1.5 * losses[1]
 
 
 def test_shear_wave_on_a_frictional_interface():

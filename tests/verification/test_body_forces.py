@@ -14,6 +14,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Box, Material, column
+from tests.scenes import given_motion
 
 Tables = dict[str, Any]
 EXACT = 1e-8
@@ -61,13 +62,7 @@ def off(one: np.ndarray, other: np.ndarray) -> float:
 def in_both_frames(tables: Tables) -> tuple[float, float]:
     """Differences of relative displacements and of tractions between a shaken base and a shaken frame."""
     lab, frame = copy.deepcopy(tables), copy.deepcopy(tables)
-    lab["boundary"]["base"] = {
-        "type": "acceleration",
-        "face": "b1.zmin",
-        "components": ["x", "y", "z"],
-        "value": BASE.tolist(),
-        "law": SHAKE,
-    }
+    lab["boundary"]["base"] = given_motion("b1.zmin", BASE.tolist(), SHAKE, "xyz", kind="acceleration")
     frame["gravity"] = {"acceleration": (-BASE).tolist(), "law": SHAKE}
     a, b = solved(lab), solved(frame)
     base = a.substructures["b1"].displacement[:, :1]  # a node of the base

@@ -82,9 +82,9 @@ def of_one_mesh() -> float:
         return elongation(joint(Path(folder), (24, 24), (6, 6), behaviour="perfect"))
 
 
-@pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize(
-    ("around", "along", "turn"), [((16, 24), (6, 9), 0.0), ((24, 16), (9, 6), 0.1), ((24, 36), (6, 9), 0.05)]
+    ("around", "along", "turn", "order"),
+    [((16, 24), (6, 9), 0.0, 1), ((24, 16), (9, 6), 0.1, -1), ((24, 36), (6, 9), 0.05, 1)],
 )
 def test_bonded_thread(
     around: tuple[int, int], along: tuple[int, int], turn: float, order: int, tmp_path: Path

@@ -13,6 +13,7 @@ from latin_fmu.assembly.merged_assembly import _check_start, merge
 from latin_fmu.assembly.problem import SolverReadyProblem
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.base import full_displacement
+from tests.alone import alone_of, started_alone
 from tests.scenes import solve
 
 from .blocks import apart, stack
@@ -39,11 +40,11 @@ def bonded(built: SolverReadyProblem) -> tuple[DirectPropagator, dict[str, slice
 def displacements(body: DirectPropagator, n: int) -> np.ndarray:
     """March of a body over n instants, (n + 1, n_node, 3), m."""
     nothing = np.zeros((0, 1))
-    body.start(nothing, body.mass_factor())
+    started_alone(body, nothing, body.mass_factor())
     fields = [full_displacement(body, 0)]
     for _ in range(n):
-        body.alone.predict()
-        body.alone.commit(nothing)
+        alone_of(body).predict()
+        alone_of(body).commit(nothing)
         fields.append(full_displacement(body, 0))
     return np.stack(fields)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import api, load_scene
-from latin_fmu.accuracy.runs import of_force
+from latin_fmu.accuracy.quantities import of_force
 from latin_fmu.accuracy.study import declared
 from latin_fmu.results.quantities_of_interest import Force
 

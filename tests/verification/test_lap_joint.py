@@ -13,22 +13,14 @@ import xarray as xr
 
 from latin_fmu import api, load_scene
 from latin_fmu.mesh_files.reading import read_content
-
-from .known_answers import MODELS
+from tests.scenes import MODELS, solved
 
 AXIAL = {"lower_upper": -1.0, "lower_nut": 1.0, "upper_washer": -1.0, "washer_bolt": -1.0}  # on the first side
 
 
-def solved(stem: str, *settings: str) -> xr.DataTree:
-    scene = load_scene(MODELS / "lap_joint" / f"{stem}.toml", ["accuracy.estimate=false", *settings])
-    solution = api.solve(scene)
-    assert solution.converged
-    return solution.to_datatree()
-
-
 @pytest.fixture(scope="module")
 def pulled() -> xr.DataTree:
-    return solved("scene")
+    return solved("lap_joint/scene").to_datatree()
 
 
 def test_parts_and_interfaces_are_found() -> None:
@@ -65,7 +57,7 @@ def test_pressure_between_the_plates_is_a_cone(pulled: xr.DataTree) -> None:
 
 
 def test_shock_slips_the_joint_as_far_as_friction_lets_it() -> None:
-    tree = solved("shock")
+    tree = solved("lap_joint/shock").to_datatree()
     plates: Any = tree["interfaces/lower_upper"].to_dataset()
     force, time = plates["force"].values, plates["time"].values
     ratio = np.abs(force[:, 0]) / -force[:, 2]

@@ -17,7 +17,7 @@ from latin_fmu.effects.cost import Prediction
 from latin_fmu.effects.explanation import choices
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import ALUMINIUM, STEEL, Box, column, half_sine
-from tests.scenes import pressed_stack, rayleigh
+from tests.scenes import given_motion, pressed_stack, rayleigh
 
 pytestmark = pytest.mark.skipif(not COMPILES or PLAIN, reason="the factor and the kernels are not compiled")
 
@@ -54,13 +54,7 @@ def damped(tables: Tables) -> None:
 
 def driven(tables: Tables) -> None:
     tables["boundary"] = {
-        "drive": {
-            "type": "velocity",
-            "face": "b0.xmin",
-            "components": ["x"],
-            "value": [2.0],
-            "law": {"type": "half_sine", "duration": 3e-6},
-        },
+        "drive": given_motion("b0.xmin", [2.0], {"type": "half_sine", "duration": 3e-6}),
         "held": {"type": "symmetry", "face": "b2.ymin"},
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,18 @@ def test_plates_sheared_slide_on_the_weakest_face() -> None:
     assert found.time == pytest.approx(0.5 + 0.5 * 0.25, rel=1e-9)
 
 
+def test_a_temperature_moves_nothing() -> None:
+    """It has no part in the limit, nor in the share of the load."""
+    made = plates(4, (0.04, 0.04, 0.005), (4, 4, 1), friction=0.3, pressure=50e6, shear=20e6)
+    made["interface"]["i2"]["friction_coefficient"] = 0.1
+    for material in made["material"].values():
+        material["thermal_expansion"] = 12e-6
+    made["temperature"] = {"day": {"change": 30.0, "law": ramp((0, 0), (1, 1))}}
+    found = lost(made)
+    assert found is not None
+    assert found.what == "b3 moves along x, b4 moves along x at 0.25 of load shear"
+
+
 def test_a_plate_pulled_off() -> None:
     made = plates(2, (0.03, 0.02, 0.01), (3, 2, 1), pressure=50e6, shear=0.0)
     made["load"]["press"]["law"] = ramp((0, 0), (0.5, 1), (1, -1))
@@ -160,8 +173,10 @@ def random_stack(seed: int) -> dict[str, Any]:
     return made
 
 
-@pytest.mark.parametrize("seeds", [range(3, 9), pytest.param(range(9, 34), marks=pytest.mark.slow)])
-def test_random_stacks_end_where_runs_without_the_program_end(seeds: range, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seeds", [(4, 8), pytest.param(range(3, 34), marks=pytest.mark.slow)])
+def test_random_stacks_end_where_runs_without_the_program_end(
+    seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No run goes beyond the loss; nine in ten end right before it, and converge to the end where there is none."""
     monkeypatch.setattr(api, "loss_of_equilibrium", lambda _: None)
     ends = []

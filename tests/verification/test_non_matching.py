@@ -86,17 +86,15 @@ def test_patch_of_five(friction: float) -> None:
     check_uniform(pressed(FIVE, friction), 80)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("kind", KINDS)
-def test_patch_of_every_type_of_cell(kind: str, friction: float, tmp_path: Path) -> None:
-    check_uniform(of_kind(pressed(((6, 6), (4, 4)), friction), kind, tmp_path), 100)
+def test_patch_of_every_type_of_cell(kind: str, tmp_path: Path) -> None:
+    check_uniform(of_kind(pressed(((6, 6), (4, 4)), 0.3), kind, tmp_path), 100)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("kind", ["hexahedron", "tetra10"])
-def test_tilted_patch(kind: str, friction: float, tmp_path: Path) -> None:
+def test_tilted_patch(kind: str, tmp_path: Path) -> None:
     turn = turned([0.3, 1.0, 0.2], 30.0)
-    check_uniform(of_kind(pressed(((6, 6), (4, 4)), friction), kind, tmp_path, turn), 100, turn)
+    check_uniform(of_kind(pressed(((4, 4), (3, 3)), 0.3), kind, tmp_path, turn), 100, turn)
 
 
 @pytest.mark.slow
@@ -155,10 +153,10 @@ def test_bars_without_lateral_strain_are_those_of_matching_meshes() -> None:
     assert one == pytest.approx(two, abs=1e-7 * np.abs(two).max())
 
 
-_SLOW = [pytest.param(8, m, marks=pytest.mark.slow) for m in (6, 4, 2)]
+_SLOW = [pytest.param(n, m, marks=pytest.mark.slow) for n, m in ((6, 4), (6, 2), (8, 6), (8, 4), (8, 2))]
 
 
-@pytest.mark.parametrize(("n", "m"), [(6, 4), (6, 2), *_SLOW])
+@pytest.mark.parametrize(("n", "m"), [(4, 3), (4, 2), *_SLOW])
 def test_iterations_grow_little(n: int, m: int) -> None:
     one, same = solve(bars(n, m, NU, 0.3)), solve(bars(n, n, NU, 0.3))
     assert iterations_in_touch(one) <= 1.6 * iterations_in_touch(same)
@@ -168,8 +166,8 @@ def test_iterations_grow_little(n: int, m: int) -> None:
 
 def test_explicit_bars() -> None:
     counts = []
-    for m in (3, 4):
-        made = bars(4, m, NU, 0.2, 1500)
+    for m in (2, 3):
+        made = bars(3, m, NU, 0.2, 800)
         made["time"]["scheme"] = {"type": "central_difference"}
         counts.append(iterations_in_touch(solve(made)))
     assert counts[0] <= 2.2 * counts[1]
@@ -177,7 +175,7 @@ def test_explicit_bars() -> None:
 
 def test_reduced_bars() -> None:
     """Modes of the free bars and of the covered points carry the wave as well as those of matching meshes."""
-    made = [bars(4, m, NU, 0.2, propagator={"type": "reduced", "modes": 40}) for m in (3, 4)]
+    made = [bars(3, m, NU, 0.2, propagator={"type": "reduced", "modes": 40}) for m in (2, 3)]
     one, two = (s.interfaces["i"].normal_resultant() for s in map(solve, made))
     assert np.trapezoid(one) == pytest.approx(np.trapezoid(two), rel=2e-3)
 
@@ -296,8 +294,10 @@ BEHAVIOURS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("scheme", ["hht", "massless_contact"])
-@pytest.mark.parametrize("behaviour", BEHAVIOURS)
+@pytest.mark.parametrize(
+    ("behaviour", "scheme"),
+    [*((b, "hht") for b in BEHAVIOURS), *((b, "massless_contact") for b in ("perfect", "contact"))],
+)
 def test_every_behaviour(behaviour: str, scheme: str) -> None:
     """A finer block in a stack under a pulse: forces near those of the matching stack, energies that close."""
     impulses = []

@@ -87,9 +87,9 @@ def test_the_decrement_of_a_known_motion() -> None:
 
 
 @pytest.mark.parametrize("scheme", ["hht", {"type": "hht", "alpha": -0.3}, ALPHA, UNDAMPED_LANDING])
-@pytest.mark.parametrize("mode", range(5))
+@pytest.mark.parametrize("mode", [0, 4])
 def test_a_ring_down_decays_as_predicted(scheme: Any, mode: int) -> None:
-    """First five modes at 15 steps a period: within 3 %, ratios from 4e-5 to 5e-3."""
+    """First and fifth mode at 15 steps a period: within 3 %, ratios from 4e-5 to 5e-3."""
     step = 1 / (15 * modes_of(pair(1e-6)).frequency[mode])
     modes = modes_of(pair(step, scheme=scheme))
     assert modes.damping is not None

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.errors import SceneError
 from latin_fmu.propagator import reduction
 from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import solve
@@ -86,13 +85,6 @@ def test_rigid_bodies_stay_as_they_are():
         scene["substructure"]["b2"]["rigid"] = True
     exact, force = (solve(s).interfaces["i1"].force() for s in scenes)
     assert np.linalg.norm(force - exact) <= 1e-2 * np.linalg.norm(exact)
-
-
-def test_a_scheme_without_mass_at_contacts_is_refused():
-    scene = stack(2, "contact", 0.3, propagator="reduced")
-    scene["time"]["scheme"] = "massless_contact"
-    with pytest.raises(SceneError, match="a scheme in which every node has mass"):
-        latin_fmu.scene_from_dict(scene)
 
 
 def square_bars(folder: Path, axes: np.ndarray, unit: float) -> tuple[np.ndarray, list[int]]:

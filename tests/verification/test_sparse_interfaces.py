@@ -270,7 +270,7 @@ def test_refused_over_longer_windows(change: Tables) -> None:
 
 def test_truncation_and_reach_are_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
     """``explain`` predicts the distance that the tables of the run have, without a factor."""
-    scene = latin_fmu.scene_from_dict(plates(28, 1))
+    scene = latin_fmu.scene_from_dict(plates(16, 1))
     text = choices(Prediction(discretise(scene)))["interfaces"]
     assert text.startswith("sparse tables, truncated at 0.0001 of the largest entry, points within ")
     assert text.endswith("in lower, upper")

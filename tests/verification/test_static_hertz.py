@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from tests.scenes import ramp
+from tests.scenes import given_motion, ramp
 
 from .curved_meshes import about_zero, outwards, write_block
 
@@ -41,20 +41,8 @@ def scene(steps: int, down: float, along: list[tuple[float, float]]) -> dict[str
         "interface": {"touch": {"sides": ["flat.surface", "round.surface"], "friction_coefficient": FRICTION}},
         "boundary": {
             "foot": {"type": "fixed", "face": "flat.back"},
-            "down": {
-                "type": "displacement",
-                "face": "round.back",
-                "components": ["z"],
-                "value": [-down * DEPTH],
-                "law": ramp((0, 0), (1, 1)),
-            },
-            "along": {
-                "type": "displacement",
-                "face": "round.back",
-                "components": ["x"],
-                "value": [DEPTH],
-                "law": ramp((0, 0), (1, 0), *along),
-            },
+            "down": given_motion("round.back", [-down * DEPTH], ramp((0, 0), (1, 1)), "z", kind="displacement"),
+            "along": given_motion("round.back", [DEPTH], ramp((0, 0), (1, 0), *along), kind="displacement"),
         },
         "time": {"end": along[-1][0], "instants": steps, "quasi_static": True},
         "solver": {"tolerance": 1e-4, "max_iterations": 400},
@@ -161,7 +149,7 @@ def test_cylinder_on_the_way_back(cylinder: latin_fmu.Solution) -> None:
 
 
 # -- sphere on a plane --------------------------------------------------------------------------------------------
-PER_RADIUS = 6
+PER_RADIUS = 5
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.scenes import ramp, solve
+from tests.scenes import given_motion, ramp, solve
 
 from .static_scenes import STEEL, add_block, scene
 
@@ -88,13 +88,7 @@ def test_sheared_stack_slips_at_the_cone():
     """A top driven further than the friction allows: tau = mu p, the rest of the way is slip, its work mu p A slip."""
     n, friction, travel = 2, 0.2, 40e-6
     made = layers(n, friction)
-    made["boundary"]["drive"] = {
-        "type": "displacement",
-        "face": "b2.zmax",
-        "components": ["x"],
-        "value": [travel],
-        "law": ramp((0, 0), (0.5, 0), (1, 1)),
-    }
+    made["boundary"]["drive"] = given_motion("b2.zmax", [travel], ramp((0, 0), (0.5, 0), (1, 1)), kind="displacement")
     solution = solve(made)
     history = solution.interfaces["i1"]
     tau = friction * PRESSURE
@@ -120,14 +114,9 @@ def test_stretched_by_driven_faces(behaviour: str):
     made, stretch = column(2, 0.0), 1e-5
     made["interface"]["i1"] = {"sides": ["b1.zmax", "b2.zmin"], "behaviour": behaviour}
     made["load"]["press"]["pressure"] = 1e-3 * PRESSURE  # keeps the faces of no_slip together
+    drawn = [stretch], ramp((0, 0), (1, 1))
     for name in ("b1", "b2"):
-        made["boundary"][f"{name}_draw"] = {
-            "type": "displacement",
-            "face": f"{name}.xmax",
-            "components": ["x"],
-            "value": [stretch],
-            "law": ramp((0, 0), (1, 1)),
-        }
+        made["boundary"][f"{name}_draw"] = given_motion(f"{name}.xmax", *drawn, kind="displacement")
     solution = solve(made)
     pressed = 1e-3 * PRESSURE
     along = E * stretch / SIZE[0] - NU * pressed  # sigma_x

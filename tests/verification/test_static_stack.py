@@ -10,12 +10,13 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
+from latin_fmu.assembly.build import discretise
 from latin_fmu.effects.explanation import explain
 from latin_fmu.latin.coarse_problem import CoarseProblem
 from tests.scenes import solve, solved
 
 from .oracles.hexahedra import Block, merged
-from .static_scenes import STEEL, plates
+from .static_scenes import STEEL, add_block, plates, scene
 
 SIZE, ELEMENTS = (0.06, 0.03, 0.01), (6, 3, 2)
 PRESSURE, SHEAR = 50e6, 20e6
@@ -148,8 +149,8 @@ def test_sides_that_never_slide_stay_where_they_are(steps: int):
     """no_slip under pressure is a perfect bond, whatever gaps of the size of the tolerance the increments leave."""
     made = plates(4, (0.04, 0.04, 0.01), (4, 4, 2), pressure=10e6, shear=1.5e6, steps=steps)
     bonded = copy.deepcopy(made)
-    for scene, behaviour in ((made, "no_slip"), (bonded, "perfect")):
-        for interface in scene["interface"].values():
+    for tables, behaviour in ((made, "no_slip"), (bonded, "perfect")):
+        for interface in tables["interface"].values():
             interface.pop("friction_coefficient")
             interface["behaviour"] = behaviour
     u, exact = (solve(s).substructures["b4"].displacement[-1] for s in (made, bonded))
@@ -210,3 +211,26 @@ def test_a_stall_of_a_tall_stack_is_passed_before_newton_steps():
     """64 plates of 8x8x2: 23, then 31 iterations an increment; 400 where the acceleration goes on after its stall."""
     solution = solve(plates(64, SIZE, (8, 8, 2), pressure=50e6, shear=2e5, steps=8))
     assert max(w.iterations for w in solution.windows) < 60
+
+
+@pytest.mark.parametrize(
+    "pressed",
+    [
+        {"preload": 1e6},
+        {"preload_force": 100.0},
+        {"behaviour": "soft_contact", "interference": 1e-8, "normal_stiffness": 1e14},
+    ],
+    ids=["pressure", "force", "interference"],
+)
+def test_a_preload_of_any_kind_is_the_scale_of_a_scene_without_loads(pressed: dict[str, Any]) -> None:
+    """Two held blocks pressed with 1 MPa: tolerances are shares of it, and round-off is no energy."""
+    tables = scene(4)
+    for i, name in enumerate("ab"):
+        add_block(tables, name, (0.0, 0.0, 0.01 * i), (0.01, 0.01, 0.01), (2, 2, 2))
+    tables["boundary"] = {f: {"type": "fixed", "face": face} for f, face in (("low", "a.zmin"), ("high", "b.zmax"))}
+    tables["interface"]["meet"] = {"sides": ["a.zmax", "b.zmin"], **pressed}
+    made = latin_fmu.scene_from_dict(tables)
+    assert discretise(made).characteristic_traction == pytest.approx(1e6)
+    solution = latin_fmu.solve(made)
+    assert solution.status.startswith("converged"), solution.status
+    np.testing.assert_allclose(solution.interfaces["meet"].force()[:, 2], -100.0, rtol=1e-9)

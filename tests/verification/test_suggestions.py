@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,8 @@ from latin_fmu.effects.explanation import LUMPED, Suggestion, explain
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
+from tests.scenes import MODELS, solved
 
-MODELS = Path(__file__).parents[2] / "models"
 SHIPPED = sorted(
     {path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"}
 )  # bolted_beam takes minutes
@@ -42,7 +41,7 @@ def forces(solution: latin_fmu.Solution) -> np.ndarray:
 @pytest.mark.parametrize("name", QUICK)
 def test_suggestions_of_shipped_models_are_accepted_and_keep_their_word(name: str) -> None:
     made = suggestions(name)
-    plain = forces(latin_fmu.solve(model(name))) if made else np.zeros(0)
+    plain = forces(solved(f"{name}/scene")) if made else np.zeros(0)
     for suggestion in made:
         assert suggestion.settings or "may be left out" in suggestion.what
         assert suggestion.factor is None or suggestion.factor < 0.95

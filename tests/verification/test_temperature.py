@@ -201,6 +201,24 @@ def test_a_temperature_in_pieces_and_in_a_session() -> None:
     np.testing.assert_allclose(told, force[::10], rtol=1e-6)
 
 
+def thrown(law: Any, rigid: bool = False) -> latin_fmu.Scene:
+    """A block in flight towards one on the ground, both heated."""
+    data = block(time={"end": 2e-5, "instants": 20}, temperature={"day": {"change": RISE, "law": law}})
+    box = {"origin": [0.0, 0.0, 0.051], "size": [0.03, 0.02, 0.02], "elements": [3, 2, 2]}
+    data["substructure"]["hammer"] = {"material": "steel", "box": box, "initial_velocity": [0.0, 0.0, -1.0]}
+    data["substructure"]["hammer"]["rigid"] = rigid
+    data["interface"] = {"blow": {"sides": ["hammer.zmin", "body.zmax"]}}
+    return scene_from_dict(data)
+
+
+def test_a_thrown_body_does_not_begin_hot() -> None:
+    """The static start leaves it out: refused with the remedy, and taken where the law begins with 0."""
+    with pytest.raises(latin_fmu.InputError, match=r"temperature.day.*without its expansion.*name the others"):
+        latin_fmu.solve(thrown("constant"))
+    latin_fmu.solve(thrown({"type": "table", "times": [0, 1], "values": [0, 1]}))
+    latin_fmu.solve(thrown("constant", rigid=True))  # it does not expand
+
+
 @pytest.mark.parametrize("propagator", ["direct", "cg", "explicit", "reduced"])
 def test_a_bar_heated_at_once(propagator: str) -> None:
     """Its free end leaves with alpha T c (a front of the stress -E alpha T leaves the end), until one comes back."""

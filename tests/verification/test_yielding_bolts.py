@@ -10,7 +10,8 @@ import pytest
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
-from latin_fmu.assembly.bolts import Answer
+from latin_fmu.assembly import bolts
+from latin_fmu.assembly.bolts import TensionLoss
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Box, Material, column
@@ -87,9 +88,9 @@ def test_a_bolt_below_its_yield_force_runs_once() -> None:
 def test_law_of_a_history() -> None:
     """Play between F_y and -F_y about H q, whatever the steps."""
     trial = np.array([0.0, 5.0, 12.0, 8.0, -8.0, -20.0, 0.0])
-    q = Answer(np.full(7, 3.0), np.zeros(0)).elongation(trial, 10.0, 1.0)
+    q = TensionLoss(np.full(7, 3.0), np.zeros(0)).elongation(trial, 10.0, 1.0)
     np.testing.assert_allclose(q, [0.0, 0.0, 0.5, 0.5, 0.5, -2.5, -2.5])
-    late = Answer(np.full(7, 3.0), np.array([0.5, 0.25]))
+    late = TensionLoss(np.full(7, 3.0), np.array([0.5, 0.25]))
     q = late.elongation(trial, 10.0, 1.0)
     force = trial - late.of(q)
     assert np.abs(force - q).max() < 10.0 + 1e-12
@@ -122,7 +123,16 @@ def test_an_overloaded_joint_loses_clamp_force(tmp_path: Path) -> None:
     assert 0.2 * bolt.force[0] < bolt.force[-1] < 0.8 * bolt.force[0]
     clamp = solution.interfaces["head"].normal_resultant()
     np.testing.assert_allclose(clamp[1:], bolt.force[1:], rtol=2e-4)
-    assert not any("plastic elongations" in str(remark) for remark in solution.warnings)
+    assert solution.trustworthy
+
+
+def test_elongations_that_still_change_are_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With two runs where more are needed; the status says by how much."""
+    monkeypatch.setattr(bolts, "_RUNS", 2)
+    time = {"end": 1.0, "instants": 20, "quasi_static": True}
+    solution = solve(scene_from_dict(pulled(write_joint(tmp_path), time=time)))
+    assert not solution.trustworthy
+    assert "not trustworthy: plastic elongations of bolts change" in solution.status
 
 
 def test_a_pulse_overloads_a_bolt(tmp_path: Path) -> None:

@@ -6,6 +6,6 @@
 ``histories``  exact norms of the distance between a computed history and an exact one;
 ``hexahedra``  a plain assembly of 8-node bricks; ``monolithic`` marches a merged mesh;
 ``contact``    frictional contact of one instant by Newton and block Gauss-Seidel; ``contact_march``
-               the transient built on it; ``crushing`` both for the two-specimen model, bonded and in contact;
+               the transient built on it;
 ``sliding_block``  the rigid block under 8 cos t.
 """

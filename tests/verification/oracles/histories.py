@@ -43,19 +43,6 @@ def relative_integral_error(time: Array, values: Array, exact: PiecewiseLinear) 
     return (PiecewiseLinear.through(time, values).integral(a, b) - reference) / reference
 
 
-def first_crossing(time: Array, values: Array, level: float) -> float | None:
-    """First instant (interpolated) at which |values| reaches ``level``; None when it never does."""
-    size = np.abs(values)
-    reached = np.nonzero(size >= level)[0]
-    if not reached.size:
-        return None
-    i = int(reached[0])
-    if i == 0:
-        return float(time[0])
-    s = (level - size[i - 1]) / (size[i] - size[i - 1])
-    return float(time[i - 1] + s * (time[i] - time[i - 1]))
-
-
 def observed_orders(steps: Sequence[float], errors: Sequence[float]) -> list[float]:
     """Order between successive refinements: log(e1/e2)/log(h1/h2)."""
     h, e = np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float))

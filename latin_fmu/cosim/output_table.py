@@ -1,0 +1,364 @@
+"""The outputs of a co-simulation, one row each.
+
+A row says how an output is called, its unit and meaning, its numbers, and how it follows from the signals of an instant
+(``signals``): by a linear function, or as the integral of the output before it over time. What is neither is written by
+the kernels (``kernels.outputs.WRITTEN``). Variables, the record of the run that Python and C march, arrays over a
+window, results and derivatives follow from the rows, in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ..interface.laws import SEPARATION, SLIP, STICK
+from ..latin.outcome import Array, InterfaceHistory
+from ..results.quantities import ENERGY as _TERMS
+from ..scene.interfaces import Interface
+from ..scene.ports import COMPONENTS, Port
+from ..scene.schema import Scene
+from .variable import AXES, Variable, output
+
+
+class FacePoints(NamedTuple):
+    """Fields of an interface at n instants, and its faces.
+
+    traction : (n, n_point, 3) on side E, Pa. velocity : (n, 2, n_point, 3), m s-1. gap : (n, n_point), m. status : (n,
+    n_point). areas : (n_point,), m2. share : of the whole area. normals : (n_point, 3).
+    """
+
+    traction: Array
+    velocity: Array
+    gap: Array
+    status: Any
+    areas: Array
+    share: Array
+    normals: Array
+
+    @classmethod
+    def over(cls, history: InterfaceHistory) -> FacePoints:
+        """At the instants of a history; nothing for what it lacks."""
+        fields, areas, nothing = history.points_over_time, history.areas, np.zeros(0)
+        gap = nothing if fields.gap is None else fields.gap
+        own = fields.traction, fields.velocity, gap, fields.contact_status
+        return cls(*own, areas, areas / areas.sum(), history.normals)
+
+    def means(self) -> Array:
+        """Mean velocities of both sides, weighted by area, (n, 2, 3), m s-1."""
+        means: Array = np.einsum("p,tspc->tsc", self.share, self.velocity)
+        return means
+
+
+def _scalar(_: Any) -> Sequence[int | None]:
+    return (None,)
+
+
+def _vector(_: Any) -> Sequence[int | None]:
+    return 0, 1, 2
+
+
+def _connected(causality: str, turned: int) -> Callable[[Port], Sequence[int | None]]:
+    """Axes of the connected translations (0) or rotations (1) of the ports of a causality."""
+
+    def axes(port: Port) -> Sequence[int | None]:
+        numbers = [COMPONENTS.index(c) for c in port.components if port.causality == causality]
+        return [number % 3 for number in numbers if number // 3 == turned]
+
+    return axes
+
+
+def _measured(turned: int) -> Callable[[Port], Sequence[int | None]]:
+    """Axes of the motion of a port, which is measured where it is not set."""
+    return lambda port: () if port.causality == "motion_in" or turned > port.rotates else (0, 1, 2)
+
+
+def _opening(interface: Interface) -> Sequence[int | None]:
+    """A number of an interface that can open."""
+    return (None,) if interface.behaves_open else ()
+
+
+@dataclass(frozen=True)
+class OutputKind:
+    """A row of the table.
+
+    Attributes
+    ----------
+    name : last part of the name. unit : UDUNITS, empty for a whole number, which changes at events. meaning : with the
+        words of the family in braces.
+    of : of an interface the values, (n,) or (n, 3), from ``FacePoints``; else rows over the signals, (1, n_signal) or
+        (3, n_signal), from ``Signals`` and the name of the owner. None: integral, or written by the kernels.
+    axes : axes of its numbers from the owner, a table of the scene; None for a scalar; empty where it has no such
+        output.
+    integral : of the output before it since the start, by the trapezoidal rule.
+    at_start : whether it depends on inputs when initialization ends. least, most : limits. constant : whether its
+        derivatives by inputs are 0.
+    over_window : meaning of the array over the instants of a window; none where empty.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    of: Callable[..., Any] | None = None
+    axes: Callable[[Any], Sequence[int | None]] = _scalar
+    integral: bool = False
+    at_start: bool = False
+    least: float | None = None
+    most: float | None = None
+    constant: bool = False
+    over_window: str = ""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Outputs of one kind of table. prefix : of the names. owners : of a scene, by name. words : of the meanings, from
+    name and owner. rows : in their order."""
+
+    prefix: str
+    owners: Callable[[Scene], Mapping[str, Any]]
+    words: Callable[[str, Any], Mapping[str, str]]
+    rows: tuple[OutputKind, ...]
+
+    def row(self, name: str) -> OutputKind:
+        """The row of a name."""
+        return next(row for row in self.rows if row.name == name)
+
+
+def _share(name: str, text: str, chosen: Callable[[Any], Any]) -> OutputKind:
+    about, window = f"share of the area {text}", f"share of the area {name}"
+    limits: Any = {"at_start": True, "least": 0.0, "most": 1.0, "constant": True, "over_window": window}
+    return OutputKind(name, "1", about, lambda p: chosen(p.status) @ p.share, _opening, **limits)
+
+
+INTERFACE: Final = Family(
+    "interface.{}.",
+    lambda scene: scene.joints,
+    lambda name, interface: {"name": name, "first": interface.sides[0], "second": interface.sides[1]},
+    (
+        OutputKind(
+            *("force", "N", "resultant force of interface {name} on {first}"),
+            *(lambda p: np.einsum("p,tpc->tc", p.areas, p.traction), _vector),
+            at_start=True,
+            over_window="resultant force on the first side",
+        ),
+        OutputKind(
+            "impulse", "N s", "time integral of the resultant force since the start", None, _vector, integral=True
+        ),
+        OutputKind(
+            *("velocityE", "m s-1", "mean velocity of {first}, weighted by area", lambda p: p.means()[:, 0], _vector),
+            over_window="mean velocity of side E",
+        ),
+        OutputKind(
+            *("velocityEp", "m s-1", "mean velocity of {second}, weighted by area", lambda p: p.means()[:, 1], _vector),
+            over_window="mean velocity of side Ep",
+        ),
+        OutputKind(
+            *("relativeVelocity", "m s-1", "mean velocity of {second} relative to {first}"),
+            *(lambda p: p.means()[:, 1] - p.means()[:, 0], _vector),
+        ),
+        OutputKind(
+            *("normalForce", "N", "normal resultant, positive in compression"),
+            lambda p: 0.0 - np.einsum("p,tpc,pc->t", p.areas, p.traction, p.normals),  # no negative zero
+            at_start=True,
+        ),
+        OutputKind(
+            *("gap", "m", "mean gap, weighted by area; negative where the sides penetrate"),
+            *(lambda p: p.gap @ p.share, _opening),
+            over_window="mean gap",
+        ),
+        OutputKind("smallestGap", "m", "smallest gap of all points", lambda p: p.gap.min(axis=1), _opening),
+        _share("closed", "in contact", lambda status: status != SEPARATION),
+        _share("sticking", "in contact and sticking", lambda status: status == STICK),
+        _share("slipping", "in contact and slipping", lambda status: status == SLIP),
+    ),
+)
+
+
+def _read(method: str, *what: Any) -> Callable[..., Any]:
+    """Rows that a method of ``Signals`` gives for an owner."""
+    return lambda signals, name: getattr(signals, method)(name, *what)
+
+
+SENSOR: Final = Family(
+    "sensor.{}.",
+    lambda scene: scene.sensor,
+    lambda name, sensor: {
+        "about": f"of sensor {name}, " + (f"mean of {sensor.face}" if sensor.face else f"a point of {sensor.body}")
+    },
+    (
+        OutputKind("displacement", "m", "displacement {about}", _read("motion", 0), _vector),
+        OutputKind("velocity", "m s-1", "velocity {about}", _read("motion", 1), _vector),
+    ),
+)
+
+
+def _pair(causality: str, method: str, what: tuple[Any, ...], *words: tuple[str, str, str]) -> Iterator[OutputKind]:
+    """Of ports of a causality what a method of ``Signals`` gives for translations and for rotations."""
+    for turned, (name, unit, meaning) in enumerate(words):
+        of, axes = _read(method, turned, *what), _connected(causality, turned)
+        yield OutputKind(name, unit, meaning, of, axes, at_start=True)
+
+
+PORT: Final = Family(
+    "port.{}.",
+    lambda scene: scene.port,
+    lambda name, _: {"name": name},
+    (
+        *_pair(
+            *("motion_in", "exerted", ()),
+            ("force", "N", "force that the body exerts through port {name}"),
+            ("moment", "N m", "moment that the body exerts through port {name}, about its centre"),
+        ),
+        OutputKind("displacement", "m", "displacement of port {name}", _read("port_motion", 0, 0), _measured(0)),
+        OutputKind("velocity", "m s-1", "velocity of port {name}", _read("port_motion", 0, 1), _measured(0)),
+        OutputKind("rotation", "rad", "rotation of port {name}", _read("port_motion", 1, 0), _measured(1)),
+        OutputKind(
+            "angularVelocity", "rad s-1", "angular velocity of port {name}", _read("port_motion", 1, 1), _measured(1)
+        ),
+        *_pair(
+            *("wave", "wave", (1.0,)),
+            ("force", "N", "force on the body through port {name}"),
+            ("moment", "N m", "moment on the body through port {name}, about its centre"),
+        ),
+        *_pair(
+            *("wave", "wave", (-1.0,)),
+            ("reflected", "N", "reflected wave Z v - F of port {name}, incident on the port on the other side"),
+            ("reflectedMoment", "N m", "reflected wave Z omega - M of port {name}, incident on the other side"),
+        ),
+    ),
+)
+BOLT: Final = Family(
+    "bolt.{}.",
+    lambda scene: scene.bolt,
+    lambda name, bolt: {"name": name, "body": bolt.substructure},
+    (OutputKind("force", "N", "tension of bolt {name} in {body}", _read("tension"), at_start=True),),
+)
+
+
+def _solver(name: str, unit: str, meaning: str, least: float | None = None, most: float | None = None) -> OutputKind:
+    return OutputKind(name, unit, meaning, least=least, most=most, constant=True)
+
+
+SOLVER: Final = Family(
+    "",
+    lambda scene: {"": scene},
+    lambda _name, _scene: {},
+    (  # written by the kernels, and summed up in C, as one block in this order
+        _solver("solver.iterations", "1", "iterations of the last step, over all its windows", 0.0),
+        _solver("solver.errorIndicator", "1", "largest error indicator sqrt(eta) of the windows of the last step"),
+        _solver("solver.converged", "1", "1 where every window of the last step converged, else 0", 0.0, 1.0),
+        _solver("solver.instants", "1", "time steps that ended in the last communication step that ended some", 0.0),
+        _solver(
+            "innerTime", "s", "instant of the outputs: the last of the time steps not beyond the communication point"
+        ),
+    ),
+)
+
+
+def _energy(name: str, *parts: str) -> OutputKind:
+    """A sum of ``kernels.outputs.ENERGIES``, those less that begin with -; of the one of its name without any."""
+    meaning = _TERMS[name].meaning.removesuffix(" of the run")
+    return OutputKind(name, "J", meaning, lambda signals, _: signals.energies(parts or (name,)))
+
+
+ENERGY: Final = Family(
+    "energy.",
+    lambda scene: {"": scene} if scene.output.energy else {},
+    lambda _name, _scene: {},
+    (
+        _energy("kinetic"),
+        _energy("elastic"),
+        _energy("work_of_loads"),
+        _energy("interface_work"),
+        _energy("friction_dissipation"),
+        _energy("damping_dissipation"),
+        _energy("landing_dissipation"),
+        _energy("scheme_dissipation"),
+        _energy(
+            *("balance", "kinetic", "elastic", "-start", "damping_dissipation", "landing_dissipation"),
+            *("scheme_dissipation", "-work_of_loads", "-interface_work"),
+        ),
+    ),
+)
+
+
+def _event(count: str, instant: str, becomes: str) -> tuple[OutputKind, OutputKind]:
+    """How many events there were, and the instant of the last one."""
+    about = f"number of times that the interface became {becomes}"
+    last = f"instant of the last of interface.{{name}}.{count}; 0 before the first"
+    of_count = OutputKind(count, "", about, None, _opening, least=0.0, constant=True)
+    return of_count, OutputKind(instant, "s", last, None, _opening, constant=True)
+
+
+EVENTS: Final = Family(
+    "interface.{}.",
+    lambda scene: scene.joints,
+    lambda name, _: {"name": name},
+    (
+        *_event("touches", "lastTouch", "in contact, after none of its points was"),
+        *_event("separations", "lastSeparation", "open at all points, after one was in contact"),
+        *_event("slips", "lastSlip", "slipping at all points in contact, after one stuck"),
+    ),
+)
+FAMILIES: Final = INTERFACE, SENSOR, PORT, BOLT, SOLVER, ENERGY, EVENTS
+"""In the order of the outputs; those of events are the last."""
+AT_POINTS: Final[Mapping[str, tuple[str, str, tuple[int, ...]]]] = {
+    "traction": ("Pa", "traction on the first side at the points", (0, 3)),
+    "velocity": ("m s-1", "velocity of both sides at the points", (2, 0, 3)),
+    "gap": ("m", "gap at the points", (0,)),
+    "status": ("1", "contact status at the points: separation 0, stick 1, slip 2", (0,)),
+}
+"""Unit, meaning and shape of the arrays ``interface.NAME.points``, with 0 for the number of points; the numbers of an
+interface that can open alone are the last. Their order is that of ``signals``."""
+
+
+class Placed(NamedTuple):
+    """A row of an owner."""
+
+    family: Family
+    name: str
+    owner: Any
+    row: OutputKind
+
+    @property
+    def stem(self) -> str:
+        """Name of the output, without the number of its axis."""
+        return f"{self.family.prefix.format(self.name)}{self.row.name}"
+
+    @property
+    def names(self) -> list[str]:
+        """Names of its numbers, axes counted from 1."""
+        return [self.stem if axis is None else f"{self.stem}[{axis + 1}]" for axis in self.row.axes(self.owner)]
+
+    def variables(self, inputs: tuple[str, ...]) -> Iterator[Variable]:
+        """Its numbers as variables. inputs : names of the values that are set from outside."""
+        row, about = self.row, self.row.meaning.format(**self.family.words(self.name, self.owner))
+        for name, axis in zip(self.names, row.axes(self.owner), strict=True):
+            text = about if axis is None else f"{about}, {AXES[axis]}"
+            if not row.unit:
+                yield Variable(name, "output", "discrete", "integer", text, minimum=row.least)
+                continue
+            depends = inputs if row.at_start else ()
+            yield output(name, row.unit, text, minimum=row.least, maximum=row.most, initial_dependencies=depends)
+
+
+def outputs_of(scene: Scene) -> Iterator[Placed]:
+    """Every row of a scene, in the order of its outputs."""
+    for family in FAMILIES:
+        for name, owner in family.owners(scene).items():
+            yield from (Placed(family, name, owner, row) for row in family.rows if row.axes(owner))
+
+
+def places_of(scene: Scene) -> dict[str, int]:
+    """Place of every scalar output in a row of outputs, by name."""
+    names = [name for placed in outputs_of(scene) for name in placed.names]
+    return {name: place for place, name in enumerate(names)}
+
+
+def first_of_events(places: Mapping[str, int]) -> int:
+    """Place of the first output of contact events, the number of outputs where there is none."""
+    return min(
+        (place for name, place in places.items() if name.endswith(f".{EVENTS.rows[0].name}")), default=len(places)
+    )
