@@ -16,9 +16,8 @@ from .file_digest import is_damaged
 from .mesh_files.content import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
-from .scene.overrides import apply_overrides
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
-from .scene.schema import Scene
+from .scene.schema import Scene, with_settings
 from .scene.substructures import ALL, MeshParts, part_name
 from .scene.units import SI, UnitSystem, system_named
 
@@ -42,7 +41,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 def read_tables(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Tables of a scene file with settings applied, as written: nothing else is checked (errors: ``load_scene``)."""
-    return apply_overrides(_parsed(Path(path)), overrides)
+    return with_settings(_parsed(Path(path)), overrides)
 
 
 def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:

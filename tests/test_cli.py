@@ -115,6 +115,15 @@ def test_paraview_files(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(list(Path("pv").glob("substructure_left_*.vtu"))) == 3
 
 
+def test_a_run_draws_its_figure(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--figure", "a.png"]) == 0
+    assert "figure: a.png" in capsys.readouterr().out
+    assert Path("a.png").stat().st_size > 5000
+    assert main(["run", scene, "-o", "b.nc", "--figure", "b.doc"]) == 2
+    assert "allowed: .png, .pdf, .svg" in capsys.readouterr().err
+    assert not Path("b.nc").exists()  # refused before the run
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -57,9 +57,7 @@ def register(add: AddParser) -> None:
 
 
 def _register_plot(add: AddParser) -> None:
-    text = (
-        "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies; a study"
-    )
+    text = "draw the assembly of a scene; forces, sensors and bolts of a results file, or its bodies; a study"
     parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
     text = "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)"
@@ -67,6 +65,7 @@ def _register_plot(add: AddParser) -> None:
     add_settings(parser, "of a scene: change one setting; may be repeated")
     text = "of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)"
     switch(parser, "--bodies", text)
+    switch(parser, "--details", "of a results file: also the convergence of its iteration")
     option(parser, "--quantity", "NAME", "of a study: draw this quantity; may be repeated", action="append")
     switch(parser, "--map", "of a results file: pressure, friction and contact states of an interface")
     both = "with --bodies or --map"
@@ -188,7 +187,7 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
             return spectra_figure(spectra, units=units_of(tree.attrs))
-        return summary_figure(tree)
+        return summary_figure(tree, arguments.details)
 
 
 def _check_options(arguments: argparse.Namespace, film: bool) -> None:
@@ -215,11 +214,13 @@ def _check_options(arguments: argparse.Namespace, film: bool) -> None:
     ]
     problems += [
         Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
-        for key in ("bodies", "map")
+        for key in ("bodies", "map", "details")
         if getattr(arguments, key) and scene
     ]
     if arguments.bodies and arguments.map:
         problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
+    if arguments.details and (arguments.bodies or arguments.map):
+        problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
     if film and arguments.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
     if arguments.frames is not None and not 2 <= arguments.frames <= 1000:

@@ -278,6 +278,14 @@ class Force:
                 last = middle
         return first
 
+    def first_above(self, level: float) -> float:
+        """First instant at which the value exceeds ``level`` (N), s; the first of all where it never does."""
+        i = int(np.argmax(self.value > level))
+        if i == 0:
+            return float(self.time[0])
+        share = (level - self.value[i - 1]) / (self.value[i] - self.value[i - 1])
+        return float(self.time[i - 1] + share * (self.time[i] - self.time[i - 1]))
+
     def longest_contact(self) -> float:
         """Longest time for which the force keeps its sign above 1 % of its raw peak, s."""
         level = CONTACT_SHARE * self.raw_peak()
@@ -315,6 +323,7 @@ class InterfaceFields:
     traction : (n_time, n_point, 3), what the interface exerts on side E, Pa.
     contact_status : (n_time, n_point), separation 0, stick 1, slip 2; None where it cannot open.
     peak_duration : that the scene names, s; None where it names none.
+    gap : (n_time, n_point), m, and velocity : (n_time, 2, n_point, 3), m s-1; None where they are not known.
     """
 
     time: Array
@@ -323,12 +332,15 @@ class InterfaceFields:
     traction: Array
     contact_status: NDArray[np.int8] | None
     peak_duration: float | None = None
+    gap: Array | None = None
+    velocity: Array | None = None
 
     @classmethod
     def of_history(cls, history: InterfaceHistory, time: Array) -> InterfaceFields:
         """Fields of a solver history over the run's instants ``time`` (n_time,), s."""
         status, duration = history.contact_status, history.peak_duration
-        return cls(time, history.areas, history.normals, history.traction, status, duration)
+        moved = history.gap, history.velocity
+        return cls(time, history.areas, history.normals, history.traction, status, duration, *moved)
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset) -> InterfaceFields:
@@ -337,7 +349,8 @@ class InterfaceFields:
         columns = (dataset[name].values for name in ("time", "area", "normal", "traction"))
         time, areas, normals, traction = (np.asarray(values, dtype=float) for values in columns)
         duration = dataset["peak_force"].attrs["peak_duration"] if "peak_force" in dataset else None
-        return cls(time, areas, normals, traction, status, duration)
+        moved = (dataset[name].values if name in dataset else None for name in ("gap", "velocity"))
+        return cls(time, areas, normals, traction, status, duration, *moved)
 
     @cached_property
     def peaks(self) -> tuple[float, float, float]:
@@ -377,9 +390,35 @@ def slip_in_contact(history: InterfaceHistory, time: Array) -> Array:
 
 
 def first_contact_time(fields: InterfaceFields) -> float | None:
-    """First instant at which the normal resultant exceeds 1 % of its peak, s; None if never."""
-    instants = _loaded_instants(fields)
-    return float(fields.time[instants[0]]) if instants.size else None
+    """First instant at which the normal resultant exceeds 1 % of its peak, after a gap that at which the gap closes,
+    between the instants of the run, s; None if never."""
+    if not _loaded_instants(fields).size:
+        return None
+    size = np.abs(normal_resultant(fields))
+    peak = float(size.max())
+    closing = closing_time(fields, peak)
+    return Force(fields.time, size).first_above(CONTACT_SHARE * peak) if closing is None else closing
+
+
+def closing_time(fields: InterfaceFields, peak: float) -> float | None:
+    """Instant at which an initial gap closes, from gap and velocity at the instant before the first contact, s.
+
+    None where the sides touch from the start, never touch, or where the force defines the instant. peak : raw, N.
+    """
+    if fields.gap is None or fields.velocity is None:
+        return None
+    i = int(np.argmax(np.abs(normal_resultant(fields)) > CONTACT_SHARE * peak))
+    if i == 0:
+        return None
+    pressed = np.einsum("pc,pc->p", fields.traction[i], fields.normals) < 0.0
+    gap = fields.gap[i - 1][pressed]
+    if not gap.size or gap.min() <= 0.0:
+        return None
+    jump = fields.velocity[i - 1, 1] - fields.velocity[i - 1, 0]
+    closing = -np.einsum("pc,pc->p", jump, fields.normals)[pressed]
+    with np.errstate(divide="ignore"):
+        wait = float(np.min(np.where(closing > 0.0, gap / closing, np.inf)))
+    return float(min(fields.time[i - 1] + wait, fields.time[i]))
 
 
 def separation_time(fields: InterfaceFields) -> float | None:
