@@ -51,8 +51,8 @@ class Run:
 
     @property
     def clamp_loss(self) -> float:
-        """Mean loss of tension of the four screws over their tension at the start. The end is the mean of the second half
-        of the run, by a window that leaves vibrations out."""
+        """Loss of the mean tension of the four screws over that at the start. The end is the mean of the second half of
+        the run, by a window that leaves vibrations out."""
         late = self.tension[len(self.time) // 2 :].mean(axis=1)
         return float(1.0 - np.average(late, weights=np.hanning(len(late))) / self.tension[0].mean())
 
