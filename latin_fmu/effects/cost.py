@@ -76,7 +76,7 @@ _OF_CHECK = 0.8  # columns of the tables of the force residual, over those of Y
 # those of an instant by the decade of stiffness over inertia in a step: at the tolerance 1e-3, and by its decades
 FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
 CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
-_BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.4, 0.8, 1e-3
+_BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.5, 0.8, 1e-3
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_parts_and_joints_are_those_of_the_drawing() -> None:
-    """Areas of faces by the circles that bound them, which have eight sides of second order."""
+    """Areas of faces by the circles that bound them, which are polygons of sixteen sides for the points."""
     ready = discretise(load_scene(FOLDER / "scene.toml"))
     assert len(ready.bodies) == 12
     assert Counter(unit.behaviour.name for unit in ready.units) == {"perfect": 9, "contact": 9}
@@ -31,7 +31,7 @@ def test_parts_and_joints_are_those_of_the_drawing() -> None:
     rings = {"tray_board": 4 * np.pi * (4**2 - 1.7**2), "lid_standoff1": np.pi * (3.5**2 - 1.7**2)}
     rings |= {"board_standoff1": rings["lid_standoff1"], "lid_screw1": np.pi * (3**2 - 1.7**2)}
     rings |= {"board_component": 20.0 * 16.0, "tray_screw1": 2 * np.pi * 1.5 * 2.0}
-    assert {name: area[name] for name in rings} == pytest.approx(rings, rel=0.02)
+    assert {name: area[name] for name in rings} == pytest.approx(rings, rel=0.03)
     assert [cut.area for cut in ready.cuts.values()] == pytest.approx([np.pi * 1.3e-3**2] * 4, rel=0.02)
     assert all(cut.table.tension == pytest.approx(1000.0) for cut in ready.cuts.values())
 
