@@ -18,6 +18,7 @@ from .scene.boundaries import (
     PrescribedVelocity,
     Symmetry,
 )
+from .scene.face_form import Crown, FaceTable, Polynomial
 from .scene.fields import LocalAxes
 from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
@@ -28,7 +29,23 @@ from .scene.materials import MaterialTable as Material
 from .scene.materials import OrthotropicTable as Orthotropic
 from .scene.ports import Port
 from .scene.sensors import ChannelClass, LowPass, Sensor, Spectrum
-from .scene.settings import Accuracy, AutomaticScheme, GivenStart, OperatorFolder, Output, Solver, StaticStart, Time
+from .scene.settings import (
+    Accuracy,
+    Automatic,
+    AutomaticPropagator,
+    AutomaticScheme,
+    Diagonal,
+    GivenStart,
+    Impedance,
+    NoAcceleration,
+    OperatorFolder,
+    Output,
+    Solver,
+    StaticStart,
+    Time,
+    Uniform,
+)
+from .scene.settings import AndersonTable as Anderson
 from .scene.settings import CentralDifferenceTable as CentralDifference
 from .scene.settings import CgPropagatorTable as CgPropagator
 from .scene.settings import DirectPropagatorTable as DirectPropagator
@@ -38,6 +55,7 @@ from .scene.settings import HHTTable as HHT  # noqa: N814, an acronym
 from .scene.settings import MasslessContactTable as MasslessContact
 from .scene.settings import NewmarkTable as Newmark
 from .scene.settings import ReducedPropagatorTable as ReducedPropagator
+from .scene.settings import RowTable as Row
 from .scene.substructures import Bolt, Gravity, Load, MeshFile, MeshParts, Substructure, Temperature
 from .scene.substructures import BoxTable as Box
 from .scene.substructures import ModalDampingTable as ModalDamping
@@ -46,6 +64,9 @@ __all__ = [
     "HHT",
     "Absorbing",
     "Accuracy",
+    "Anderson",
+    "Automatic",
+    "AutomaticPropagator",
     "AutomaticScheme",
     "Bolt",
     "Box",
@@ -55,12 +76,15 @@ __all__ = [
     "ConstantLaw",
     "ContactSearch",
     "Coupling",
+    "Crown",
     "CsvLaw",
     "DampingRatios",
+    "Diagonal",
     "DirectPropagator",
     "DisplacementFile",
     "End",
     "ExplicitPropagator",
+    "FaceTable",
     "Fixed",
     "GeneralizedAlpha",
     "GivenStart",
@@ -68,6 +92,7 @@ __all__ = [
     "GroundPlane",
     "GroundVelocity",
     "HalfSineLaw",
+    "Impedance",
     "InitialState",
     "InputLaw",
     "Interface",
@@ -80,18 +105,21 @@ __all__ = [
     "MeshParts",
     "ModalDamping",
     "Newmark",
+    "NoAcceleration",
     "OperatorFolder",
     "Orthotropic",
     "Output",
     "Periodic",
     "Place",
     "PointMass",
+    "Polynomial",
     "Port",
     "PrescribedAcceleration",
     "PrescribedDisplacement",
     "PrescribedVelocity",
     "RectangularPulseLaw",
     "ReducedPropagator",
+    "Row",
     "Sensor",
     "Solver",
     "Spectrum",
@@ -103,5 +131,6 @@ __all__ = [
     "TableLaw",
     "Temperature",
     "Time",
+    "Uniform",
     "VelocityFile",
 ]

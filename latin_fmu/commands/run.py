@@ -67,7 +67,7 @@ def register(add: AddParser) -> None:
     option(parser, "-o --output", "OUT.nc", text, output_file)
     add_strict(parser)
     switch(parser, "--json", "print a JSON report, and nothing else, on stdout")
-    switch(parser, "--quiet", "no progress and no summary")
+    switch(parser, "-q --quiet", "no progress and no summary")
     text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
     switch(parser, "--details", text)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)

@@ -275,6 +275,9 @@ def gap(p: Prediction) -> Effect:
     reason = (
         f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} {p.scene.unit_system['m']}"
     )
+    formed = tuple(f"interface.{u.name}.form" for u in units if p.discretised.scene.joints[u.name].form is not None)
+    if formed:
+        return Effect("initial gap", True, formed, reason, "faces without a form")
     keys = tuple(f"interface.{u.name}.gap" for u in units)
     # lazily: each way builds the whole scene, the first that is accepted ends the search
     ways = (value for value in ("0", '"closed"') if changed(p, [f"{key}={value}" for key in keys]) is not None)

@@ -131,3 +131,14 @@ def test_tables_in_python_are_those_of_the_file() -> None:
     scene = Scene(name="one", material={"steel": steel}, substructure={"bar": bar}, load={"push": load}, time=time)
     assert scene == scene_from_dict(tomllib.loads(scene.text()))
     assert set(dir(latin_fmu)) == {"__version__", *latin_fmu.__all__}
+
+
+def test_every_table_is_offered_in_python() -> None:
+    def below(table: type) -> set[type]:
+        return {table}.union(*(below(other) for other in table.__subclasses__()))
+
+    from latin_fmu.scene.fields import SceneTable
+
+    offered = {getattr(tables, name) for name in tables.__all__}
+    made = {t for t in below(SceneTable) if t.__module__.startswith("latin_fmu.scene") and t.__name__[0] != "_"}
+    assert made - {SceneTable, Scene} == offered
