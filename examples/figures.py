@@ -72,6 +72,10 @@ DRAWINGS = {
     "convergence_friction": _script("convergence_friction.py"),
     "static_friction": _script("static_friction.py"),
     "joint_damping": _script("joint_damping.py", "assembly"),
+    "electronics_box_parts": Drawing(
+        "latin-fmu plot models/electronics_box/scene.toml -o electronics_box_parts.png", ("pictures",)
+    ),
+    "electronics_box": _script("electronics_box.py", "assembly"),
     "stop": _script("fmu_stop.py", "cosim"),
     "port_signs": Drawing("python examples/port_signs.py -o .", ()),
     "estimated_error": _script("estimated_error.py", "accuracy"),

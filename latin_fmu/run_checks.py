@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.spatial as spatial
 
+from .assembly.bolts import Clamp
 from .assembly.problem import SolverReadyProblem
 from .interface.laws import SEPARATION, bonds
 from .latin.assembly import Array, Assembly
@@ -130,7 +131,8 @@ def strain_remarks(problem: SolverReadyProblem, ends: Mapping[str, BodyEnd]) -> 
     """Sentences on bodies whose edges have changed by more than ``LARGEST_STRAIN`` of their length at the end."""
     remarks: list[str] = []
     for name, end in ends.items() if problem.unit_system.measurable else ():
-        strain = _largest_strain(problem.info[name], end)
+        own = [clamp for clamp in problem.clamps if clamp.cut.table.substructure == name]
+        strain = _largest_strain(problem.info[name], end, own)
         if strain > LARGEST_STRAIN:
             remarks.append(
                 f"substructure {name} is strained by {100 * strain:.2g} % at the end: strains are taken as small, "
@@ -139,16 +141,19 @@ def strain_remarks(problem: SolverReadyProblem, ends: Mapping[str, BodyEnd]) -> 
     return remarks
 
 
-def _largest_strain(info: SubstructureInfo, end: BodyEnd) -> float:
-    """Largest change of the length of an edge over the length, the turn of the body as a whole left out."""
+def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]) -> float:
+    """Largest change of the length of an edge over the length, without the turn of the body as a whole and the
+    shortening of its ``bolts``."""
     if not end.u.any() or not np.isfinite(end.spin).all():
         return 0.0
     u = end.u - _cross(end.spin, info.nodes - info.nodes.mean(axis=0))
     # cells of fewer nodes lack some of the edges, mixed cells are padded with -1
     cells = np.asarray(info.cells)
-    a, b = (cells[:, [edge[i] for edge in _EDGES if edge[1] < cells.shape[1]]].ravel() for i in (0, 1))
-    a, b = a[b >= 0], b[b >= 0]
-    edge, change = info.nodes[b] - info.nodes[a], u[b] - u[a]
+    moved = u[cells] + sum((clamp.shifts(cells) for clamp in bolts), np.zeros(3))
+    first, last = zip(*(edge for edge in _EDGES if edge[1] < cells.shape[1]), strict=True)
+    there = cells[:, last] >= 0
+    edge = (info.nodes[cells[:, last]] - info.nodes[cells[:, first]])[there]
+    change = (moved[:, last] - moved[:, first])[there]
     length = np.einsum("ei,ei->e", edge, edge)
     return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))  # (u . e) / e^2
 
@@ -354,7 +359,7 @@ def _sunk(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory]
         if not deep.any():
             continue
         worst = int(np.argmax(np.where(deep, sunk / np.maximum(allowed, np.finfo(float).tiny), 0.0)))
-        of = f"the shortening of bolt {clamps[whose[worst]].bolt}" if whose[worst] >= 0 else "the elastic approach"
+        of = f"the shortening of bolt {clamps[whose[worst]].cut.name}" if whose[worst] >= 0 else "the elastic approach"
         at = ", ".join(f"{x:.4g}" for x in history.points[worst])
         yield (
             f"interface {name}: {int(deep.sum())} of {len(sunk)} points that never opened have sunk, at [{at}] by "

@@ -14,6 +14,8 @@ import latin_fmu
 from latin_fmu.stability.scenes import Box, Description, column, half_sine
 
 MODELS = Path(__file__).parents[1] / "models"
+MINUTES = ("bolted_beam", "electronics_box")
+"""Models whose runs take minutes."""
 
 
 def solve(description: Description, converged: bool = True) -> latin_fmu.Solution:

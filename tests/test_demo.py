@@ -68,7 +68,7 @@ def test_an_unknown_model_is_named_with_those_there_are(empty: Path, capsys: pyt
     assert main(["demo", "impact_bars"]) == 2
     error = capsys.readouterr().err
     assert "did you mean 'impact_bar'?" in error
-    assert "two_specimen_crushing" in error
+    assert "stacked_blocks" in error
     assert not list(empty.iterdir())
 
 

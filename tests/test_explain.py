@@ -16,8 +16,8 @@ from latin_fmu.effects.scene_effects import EFFECTS
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.overrides import key_lines, line_of
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import MINUTES, MODELS
 
-MODELS = Path(__file__).parents[1] / "models"
 NAMES = {
     "inertia",
     "elastic bodies",
@@ -248,8 +248,8 @@ def test_lines_of_keys() -> None:
 
 
 @pytest.mark.parametrize(
-    "path",  # that of bolted_beam is made in tests/scene/test_remarks.py
-    sorted(p for p in MODELS.glob("*/scene.toml") if p.parent.name != "bolted_beam"),
+    "path",  # those of minutes are made in tests/scene/test_remarks.py
+    sorted(p for p in MODELS.glob("*/scene.toml") if p.parent.name not in MINUTES),
     ids=lambda p: p.parent.name,
 )
 def test_every_model_is_explained_for_a_reader(path: Path, capsys: pytest.CaptureFixture[str]) -> None:

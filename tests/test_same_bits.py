@@ -12,11 +12,11 @@ import pytest
 import latin_fmu
 from latin_fmu.compiled import PLAIN
 from latin_fmu.latin.windows import Run
+from tests.scenes import MINUTES, MODELS
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
-MODELS = Path(__file__).parents[1] / "models"
-SCENES = sorted(p for p in MODELS.glob("*/*.toml") if p.parent.name != "bolted_beam")  # bolted_beam takes minutes
+SCENES = sorted(p for p in MODELS.glob("*/*.toml") if p.parent.name not in MINUTES)
 SHORT = 10  # instants of the quick tier
 # seconds each even so: whole runs alone, in the slow tier
 LONG = ("lap_joint/scene", "lap_joint/shock", "pressed_plates/scene", "punched_plates/scene")

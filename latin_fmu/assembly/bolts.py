@@ -134,8 +134,7 @@ class BoltCut:
     def clamp(self, nodes: Array, shortening: float) -> Clamp:
         """Where the bolt clamps; ``nodes`` (n, 3) of its body, m."""
         along = nodes @ self.axis
-        ends = float(along.min()), float(along.max())
-        return Clamp(self.name, self.axis, self.point, float(np.sqrt(self.area / np.pi)), ends, shortening)
+        return Clamp(self, (float(along.min()), float(along.max())), shortening)
 
     @property
     def motion(self) -> Array:
@@ -160,30 +159,31 @@ class BoltCut:
 
 @dataclass(frozen=True)
 class Clamp:
-    """Where a bolt clamps: within ``_CONE`` times the radius of its section around the axis, along its body and as
-    far beyond.
+    """A bolt as tightened. It clamps within ``_CONE`` times the radius of its section around the axis, along its body
+    and as far beyond.
 
     Attributes
     ----------
-    bolt : its name. axis : (3,) unit vector. point : (3,) on it, m. radius : of the section, m.
-    ends : first and last coordinate of its body along the axis, m. shortening : m.
+    cut : of its shank. ends : first and last coordinate of its body along the axis, m. shortening : m.
     """
 
-    bolt: str
-    axis: Array
-    point: Array
-    radius: float
+    cut: BoltCut
     ends: tuple[float, float]
     shortening: float
 
     def holds(self, points: Array) -> np.ndarray:
         """Whether the bolt clamps points (n, 3), (n,)."""
-        arm = points - self.point
-        arm = arm - np.outer(arm @ self.axis, self.axis)
-        along = points @ self.axis
-        reach = _CONE * self.radius
+        arm = points - self.cut.point
+        arm = arm - np.outer(arm @ self.cut.axis, self.cut.axis)
+        along = points @ self.cut.axis
+        reach = _CONE * float(np.sqrt(self.cut.area / np.pi))
         near: np.ndarray = np.linalg.norm(arm, axis=1) <= reach
         return near & (along >= self.ends[0] - reach) & (along <= self.ends[1] + reach)
+
+    def shifts(self, cells: np.ndarray) -> np.ndarray:
+        """Motion (n_cell, n, 3), m, of the nodes of cells (n_cell, n) by the cut, beyond it alone."""
+        beyond = self.cut.beyond[:, None] & np.isin(cells, self.cut.nodes)
+        return np.where(beyond[:, :, None], -self.shortening * self.cut.axis, 0.0)
 
 
 def load_name(bolt: str) -> str:

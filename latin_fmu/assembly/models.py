@@ -248,7 +248,7 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
         body = bodies[name]
         if body.rigid:
             return HHT(), f"substructure {name} is rigid"
-        share = layer_of(body.shape.mesh, _contact_nodes(name, units))[1]
+        share = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.elasticity)[1]
         if share > _THICK:
             return HHT(), f"substructure {name} is thin: {100 * share:.0f} % of its elements touch a face that may open"
     return GeneralizedAlpha(), f"bodies land: {', '.join(u.name for u in landing[:3])}" if landing else front
@@ -315,9 +315,9 @@ def scheme_remarks(
         nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
         if not len(nodes):
             continue
-        height, share = layer_of(body.shape.mesh, nodes)
-        if height > 0.0:
-            courant[name] = body.shape.elasticity.bar_speed * dt / height
+        crossing, share = layer_of(body.shape.mesh, nodes, body.shape.elasticity)
+        if crossing > 0.0:
+            courant[name] = dt / crossing
         if scheme.landing_damping > 0.0 and name in landing and share > _THICK:
             remarks.append(
                 f"substructure {name}: {100 * share:.0f} % of its elements touch a face that may open and are viscous "

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.inactive_substructures import arrival_times, marched_share
-from ..assembly.problem import DiscretisedProblem, settings_of
+from ..assembly.problem import DiscretisedProblem, characteristic_traction, settings_of
 from ..assembly.propagator_choice import (
     ClassSize,
     PropagatorSettings,
@@ -72,9 +72,11 @@ _SAMPLED = 1e-3  # residual of the columns of ``_reach``, in truncations
 _COLOURS = 1.4  # colours of a table, over the points within its radius of a point inside
 _OF_CHECK = 0.8  # columns of the tables of the force residual, over those of Y
 
-# LATIN iterations per window, measured on the shipped models and benchmarks; friction: per coupled interface
+# LATIN iterations per window, measured on the shipped models and benchmarks; friction: per coupled interface; growth of
+# those of an instant by the decade of stiffness over inertia in a step: at the tolerance 1e-3, and by its decades
 FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
 CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
+_BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.5, 0.8, 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,8 @@ class RunSize:
     ----------
     classes : of substructures. propagator : its settings. n_flat : interface unknowns, both sides.
     n_instant : steps. window : instants per window. sequential : whether a longer window starts from a sequential pass.
-    iterations : LATIN iterations expected per window. static : no inertia. at_once : one linear solve per instant.
+    iterations : LATIN iterations expected per window. effort : factor on those of short steps.
+    static : no inertia. at_once : one linear solve per instant.
     fields, stress, energy, every : stored quantities. unbalanced : accelerations at t = 0 have to be solved for.
     increments : of a static start, 0 where there is none.
     """
@@ -114,6 +117,7 @@ class RunSize:
     window: int
     sequential: bool
     iterations: float
+    effort: float
     static: bool
     at_once: bool
     fields: bool
@@ -135,7 +139,7 @@ class RunSize:
 def run_size(discretised: DiscretisedProblem) -> RunSize:
     """Sizes of the run of a discretised problem."""
     scene, units = discretised.scene, discretised.units
-    share, output, start = _marched(discretised), scene.output, scene.time.start
+    share, output, start, effort = _marched(discretised), scene.output, scene.time.start, _effort(discretised)
     classes, interfaces = [], interfaces_of(scene)
     sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
@@ -150,7 +154,8 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
         n_instant=scene.time.n_step,
         window=scene.time.n_step if scene.solver.window == WHOLE else int(scene.solver.window),
         sequential=scene.solver.window != 1 and scene.solver.start == "sequential",
-        iterations=expected_iterations(scene, units),
+        iterations=expected_iterations(scene, units, effort),
+        effort=effort,
         static=scene.time.quasi_static,
         at_once=solved_at_once(scene, units),
         fields=output.keeps_fields,
@@ -169,8 +174,8 @@ def solved_at_once(scene: Scene, units: Sequence[InterfaceUnit]) -> bool:
     return direct and bool(units) and all(bonds(u.behaviour) for u in units)
 
 
-def expected_iterations(scene: Scene, units: Sequence[InterfaceUnit]) -> float:
-    """LATIN iterations of a window (one solve of perfect interfaces counts as one)."""
+def expected_iterations(scene: Scene, units: Sequence[InterfaceUnit], effort: float) -> float:
+    """LATIN iterations of a window (one solve of perfect interfaces counts as one); ``effort`` as in ``RunSize``."""
     if not units:
         return 0.0
     if solved_at_once(scene, units):
@@ -180,10 +185,32 @@ def expected_iterations(scene: Scene, units: Sequence[InterfaceUnit]) -> float:
     if scene.solver.window != 1:
         return LONG_WINDOW
     if any(not u.behaviour.opens for u in units):
-        return BONDED if any(bonds(u.behaviour) for u in units) else LAYERED
+        return effort * (BONDED if any(bonds(u.behaviour) for u in units) else LAYERED)
     if any(u.behaviour.n_component > 1 for u in units):
-        return FRICTION + PER_INTERFACE * min(len(units), MOST_COUPLED)
-    return CONTACT
+        return effort * (FRICTION + PER_INTERFACE * min(len(units), MOST_COUPLED))
+    return effort * CONTACT
+
+
+def _effort(d: DiscretisedProblem) -> float:
+    """Factor on the iterations of an instant by the length of the step and the tolerance.
+
+    In a step in which waves cross many elements an interface feels all others at once, as in statics, and convergence
+    is slower. The measure is the stiffness over the inertia in the operator of the march, the median of a body and the
+    geometric mean of all. The tolerance counts from the largest traction, that of tight bolts included, of which
+    motions may be a small part.
+    """
+    if d.scene.time.quasi_static or not d.units:
+        return 1.0
+    weights, ratios = d.scheme.operator(d.dt), list[float]()
+    for mass, _, stiffness in (c.members[0].reduced for c in d.classes if c.members[0].nodal is None):
+        inertia = weights[0] * mass.diagonal()
+        heavy = inertia > 0.0
+        ratios.append(float(np.median(weights[2] * stiffness.diagonal()[heavy] / inertia[heavy])))
+    decades = float(np.mean(np.log10(np.add(1.0, ratios)))) if ratios else 0.0
+    moving = characteristic_traction(d.scene, d.bodies, d.time)
+    relative = d.scene.solver.tolerance * (d.characteristic_traction / moving if moving else 1.0)
+    stricter = max(0.0, float(np.log10(_TOLERANCE / relative)))
+    return 1.0 + decades * (_BY_STEP + _BY_TOLERANCE * stricter)
 
 
 def _marched(discretised: DiscretisedProblem) -> dict[str, float]:

@@ -31,7 +31,7 @@ from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable
-from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, operator_counts, seconds
+from .cost import STATIC, Prediction, RunClass, RunSize, march_counts, memory_need, operator_counts, seconds
 from .scene_effects import EFFECTS, Effect, changed, without_friction
 
 SCHEMA_VERSION = "1.4"
@@ -147,13 +147,11 @@ def explain(scene: Scene, text: str = "") -> Explanation:
     preparation = time.process_time() - start
     p = Prediction(discretised, preparation).with_tables()
     effects = [effect(p) for effect in EFFECTS]
-    # memory of these three is in that of the operators, already
-    kept = sum(e.memory for e in effects if e.name not in ("elastic bodies", "inertia", "damping"))
     predicted = {
         "cpu_seconds_set_up": round(preparation + p.operators, 4),
         "cpu_seconds_instants": round(p.march, 4),
         "cpu_seconds_instant": p.instant,
-        "memory_bytes": int(p.memory + kept),
+        "memory_bytes": int(memory_need(p).total),
         "unknowns": p.total("unknowns"),
         "interface_unknowns": p.run.n_flat,
         "instants": p.run.n_instant,

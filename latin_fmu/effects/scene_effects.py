@@ -87,14 +87,16 @@ def without(p: Prediction, units: Units) -> RunSize:
     """The run without some of its interfaces."""
     rest = [u for u in p.discretised.units if u not in units]
     fewer = _fewer(p.run, sum(2 * u.geometry.n_point * u.behaviour.n_component for u in units))
-    return replace(fewer, iterations=expected_iterations(p.scene, rest), at_once=p.run.at_once and bool(rest))
+    return replace(
+        fewer, iterations=expected_iterations(p.scene, rest, p.run.effort), at_once=p.run.at_once and bool(rest)
+    )
 
 
 def without_friction(p: Prediction, units: Units) -> RunSize:
     """The run without the tangential unknowns of some of its interfaces."""
     rest = [u for u in p.discretised.units if u not in units]
     fewer = _fewer(p.run, sum(2 * u.geometry.n_point * (u.behaviour.n_component - 1) for u in units))
-    iterations = max(CONTACT, expected_iterations(p.scene, rest))
+    iterations = max(p.run.effort * CONTACT, expected_iterations(p.scene, rest, p.run.effort))
     # taking tangential unknowns away never costs iterations
     return replace(fewer, iterations=min(iterations, p.run.iterations))
 

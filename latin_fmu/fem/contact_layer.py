@@ -19,15 +19,16 @@ Courant number of a body. The peak stays what it is, the error of the force hist
 
 Viscosity: C = sum q (h_e / c_p) K_e over the elements that touch a contact face, h_e their height over it (volume over
 area of the facets, thrice that for tetrahedra and pyramids; the mean of their neighbours' where they own no facet; half
-of it for quadratic cells, the distance of their nodes). K_e resists no rigid motion, so that neither translation nor
-rotation is damped. Peak over the plateau for a bar of 20 elements (10 quadratic ones) that lands on a wall, Courant
-number 0.1 to 2, q = 0.6: hexahedra and wedges 1.06 to 1.07, tetrahedra 1.06 to 1.08 (1.27 with the elements that own a
-facet alone), 10-node tetrahedra 1.09 to 1.14, 20- and 27-node hexahedra 1.09 to 1.17.
+of it for quadratic cells, the distance of their nodes), c_p the speed of pressure waves along the normal there. K_e
+resists no rigid motion, so that neither translation nor rotation is damped. Peak over the plateau for a bar of 20
+elements (10 quadratic ones) that lands on a wall, Courant number 0.1 to 2, q = 0.6: hexahedra and wedges 1.06 to 1.07,
+tetrahedra 1.06 to 1.08 (1.27 with the elements that own a facet alone), 10-node tetrahedra 1.09 to 1.14, 20- and
+27-node hexahedra 1.09 to 1.17.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import combinations
 from typing import Final
 
@@ -181,10 +182,10 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
     None where no element owns a facet of contact nodes, or q is zero.
     """
     bare = q > 0.0
-    c_p, _ = material.wave_speeds
-    total, heights = sp.csr_array((3 * mesh.n_node, 3 * mesh.n_node)), _heights(mesh, bare)
+    total = sp.csr_array((3 * mesh.n_node, 3 * mesh.n_node))
+    times = _crossing_times(mesh, bare, material.pressure_speed)
     for block in mesh.blocks:
-        touching = np.flatnonzero((heights[block.cells] > 0.0).any(axis=1))
+        touching = np.flatnonzero((times[block.cells] > 0.0).any(axis=1))
         if not len(touching):
             continue
         layer = CellBlock(block.cell_type, block.cells[touching])
@@ -193,9 +194,9 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
         bends = bending_modes and block.cell_type in BENDING_CELLS
         matrix = element_stiffness(points, material, bends)
         n = 3 * layer.cells.shape[1]
-        here = heights[layer.cells]
-        height = here.sum(axis=1) / (here > 0.0).sum(axis=1)  # mean over the contact nodes of the element
-        values = (q[layer.cells].max(axis=1) * height / c_p)[:, None, None] * matrix.reshape(-1, n, n)
+        here = times[layer.cells]
+        time = here.sum(axis=1) / (here > 0.0).sum(axis=1)  # mean over the contact nodes of the element
+        values = (q[layer.cells].max(axis=1) * time)[:, None, None] * matrix.reshape(-1, n, n)
         dofs = (3 * layer.cells[:, :, None] + np.arange(3)).reshape(-1, n)
         rows, columns = np.repeat(dofs, n, axis=1), np.tile(dofs, (1, n))
         total = total + sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=total.shape)
@@ -209,41 +210,45 @@ def landing_viscosity(mesh: Mesh, q: Array, material: Elasticity, bending_modes:
     return total
 
 
-def layer_of(mesh: Mesh, nodes: Index) -> tuple[float, float]:
-    """Median height of the elements over their facets of contact ``nodes``, m (0 where there are none), and the share
-    of the elements that touch these nodes."""
+def layer_of(mesh: Mesh, nodes: Index, material: Elasticity) -> tuple[float, float]:
+    """Median time in which the wave of a bar crosses the elements from their facets of contact ``nodes``, s (0 where
+    there are none), and the share of the elements that touch these nodes."""
     bare = np.zeros(mesh.n_node, dtype=bool)
     bare[nodes] = True
-    heights = _heights(mesh, bare)
-    positive = heights[heights > 0.0]
-    touching = sum(int((heights[block.cells] > 0.0).any(axis=1).sum()) for block in mesh.blocks)
+    times = _crossing_times(mesh, bare, lambda normals: np.sqrt(material.moduli_along(normals)[0] / material.density))
+    positive = times[times > 0.0]
+    touching = sum(int((times[block.cells] > 0.0).any(axis=1).sum()) for block in mesh.blocks)
     return float(np.median(positive)) if len(positive) else 0.0, touching / sum(len(b.cells) for b in mesh.blocks)
 
 
-def _heights(mesh: Mesh, bare: Mask) -> Array:
-    """Mean height (n_node,) of the elements over their facets at each contact node, m; 0 at others, and where no
-    element owns a facet of contact nodes."""
+def _crossing_times(mesh: Mesh, bare: Mask, speed: Callable[[Array], Array]) -> Array:
+    """Mean time (n_node,), s, in which waves cross the elements at each contact node by their height over their facets;
+    0 at others, and where no element owns a facet of contact nodes. ``speed`` : along unit normals (..., 3), m s-1."""
     total, count = np.zeros(mesh.n_node), np.zeros(mesh.n_node)
     for block in mesh.blocks:
-        area = _facet_areas(mesh, block, bare)
-        own = CellBlock(block.cell_type, block.cells[area > 0.0])
+        swept = _swept(mesh, block, bare, speed)
+        own = CellBlock(block.cell_type, block.cells[swept > 0.0])
         volume = points_in(mesh.nodes, own, cell_rule(block.cell_type)).volumes.sum(axis=1)
         corners = N_CORNER[block.cell_type]
         factor = (3.0 if corners in (4, 5) else 1.0) * (0.5 if own.cells.shape[1] > corners else 1.0)
-        np.add.at(total, own.cells, (factor * volume / area[area > 0.0])[:, None])
+        np.add.at(total, own.cells, (factor * volume / swept[swept > 0.0])[:, None])
         np.add.at(count, own.cells, 1.0)
     # other nodes of these cells are inner ones
-    heights: Array = np.divide(total, count, out=np.zeros_like(total), where=bare & (count > 0))
-    return heights
+    times: Array = np.divide(total, count, out=np.zeros_like(total), where=bare & (count > 0))
+    return times
 
 
-def _facet_areas(mesh: Mesh, block: CellBlock, bare: Mask) -> Array:
-    """Area (n_cell,) of the facets of each cell all of whose nodes are marked in ``bare``, m2; 0 where none is."""
-    area = np.zeros(len(block.cells))
+def _swept(mesh: Mesh, block: CellBlock, bare: Mask, speed: Callable[[Array], Array]) -> Array:
+    """Volume per time (n_cell,), m3 s-1, that waves sweep from the facets of each cell all of whose nodes are marked in
+    ``bare``; 0 where none is."""
+    total = np.zeros(len(block.cells))
     for face in CELL_FACES[block.cell_type]:
         nodes = block.cells[:, np.array(face)]
         corner = mesh.nodes[nodes[:, : FACET_CORNERS[FACET_KIND[len(face)]]]]
         # half the cross product of the diagonals is the vector area of a quadrilateral, warped ones included
         arms = corner[:, 2:] - corner[:, :-2] if corner.shape[1] == 4 else corner[:, 1:] - corner[:, :1]
-        area += np.where(bare[nodes].all(axis=1), 0.5 * np.linalg.norm(np.cross(arms[:, 0], arms[:, 1]), axis=1), 0.0)
-    return area
+        own = np.flatnonzero(bare[nodes].all(axis=1))
+        vectors = 0.5 * np.cross(arms[own, 0], arms[own, 1])
+        areas = np.linalg.norm(vectors, axis=1)
+        total[own] += areas * speed(vectors / np.maximum(areas, np.finfo(float).tiny)[:, None])
+    return total

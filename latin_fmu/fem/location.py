@@ -164,6 +164,9 @@ def _reference(arms: Array, cell_type: str) -> Array:
     nearest = distance.argmin(axis=1)
     at_node = np.isnan(at).any(axis=1) & (distance.min(axis=1) <= INSIDE * distance.max(axis=1))
     at[at_node] = functions.nodes[nearest[at_node]]
+    # from a point outside a curved cell the steps may go round in circles, through places inside
+    left = np.linalg.norm(np.einsum("ca,cai->ci", functions.values(at), arms), axis=1)
+    at[left > INSIDE * distance.max(axis=1)] = np.nan
     return at
 
 

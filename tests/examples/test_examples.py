@@ -186,3 +186,13 @@ def test_joint_damping(example: ModuleType, tmp_path: Path) -> None:
     assert _figures(tmp_path) == {"joint_damping.png"}
     assert 0.02 < numbers["damping_1000_N"] < 0.08
     assert 155.0 < numbers["frequency_Hz_1000_N"] < 168.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["electronics_box"], indirect=True)
+def test_electronics_box(example: ModuleType, tmp_path: Path) -> None:
+    """The first 0.3 ms with two coefficients of friction: the board slips less on the bosses where it rubs more."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"electronics_box.png"}
+    assert 0.0 < numbers["friction 0.3: slip, um"] < numbers["friction 0.1: slip, um"]
+    assert 900.0 < numbers["friction 0.3: smallest tension, N"] < 1000.0

@@ -7,7 +7,8 @@ import pytest
 
 from latin_fmu.fem.faces import Surface
 from latin_fmu.fem.location import locate, nearest_surface_point
-from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
+from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh
+from latin_fmu.fem.reference_cells import TET_EDGES
 
 from .meshes import ORIGIN, QUADRATIC, SIZE, TYPES, cut, typed_box
 
@@ -61,6 +62,20 @@ def test_a_point_in_a_curved_cell() -> None:
     place = locate(bent, mapped)
     assert place is not None
     assert place.weights @ bent.nodes[place.nodes] == pytest.approx(mapped, abs=1e-12)
+
+
+def test_points_outside_strongly_curved_cells_are_in_none() -> None:
+    """Tetrahedra with middle nodes off by up to 15 %: where a cell is said to hold a point, it maps to the point."""
+    rng, corners, found = np.random.default_rng(1), np.vstack([np.zeros(3), np.eye(3)]), 0
+    middles = corners[np.array(TET_EDGES)].mean(axis=1)
+    for _ in range(40):
+        nodes = np.vstack([corners, middles + rng.uniform(-0.15, 0.15, (6, 3))])
+        mesh = Mesh(nodes, (CellBlock("tetra10", np.arange(10)[None]),), {})
+        for point in rng.uniform(-0.4, 1.4, (20, 3)):
+            if (place := locate(mesh, point)) is not None:
+                found += 1
+                assert place.weights @ nodes[place.nodes] == pytest.approx(point, abs=1e-5)
+    assert found > 10
 
 
 @pytest.mark.parametrize("cell_type", ["hexahedron", "tetra", "wedge"])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from latin_fmu.fem.contact_layer import landing_viscosity, layer_of
 from latin_fmu.fem.elasticity import Isotropic, Orthotropic
 from latin_fmu.fem.elements import Elements, MeanStress, Recovery, stiffness
-from latin_fmu.fem.mesh import boundary
+from latin_fmu.fem.mesh import boundary, box_mesh
 
 from .test_elements import GRADIENT, KINDS, STRAIN, distorted, inner_nodes, six, solved
 
@@ -91,3 +92,21 @@ def test_modulus_off_the_axes() -> None:
         c, s = np.cos(angle), np.sin(angle)
         wanted = 1 / (c**4 / 10 + (1 / 1.3 - 2 * 0.28 / 10) * s * s * c * c + s**4 / 3)
         assert OWN.moduli_along(np.array([c, s, 0.0]))[0] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_layer_at_a_contact_face_takes_the_waves_along_its_normal(axis: int) -> None:
+    """A box of one element: C = q (h / c) K and the time h / c of a bar, by the constants along the axis."""
+    size = np.array([1.0, 2.0, 3.0])
+    mesh = box_mesh(np.zeros(3), size, (1, 1, 1))
+    nodes = np.flatnonzero(mesh.nodes[:, axis] == 0.0)
+    q = np.zeros(mesh.n_node)
+    q[nodes] = 0.5
+    along = np.eye(3)[axis]
+    speed = float(np.sqrt(OWN.stress(six(np.outer(along, along)))[axis] / OWN.density))
+    made = landing_viscosity(mesh, q, OWN)
+    assert made is not None
+    expected = 0.5 * size[axis] / speed * stiffness(Elements(mesh), OWN).toarray()
+    np.testing.assert_allclose(made.toarray(), expected, atol=1e-12 * np.abs(expected).max())
+    bar = size[axis] / np.sqrt(OWN.moduli[axis] / OWN.density)
+    assert layer_of(mesh, nodes, OWN) == (pytest.approx(bar), 1.0)

@@ -17,11 +17,11 @@ from fmu_build.checks import validate
 from latin_fmu import cli
 from latin_fmu.errors import SceneError
 from tests.cosim.scenes import bar, blocks
+from tests.scenes import MINUTES, MODELS
 
 from .exchange_host import ExchangeHost, integrate
 from .test_hosts import SCRIPTS, ran, tool
 
-MODELS = Path(__file__).parents[2] / "models"
 SMALL = ["substructure.lower.box.elements=[3,3,3]", "substructure.upper.box.elements=[3,3,3]"]
 CASES = {
     "impact_bar": ([], "wall"),
@@ -49,7 +49,7 @@ def opened(pressed):
         host.close()
 
 
-NAMES = sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"})
+NAMES = sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {*MINUTES})
 LONG = ("beam_in_traction", "hammer_on_plate", "lap_joint")
 
 

@@ -19,11 +19,11 @@ from fmu_build.checks import validate, with_inputs
 from fmu_build.drive import Drive
 from fmu_build.reference import FOLDER, reference_of
 from latin_fmu.errors import InputError
+from tests.scenes import MINUTES, MODELS
 
 from .host import hosts_folder
 
-MODELS = Path(__file__).parents[2] / "models"
-SCENES = sorted(p for p in MODELS.glob("*/*.toml") if p.parent.name != "bolted_beam")  # bolted_beam takes minutes
+SCENES = sorted(p for p in MODELS.glob("*/*.toml") if p.parent.name not in MINUTES)
 
 
 def names(path: Path) -> str:

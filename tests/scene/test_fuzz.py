@@ -18,9 +18,9 @@ from latin_fmu.errors import SceneError
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, column
+from tests.scenes import MINUTES, MODELS
 
-MODELS = Path(__file__).parents[2] / "models"
-LARGE = {"n08", "n16", "bolted_beam"}
+LARGE = {"n08", "n16", *MINUTES}
 PATHS = [path for path in sorted(MODELS.glob("*/*.toml")) if not {path.stem, path.parent.name} & LARGE]
 SOURCES = [(path.parent, tomllib.loads(path.read_text(encoding="utf-8"))) for path in PATHS]
 BOLTED = column(

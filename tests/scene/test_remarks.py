@@ -14,8 +14,8 @@ from latin_fmu.api import checked
 from latin_fmu.effects.explanation import explain
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
+from tests.scenes import MINUTES, MODELS
 
-MODELS = Path(__file__).parents[2] / "models"
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
 
 
@@ -118,14 +118,14 @@ def test_explain_gives_the_remarks_of_check(change: str | None) -> None:
 
 
 MODEL_FILES = [
-    pytest.param(path, marks=pytest.mark.slow) if path.parent.name in ("lap_joint", "bolted_beam") else path
+    pytest.param(path, marks=pytest.mark.slow) if path.parent.name in ("lap_joint", *MINUTES) else path
     for path in sorted(MODELS.glob("*/*.toml"))
 ]
 
 
 @pytest.mark.parametrize("path", MODEL_FILES, ids=lambda p: f"{p.parent.name}/{p.stem}")
 def test_shipped_models_give_no_remark(path: Path) -> None:
-    if path.parent.name == "bolted_beam":  # its bolts take a minute to be tightened
+    if path.parent.name in MINUTES:  # bolts take long to be tightened
         assert explain(latin_fmu.load_scene(path)).warnings == ()
     else:
         assert checked(latin_fmu.load_scene(path))[1] == ()

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from tests.scenes import MODELS, solve, solved
+from tests.scenes import MINUTES, MODELS, solve, solved
 
 from .blocks import stack
 
 SHIPPED = sorted(
-    str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml") if p.parent.name != "bolted_beam"
+    str(p.relative_to(MODELS).with_suffix("")) for p in MODELS.glob("*/*.toml") if p.parent.name not in MINUTES
 )  # which takes minutes
 QUICK = [pytest.param(m, marks=pytest.mark.slow) if m.startswith("lap_joint") else m for m in SHIPPED]
 # sqrt(eta) is an energy norm over all interfaces; the residual of the work is bounded by it times the work exchanged

@@ -108,6 +108,13 @@ def test_shortening_of_a_held_bar(point: list[float] | None) -> None:
     assert solution.bolts["b"].area == pytest.approx(1e-4, rel=1e-12)
 
 
+@pytest.mark.parametrize(("shortening", "told"), [(6e-4, False), (4e-3, True)])
+def test_the_cut_is_no_strain(shortening: float, told: bool) -> None:
+    """A twelfth of an element at the cut, 1.2 % of the bar; then 8 % of the bar."""
+    result = solve(scene_from_dict(bar(["zmin", "zmax"], {"shortening": shortening})))
+    assert any("is strained by" in warning for warning in result.warnings) == told
+
+
 def test_shortening_of_a_free_end() -> None:
     """No stress; the free end moves towards the held one by the shortening, in one piece."""
     solution = solve(scene_from_dict(bar(["zmin"], {"shortening": 20e-6})))

@@ -14,11 +14,9 @@ from latin_fmu.effects.explanation import LUMPED, Suggestion, explain
 from latin_fmu.reader import load_scene, scene_from_dict
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
-from tests.scenes import MODELS, solved
+from tests.scenes import MINUTES, MODELS, solved
 
-SHIPPED = sorted(
-    {path.parent.name for path in MODELS.glob("*/scene.toml")} - {"bolted_beam"}
-)  # bolted_beam takes minutes
+SHIPPED = sorted({path.parent.name for path in MODELS.glob("*/scene.toml")} - {*MINUTES})
 QUICK = [pytest.param(name, marks=pytest.mark.slow) if name == "lap_joint" else name for name in SHIPPED]
 OTHER_RESULT = {LUMPED: 0.05}
 """Relative change of impulse and peak force by what is lost; nothing for what concerns stored quantities only."""
