@@ -8,12 +8,19 @@ from __future__ import annotations
 import os
 import platform
 import sys
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def peak_memory() -> int:
@@ -115,6 +122,21 @@ def group_limits(
                     with suppress(OSError, ValueError):  # "max" is no number
                         limits.append((int((place / name).read_text(encoding="ascii")), "control group"))
     return [(limit, text) for limit, text in limits if limit < 1 << 60]  # version 1 writes a very large number for none
+
+
+def in_threads(threads: int, function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """Results of a function of each item, in their order, by so many threads: of use where compiled code, which runs
+    beside Python, does most of the work. The first error, in the order of the items, is raised."""
+    items, settings = list(items), np.geterr()
+    if threads == 1 or len(items) < 2:
+        return [function(item) for item in items]
+
+    def done(item: _Item) -> _Result:
+        with np.errstate(**settings):  # a thread has its own
+            return function(item)
+
+    with ThreadPoolExecutor(min(threads, len(items)), thread_name_prefix="latin-fmu") as pool:
+        return list(pool.map(done, items))
 
 
 def one_thread() -> AbstractContextManager[object]:

@@ -18,7 +18,7 @@ import numpy as np
 from ..compiled import COMPILES
 from ..errors import Problem, SceneError
 from ..latin.processes import distributed
-from ..machine import memory_room
+from ..machine import in_threads, memory_room
 from ..propagator import StaticPropagator
 from ..propagator.base import Propagator
 from ..propagator.direct import CgPropagator, DirectPropagator
@@ -265,21 +265,27 @@ def made_propagators(
     """
     settings, remarks = chosen_propagators(scene, classes)
     made_with = (scheme, dt, settings)
-    made: list[Propagator] = []
-    for c in classes:
-        twin = None if c.twin is None else made[c.twin]
+
+    def make(c: ModelClass, twin: Propagator | None) -> Propagator:
         if twin is None and kept is not None:
             twin = kept.twin(c.members[0], made_with)
         if not isinstance(scheme, QuasiStatic):
-            made.append(PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin))
+            one = PROPAGATORS[settings.kind](c.members, scheme, dt, settings, twin)
             # the work of the loads is needed to judge the errors (``indicator.work_of_error``)
-            made[-1].loads_only = not scene.output.energy and _loads_suffice(made[-1], scheme, dt)
-            continue
+            one.loads_only = not scene.output.energy and _loads_suffice(one, scheme, dt)
+            return one
         own = springs[c.channels[:, 0]]
         known = twin.shared(own) if isinstance(twin, StaticPropagator) else None
         known = known if statics is None else statics.setdefault(c.key, [])
         members = in_form(c.members, interfaces_of(scene))
-        made.append(StaticPropagator(members, dt, scene.output.energy, own, known))
+        return StaticPropagator(members, dt, scene.output.energy, own, known)
+
+    # those with operators of their own, then those that take them from another
+    alone = [i for i, c in enumerate(classes) if c.twin is None]
+    first = dict(zip(alone, in_threads(scene.solver.threads, lambda i: make(classes[i], None), alone), strict=True))
+    made: list[Propagator] = []
+    for i, c in enumerate(classes):
+        made.append(first[i] if c.twin is None else make(c, made[c.twin]))
     if kept is not None:
         kept.replace([c.members[0] for c in classes], made, made_with)
     if problems := unstable_steps(made, scene, dt):

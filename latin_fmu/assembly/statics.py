@@ -342,7 +342,8 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     # no time: a parameter of the loads
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
     # tolerance and all else: the defaults without inertia
-    data["solver"] = {"max_iterations": _MOST, "share_identical": scene.solver.share_identical}
+    same = {"share_identical": scene.solver.share_identical, "threads": scene.solver.threads}
+    data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
     for key in ("sensor", "accuracy", "output", "bolt"):
@@ -467,6 +468,8 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
         increments += len(run.windows)
         iterations += sum(window.iterations for window in run.windows)
         state = state_at_end(ready, run, {}, tolerance)
+        # their factors are freed before those of the next order are made
+        del ready, run
         remarks |= dict.fromkeys(state.remarks)
         bolts = _locked(bolts, order, group, cuts, state)
     assert state is not None, "a scene without bolts"

@@ -32,6 +32,7 @@ from ..assembly.propagator_choice import (
     interfaces_of,
     operator_bytes,
 )
+from ..assembly.statics import something_acts, static_scene
 from ..errors import SceneError
 from ..interface.laws import bonds
 from ..kernels.energy_parts import TERMS
@@ -76,7 +77,13 @@ _OF_CHECK = 0.8  # columns of the tables of the force residual, over those of Y
 # those of an instant by the decade of stiffness over inertia in a step: at the tolerance 1e-3, and by its decades
 FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
 CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
+<<<<<<< HEAD
 _BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.5, 0.8, 1e-3
+=======
+# the same of an increment of a static start, which is solved to round-off; with the products of its Newton steps, which
+# large interfaces need
+_CLOSELY, _CLOSELY_LARGE = 40.0, 400.0
+>>>>>>> ce128df
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ class RunSize:
     iterations : LATIN iterations expected per window. effort : factor on those of short steps.
     static : no inertia. at_once : one linear solve per instant.
     fields, stress, energy, every : stored quantities. unbalanced : accelerations at t = 0 have to be solved for.
-    increments : of a static start, 0 where there is none.
+    increments : of the static problems before the motion, 0 where there are none.
     """
 
     classes: tuple[RunClass, ...]
@@ -139,7 +146,11 @@ class RunSize:
 def run_size(discretised: DiscretisedProblem) -> RunSize:
     """Sizes of the run of a discretised problem."""
     scene, units = discretised.scene, discretised.units
+<<<<<<< HEAD
     share, output, start, effort = _marched(discretised), scene.output, scene.time.start, _effort(discretised)
+=======
+    share, output = _marched(discretised), scene.output
+>>>>>>> ce128df
     classes, interfaces = [], interfaces_of(scene)
     sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
@@ -163,7 +174,7 @@ def run_size(discretised: DiscretisedProblem) -> RunSize:
         energy=output.energy,
         every=output.every,
         unbalanced=_unbalanced(scene),
-        increments=start.increments if start.type == "static" else 0,
+        increments=_increments(discretised),
     )
 
 
@@ -225,6 +236,16 @@ def _marched(discretised: DiscretisedProblem) -> dict[str, float]:
     return {name: float(np.isfinite(arrival[name])) for name in names}
 
 
+def _increments(discretised: DiscretisedProblem) -> int:
+    """Increments of the tightening of each order of bolts, and of the equilibrium under what acts at t = 0."""
+    scene, start = discretised.scene, discretised.scene.time.start
+    if start.type != "static":
+        return 0
+    orders = len({cut.table.order for cut in discretised.cuts.values()})
+    loaded = not scene.time.quasi_static and something_acts(static_scene(scene, {}))
+    return start.increments * (orders + loaded)
+
+
 def _unbalanced(scene: Scene) -> bool:
     """Whether forces act at t = 0 without an equilibrium under them."""
     if scene.time.quasi_static or scene.time.start.type == "static":
@@ -267,8 +288,11 @@ def march_counts(run: RunSize) -> Array:
     if run.at_once:
         total += numbers(flop=float(run.n_flat) ** 3, entry=float(run.n_instant * run.n_flat**2))
     if run.increments:
-        # K alone has factors of its own, made and left before the march
-        start = replace(run, static=True, window=1, iterations=STATIC)
+        # K alone has factors of its own, made and left before the march: no tables, products in double precision
+        own = (replace(c.size, columns=0.0, product=2.0 * c.size.swept) for c in run.classes)
+        classes = tuple(replace(c, size=size) for c, size in zip(run.classes, own, strict=True))
+        iterations = _CLOSELY_LARGE if any(c.size.swept for c in classes) else _CLOSELY
+        start = replace(run, classes=classes, static=True, window=1, iterations=iterations)
         total += run.increments * _instant(start) + operator_counts(start)
     elif run.unbalanced:
         # M a = f - K u at t = 0: another factor
@@ -286,7 +310,7 @@ def _instant(run: RunSize) -> Array:
         held += float(one @ numbers(entry=4.0, sparse=12.0))  # bytes; factors are read twice
         total += c.together * one
     if run.static:
-        total += numbers(call=(iterations + 2.0) * len(run.classes))
+        total += numbers(call=(min(iterations, STATIC) + 2.0) * len(run.classes))
     # the part of the operators that each instant reads from memory again
     beyond = max(0.0, 1.0 - CACHE / held) if held else 0.0
     return total * (1.0 + numbers(entry=beyond))  # on entries alone: the others stay as counted

@@ -22,8 +22,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from ..machine import in_threads
+from ..propagator import Propagator
 from ..propagator.interface_matrices import resistance
-from ..propagator.interface_probing import ROUGH, Table, interface_tables, truncation_of
+from ..propagator.interface_probing import ROUGH, Points, Table, interface_tables, truncation_of
 from ..propagator.interface_sweeps import long_steps
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index
@@ -34,6 +36,7 @@ from .settings import SearchDirection, SolverSettings
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
+_ROUGHLY: Final = 0.03  # residual of resistances that are told with two digits
 LARGEST: Final = 2100**2
 """Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
 more in chains. Large interfaces in long steps take it by products of D (``kernels.krylov``), those without inertia by
@@ -142,7 +145,8 @@ def _one_tangent(assembly: Assembly, values: Array) -> Array:
 
 
 def _row(assembly: Assembly, normal_only: bool = False) -> Array:
-    """Total force for a unit uniform velocity of the face, over its area; ``normal_only``: 0 in the tangents."""
+    """Total force for a unit uniform velocity of the face, over its area; ``normal_only``: 0 in the tangents, and large
+    faces roughly."""
     layout, propagators = assembly.layout, assembly.propagators
     k, row_of = np.zeros(layout.n_flat), np.full(layout.n_flat, -1)
     class_of = np.full(layout.n_flat, -1)
@@ -162,7 +166,10 @@ def _row(assembly: Assembly, normal_only: bool = False) -> Array:
                 # by the channels: what two members have alike is solved for once
                 key = (c, own.tobytes())
                 if key not in known:
-                    known[key] = resistance(operators.compliance, own) / area
+                    rough = normal_only and propagators[c].swept
+                    compliance = operators.compliance
+                    force = compliance.resistance(own, _ROUGHLY) if rough else resistance(compliance, own)
+                    known[key] = force / area
                 k[flat[:, component]] = known[key]
     return k if normal_only else _one_tangent(assembly, k)
 
@@ -302,14 +309,20 @@ class Direction:
             for propagator, tables in zip(self.assembly.propagators, self.tables, strict=True):
                 propagator.tables = {name: table for name, table in tables.items() if not (exact and name == "y")}
         if self.assembly.quasi_static:
+            # Y of the classes, which the coarse problem takes one after the other
+            in_threads(self._settings.threads, lambda p: p.condensed, self.assembly.propagators)
             self.coarse = CoarseProblem(self.assembly, self.k)
 
     def _made_tables(self) -> list[dict[str, Table]]:
         """Tables of the classes: of Y where the form of the interfaces allows it and the tolerance is not too small."""
         tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
         rule = truncation_of(tolerance), self._settings.tables
-        classes = enumerate(self.assembly.propagators)
-        return [interface_tables(p, self.assembly.points_of(c), *rule) if p.swept else {} for c, p in classes]
+        points = [self.assembly.points_of(c) for c in range(len(self.assembly.propagators))]
+
+        def tables_of(one: tuple[Propagator, Points]) -> dict[str, Table]:
+            return interface_tables(*one, *rule) if one[0].swept else {}
+
+        return in_threads(self._settings.threads, tables_of, zip(self.assembly.propagators, points, strict=True))
 
     @property
     def sparse(self) -> bool:

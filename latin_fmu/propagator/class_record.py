@@ -75,15 +75,14 @@ class BlockLayout:
         self._waiting.append(write)
 
     def fill(self, target: Array) -> None:
-        """Write what was put in since the last time into the block itself; the arrays are no longer kept."""
-        views = {array.dtype: target.view(array.dtype) for _, array in self._arrays}
-        for position, array in self._arrays:
-            views[array.dtype][position : position + array.size] = array
-        for write in self._waiting:
-            write(target)
-        self._arrays.clear()
-        self._waiting.clear()
+        """Write what was put in since the last time into the block itself; the arrays are no longer kept, each from
+        when it is written on: a large factor and its copy are not there beside all others."""
         self._known.clear()
+        while self._arrays:
+            position, array = self._arrays.pop()
+            target.view(array.dtype)[position : position + array.size] = array
+        while self._waiting:
+            self._waiting.pop()(target)
 
 
 def _copy(at: int, packed: NDArray[Any], target: Array) -> None:

@@ -19,6 +19,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -148,6 +149,8 @@ def interface_tables(propagator: Any, points: Points, truncation: float, largest
         table = _probed(solve, part, len(moving), truncation, largest)
         if table is not None and _accurate(table, solve, part, len(moving)):
             tables["y"] = table
+            # in the place of the factor
+            propagator.release()
     return tables
 
 
@@ -219,11 +222,16 @@ class _Columns:
         """Blocks (n, h, h) between the points i and j, the mean of both orders."""
         width = self._channels.shape[1]
         blocks, together = np.zeros((len(i), width, width)), max(1, _COLUMNS // width)
-        for first in range(0, int(colour.max(initial=-1)) + 1, together):
-            own = np.where((colour >= first) & (colour < first + together), colour - first, -1)
+        batch = colour // together
+        ends = np.arange(int(batch.max(initial=-1)) + 2)
+        # pairs by the batch that their column is in, either way
+        sorted_by = [np.argsort(batch[columns], kind="stable") for columns in (j, i)]
+        starts = [np.searchsorted(batch[c][order], ends) for c, order in zip((j, i), sorted_by, strict=True)]
+        for number in ends[:-1]:
+            own = np.where(batch == number, colour - number * together, -1)
             velocities = self._velocities(own, together)
-            for rows, columns, turned in ((i, j, False), (j, i, True)):
-                here = np.flatnonzero(own[columns] >= 0)
+            for turned, (rows, columns) in enumerate(((i, j), (j, i))):
+                here = sorted_by[turned][starts[turned][number] : starts[turned][number + 1]]
                 # half from each order: symmetric to the last bit
                 part = 0.5 * velocities[rows[here], :, own[columns[here]]]
                 blocks[here] += part.transpose(0, 2, 1) if turned else part
@@ -261,14 +269,16 @@ def coloured(tree: cKDTree, positions: Array, distance: float) -> Index:
     """Colours (n,) so that points of one colour are further apart than a distance, by the first that is free."""
     n = len(positions)
     pairs = tree.query_pairs(distance, output_type="ndarray")
-    ends = np.concatenate([pairs, pairs[:, ::-1]])
-    order = np.argsort(ends[:, 0], kind="stable")
-    near, starts = ends[order, 1], np.searchsorted(ends[order, 0], np.arange(n + 1))
+    # the earlier neighbours of each point: pairs are i < j
+    near = sp.csr_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 1], pairs[:, 0])), shape=(n, n))
+    starts, earlier, colour = near.indptr, near.indices, np.empty(n, dtype=np.int64)
     # one colour more than the most neighbours: some colour is always free
-    taken, colour = np.zeros((n, int(np.diff(starts).max(initial=0)) + 1), dtype=bool), np.empty(n, dtype=np.int64)
+    taken = np.zeros(int(np.diff(starts).max(initial=0)) + 1, dtype=bool)
     for p in range(n):
-        colour[p] = taken[p].argmin()
-        taken[near[starts[p] : starts[p + 1]], colour[p]] = True
+        others = colour[earlier[starts[p] : starts[p + 1]]]
+        taken[others] = True
+        colour[p] = taken.argmin()
+        taken[others] = False
     return colour
 
 

@@ -49,7 +49,7 @@ _INSTANTS, _ITERATIONS = 500.0, 4.0  # of the march that the two forms are compa
 _FLOP = 3.5e-11  # CPU time of a multiplication, s
 _ENTRY, _DENSE_ENTRY = 1.7e-10, 6e-10  # of an entry of a factor in single precision, of a matrix beyond the cache, s
 _COLUMNS = 128  # solved at a time
-_ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
+ENOUGH, _MOST = 1e-4, 200  # residual and iterations of the conjugate gradients of a resistance
 
 
 class Interfaces(NamedTuple):
@@ -161,14 +161,15 @@ class InterfaceCompliance:
         other.gain, other._diagonal = factor * self.gain, factor * self._diagonal
         return other
 
-    def resistance(self, rows: Index) -> float:
-        """1^T C^-1 1 of the rows that can move, by conjugate gradients; see ``interface_matrices.resistance``."""
+    def resistance(self, rows: Index, enough: float = ENOUGH) -> float:
+        """1^T C^-1 1 of the rows that can move, by conjugate gradients to the relative residual ``enough``; see
+        ``interface_matrices.resistance``."""
         moving = rows[self._diagonal[rows] > STILL * self._diagonal.max(initial=0.0)]
         x, rest = np.zeros(len(moving)), np.ones(len(moving))
         direction, size, full = np.zeros(len(moving)), 0.0, np.zeros(len(self._diagonal))
         for _ in range(_MOST):
             # written so that NaN ends it
-            if not np.linalg.norm(rest) > _ENOUGH * np.sqrt(len(moving)):
+            if not np.linalg.norm(rest) > enough * np.sqrt(len(moving)):
                 break
             scaled = rest / self._diagonal[moving]
             last, size = size, float(rest @ scaled)

@@ -468,8 +468,9 @@ class Solver(SceneTable):
         int,
         Field(ge=1, le=256),
         about(
-            "threads of the march, one a core: they share the substructures, the points of the interfaces and the "
-            "pieces of large factors; of use from some thousands of unknowns; results are the same to the last bit",
+            "threads of set-up, static start and march, one a core: they share the substructures, the points of the "
+            "interfaces and the pieces of large factors; of use from some thousands of unknowns; results are the same "
+            "to the last bit",
             "1",
         ),
     ] = 1

@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu.api import run
 from latin_fmu.kernels import entries, iteration
-from latin_fmu.kernels.indicator import accept
+from latin_fmu.kernels.instants import accept
 from latin_fmu.latin.run_image import negligible_scales
 from latin_fmu.latin.search_direction import Direction
 from latin_fmu.latin.settings import SolverSettings

@@ -16,6 +16,7 @@ from latin_fmu.fem.elements import Elements, mass
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin import run_state
 from latin_fmu.latin.run_state import distributed
+from latin_fmu.machine import in_threads
 from latin_fmu.stability.scenes import STEEL, Box, column, rubbing
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: one thread")
@@ -167,3 +168,15 @@ def test_classes_are_distributed_by_cost() -> None:
     assert [hand.tolist() for hand in hands] == [[1], [3, 2, 0]]
     assert [hand.tolist() for hand in distributed([1.0, 1.0], 2, (0, 1))] == [[0], [1]]
     assert [hand.tolist() for hand in distributed([4.0, 1.0, 1.0], 2, (0,))] == [[1], [2]]
+
+
+def test_results_of_threads_are_in_order() -> None:
+    """Of each item, with the settings for errors of the caller; the first error is raised."""
+    with np.errstate(over="ignore"):
+        assert in_threads(3, lambda x: (x, np.geterr()["over"]), range(5)) == [(x, "ignore") for x in range(5)]
+
+    def fail(x: int) -> None:
+        raise ValueError(x)
+
+    with pytest.raises(ValueError, match=r"^0$"):
+        in_threads(2, fail, range(5))

@@ -18,6 +18,7 @@ from latin_fmu.assembly.merged_assembly import merge
 from latin_fmu.assembly.modes import vibration_modes
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim import Session, Settings
+from latin_fmu.effects.cost import run_size
 from latin_fmu.effects.explanation import explain
 from latin_fmu.errors import SceneError
 from latin_fmu.fem.elements import Elements
@@ -526,3 +527,13 @@ def test_force_that_is_not_reached() -> None:
         check(scene_from_dict(data))
     for word in ("bolt.left", "bolts of order 1 cannot be tightened", "left 0 of 4000 N"):
         assert word in str(error.value)
+
+
+@pytest.mark.parametrize(("order", "pull", "problems"), [(1, 0.0, 1), (2, 0.0, 2), (2, 1e5, 3)])
+def test_increments_before_the_motion_are_counted(order: int, pull: float, problems: int) -> None:
+    """Of every order of bolts, and of the equilibrium under what acts at t = 0."""
+    bolts = {"left": {"force": 4000.0, "order": 1}, "right": {"force": 3000.0, "order": order}}
+    time = {"end": 1e-6, "instants": 1, "start": {"type": "static", "increments": 3}}
+    loads = {"pull": {"face": "upper.zmax", "traction": [0.0, 0.0, pull]}} if pull else {}
+    discretised = discretise(scene_from_dict(frame(bolts, time=time, load=loads)))
+    assert run_size(discretised).increments == 3 * problems
