@@ -77,13 +77,10 @@ _OF_CHECK = 0.8  # columns of the tables of the force residual, over those of Y
 # those of an instant by the decade of stiffness over inertia in a step: at the tolerance 1e-3, and by its decades
 FRICTION, PER_INTERFACE, MOST_COUPLED = 2.05, 0.25, 7
 CONTACT, BONDED, LAYERED, STATIC, LONG_WINDOW = 1.8, 4.0, 3.6, 7.0, 6.0
-<<<<<<< HEAD
 _BY_STEP, _BY_TOLERANCE, _TOLERANCE = 0.5, 0.8, 1e-3
-=======
 # the same of an increment of a static start, which is solved to round-off; with the products of its Newton steps, which
 # large interfaces need
 _CLOSELY, _CLOSELY_LARGE = 40.0, 400.0
->>>>>>> ce128df
 
 
 @dataclass(frozen=True)
@@ -146,11 +143,7 @@ class RunSize:
 def run_size(discretised: DiscretisedProblem) -> RunSize:
     """Sizes of the run of a discretised problem."""
     scene, units = discretised.scene, discretised.units
-<<<<<<< HEAD
-    share, output, start, effort = _marched(discretised), scene.output, scene.time.start, _effort(discretised)
-=======
-    share, output = _marched(discretised), scene.output
->>>>>>> ce128df
+    share, output, effort = _marched(discretised), scene.output, _effort(discretised)
     classes, interfaces = [], interfaces_of(scene)
     sizes = iterated(discretised, [class_size(c.members[0], len(c.members), interfaces) for c in discretised.classes])
     for c, size in zip(discretised.classes, sizes, strict=True):
