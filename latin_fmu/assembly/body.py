@@ -195,9 +195,16 @@ class Body:
         """Facets of a named face; "*" is the whole boundary."""
         return self.outside if name == ALL_OF_IT else self.mesh.faces[name]
 
+    @cached_property
+    def _faces(self) -> dict[str, Face]:
+        """Faces that were asked for: each is by several checks, and by every point of a study."""
+        return {}
+
     def face(self, name: str) -> Face:
         """Nodal integrals of a face."""
-        return face_of(self.mesh.nodes, self.facets(name))
+        if name not in self._faces:
+            self._faces[name] = face_of(self.mesh.nodes, self.facets(name))
+        return self._faces[name]
 
     def surface(self, name: str) -> Surface:
         """A face as flat pieces."""

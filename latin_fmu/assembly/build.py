@@ -15,7 +15,7 @@ from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..scene.settings import ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
-from .body import Body, body_sides, build_bodies
+from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
@@ -23,13 +23,13 @@ from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
-from .models import Kept, KeptOperators, chosen_scheme, scheme_remarks, store_of
+from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
 from .supports import port_places
-from .untouched import Untouched, never_touched
+from .untouched import never_touched
 
 
 def build(
@@ -149,34 +149,19 @@ def _problem(
     """The problem of checked bodies and interfaces, with its classes; ``kept`` and ``leave_out`` as for
     ``discretise``."""
     names = frozenset[str]()
-    # other schemes and reduced bodies have masses, layers or modes that depend on faces which may open
+    # bodies that are reduced have modes that depend on all their faces
     plain = not isinstance(scene.solver.propagator, ReducedPropagatorTable)
-    if leave_out and plain and chosen_scheme(scene, bodies, units)[0].name == "hht":
+    if leave_out and plain:
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))
-    left, joined = _without(names, bodies, units)
-    # the body left out may have been the one that lands: without it another scheme would be chosen
-    if names and chosen_scheme(scene, left, joined)[0].name != "hht":
-        names = frozenset()
-        left, joined = _without(names, bodies, units)
-    problem = DiscretisedProblem.of(scene, left, conditions, joined, cuts, kept).with_classes()
-    if names:
-        problem = replace(problem, untouched=Untouched.of(bodies, units, names))
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept, names).with_classes()
     if kept is not None:
         kept.bodies = bodies
-    if scene.solver.skip_at_rest == "tolerance" and units:
-        time, arrival = problem.time, arrival_times(scene, left, joined, problem.time)
+    if scene.solver.skip_at_rest == "tolerance" and problem.units:
+        time, arrival = problem.time, arrival_times(scene, problem.bodies, problem.units, problem.time)
         marched = {name: marched_share(t, time) for name, t in arrival.items()}
         problem = replace(problem, classes=cut_by_arrival(problem.classes, marched))
     return problem
-
-
-def _without(
-    names: frozenset[str], bodies: dict[str, Body], units: list[InterfaceUnit]
-) -> tuple[dict[str, Body], list[InterfaceUnit]]:
-    """Bodies that are not among the names, and the interfaces between them."""
-    left = {name: body for name, body in bodies.items() if name not in names}
-    return left, [unit for unit in units if not any(owner in names for _, _, owner in body_sides([unit]))]
 
 
 def _units(

@@ -145,10 +145,14 @@ def store_of(scene: Scene) -> OperatorStore:
 
 
 def contact_layers(
-    bodies: Mapping[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float
+    bodies: Mapping[str, Body],
+    units: list[InterfaceUnit],
+    scheme: TimeScheme,
+    dt: float,
+    left_out: frozenset[str] = frozenset(),
 ) -> dict[str, ContactLayer]:
     """Masses of the elastic bodies, and the viscosities of their contact layers, as the scheme takes them with steps dt
-    (s); none in statics.
+    (s); none in statics, and none of the bodies ``left_out``.
 
     Raises
     ------
@@ -157,7 +161,7 @@ def contact_layers(
     if isinstance(scheme, QuasiStatic):
         return {}
     landing = [u for u in _opening(units) if _lands(bodies, u)]
-    elastic = {name: body for name, body in bodies.items() if not body.rigid}
+    elastic = {name: body for name, body in bodies.items() if not body.rigid and name not in left_out}
     return {name: _contact_layer(name, body, units, landing, scheme, dt) for name, body in elastic.items()}
 
 

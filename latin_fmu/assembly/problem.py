@@ -195,18 +195,24 @@ class DiscretisedProblem:
         units: list[InterfaceUnit],
         cuts: Mapping[str, BoltCut] = NO_BOLTS,
         kept: KeptOperators | None = None,
+        names: frozenset[str] = frozenset(),
     ) -> DiscretisedProblem:
         """The problem with the time scheme and instants of the scene, without classes (``with_classes``).
 
-        cuts : of the bolts. kept : operators of a scene solved before.
+        cuts : of the bolts. kept : operators of a scene solved before. names : of the bodies to be left out: the scheme
+        and the contact layers of the others are those with all bodies.
         """
-        layout = Layout(units)
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         dt = float(time[1] - time[0])
-        layers = contact_layers(bodies, units, scheme, dt)
-        made = DiscretisedProblem(scene, bodies, conditions, units, layout, [], scheme, time, scheme_reason=reason)
-        return replace(made, cuts=cuts, layers=layers, kept=kept)
+        left, untouched = {name: body for name, body in bodies.items() if name not in names}, None
+        layers = contact_layers(bodies, units, scheme, dt, names)
+        if names:
+            untouched = Untouched.of(bodies, units, names)
+            units = [unit for unit in units if not any(owner in names for _, _, owner in body_sides([unit]))]
+        layout = Layout(units)
+        made = DiscretisedProblem(scene, left, conditions, units, layout, [], scheme, time, scheme_reason=reason)
+        return replace(made, cuts=cuts, layers=layers, kept=kept, untouched=untouched)
 
     def with_classes(self, moved: Mapping[str, ContactLayer] | None = None) -> DiscretisedProblem:
         """The problem with its classes of identical substructures; ``moved`` : contact layers of the body forces where

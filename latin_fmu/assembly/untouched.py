@@ -14,9 +14,10 @@ the law of contact (``kernels.local_stage``) gives no traction as long as
 
 at every instant of the finished run. If that does not hold the run is void, and is repeated with all bodies.
 
-Bodies are left out with HHT and bodies that are not reduced alone: there the others keep their masses and the scheme,
-and the run differs from that with all bodies by the tolerance of the iteration (4e-8 of the largest at 1e-8). With the
-other schemes a face that may open has a layer or massless points of its own, whether it is touched or not.
+The others keep the time scheme that is chosen with all bodies, and their faces towards the bodies left out the masses
+and contact layers that the scheme gives faces which may open: the run differs from that with all bodies by the
+tolerance of the iteration (4e-8 of the largest at 1e-8). Reduced bodies have modes that depend on all their faces, and
+stay.
 """
 
 from __future__ import annotations

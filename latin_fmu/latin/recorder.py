@@ -21,7 +21,7 @@ from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory
 from .part import Part
 from .probes import SERIES, OutputRequest, Probes, nodes_of, reaction_histories, sensor_histories
 
-_SMALL: Final = 2000  # dofs of all nodes up to which the kernels keep the fields of many instants
+_SMALL: Final = 20_000  # dofs of all nodes up to which the kernels keep the fields of many instants
 
 
 @dataclass(frozen=True)

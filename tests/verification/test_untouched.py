@@ -1,5 +1,4 @@
-"""Bodies that are never touched are left out of a run with HHT: its results stay those with them, and a wrong guess is
-found."""
+"""Bodies that are never touched are left out of a run: its results stay those with them, and a wrong guess is found."""
 
 from __future__ import annotations
 
@@ -87,16 +86,18 @@ def test_the_bits_are_those_of_the_scene_without_the_body() -> None:
         np.testing.assert_array_equal(few.energy[term], values, err_msg=term)
 
 
+@pytest.mark.parametrize("scheme", ["hht", "automatic", "generalized_alpha", "massless_contact"])
 @pytest.mark.parametrize("side", [0, 1])
-def test_the_results_are_those_with_all_bodies(side: int) -> None:
-    """To the tolerance, where the time scheme is the same for both, what is stored of the body left out and of its
-    interface included; ``side`` : that of the interface which is in the run."""
-    tables = lidded()
+def test_the_results_are_those_with_all_bodies(side: int, scheme: str) -> None:
+    """To the tolerance, what is stored of the body left out and of its interface included, contact layers of the faces
+    towards it too; ``side`` : that of the interface which is in the run. Automatic: its gap counts as a landing."""
+    tables = lidded(time={"scheme": {"type": scheme}}, long=14 if scheme == "automatic" else 4)
     if side == 1:
         tables["interface"]["top"]["sides"].reverse()
     few, every = solve(tables), with_all(tables)
     assert few.outcome.settings[CHOICE] == "lid"
     assert CHOICE not in every.outcome.settings
+    assert few.outcome.settings["time scheme"] == every.outcome.settings["time scheme"]
     assert list(few.interfaces) == list(every.interfaces) == ["meet", "top"]
     assert list(few.substructures) == list(every.substructures) == ["low", "up", "lid"]
     for name, history in few.interfaces.items():
@@ -141,9 +142,6 @@ def test_a_guess_that_was_wrong_is_found_and_all_bodies_are_solved_for() -> None
         {"gravity": {"acceleration": [0.0, 0.0, -9.81]}},
         {"speed": 1e3},
         {"gap": 1e-5},
-        {"time": {"scheme": {"type": "automatic"}}, "long": 14},
-        {"time": {"scheme": {"type": "generalized_alpha"}}},
-        {"time": {"scheme": {"type": "massless_contact"}}},
         {"time": {"scheme": {"type": "central_difference"}}},
         {"solver": {"propagator": {"type": "reduced", "modes": 10}}},
         {"time": {"start": "static"}},
@@ -153,8 +151,8 @@ def test_a_guess_that_was_wrong_is_found_and_all_bodies_are_solved_for() -> None
     ids=lambda change: " ".join(change),
 )
 def test_all_bodies_stay_where_something_asks_for_them(change: dict[str, Any]) -> None:
-    """Outputs of the lid, loads and motions on it, gaps that the others may close, and schemes and bodies whose masses
-    depend on what may open (automatic: the gap counts as a landing)."""
+    """Outputs of the lid, loads and motions on it, gaps that the others may close, and modes of bodies, which depend on
+    all their faces."""
     scene = latin_fmu.scene_from_dict(lidded(**change))
     assert discretise(scene, leave_out=True).untouched is None
     assert discretise(latin_fmu.scene_from_dict(lidded()), leave_out=True).untouched is not None
