@@ -432,6 +432,9 @@ class JoinedAssembly:
         rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
+            remark += (
+                " when the bolts are tight" if unit.name in pressed and unit.behaviour.opens and scene.bolt else ""
+            )
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
@@ -545,7 +548,6 @@ def _joint(
     closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean()) if pressed is None else pressed
     sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
     share = f"{int(closed.sum())} of {geometry.n_point} points closed"
-    share += "" if pressed is None else " when the bolts are tight"
     words = f"{'sticking' if sticks else 'free to slide'}, {share}"
     layer = getattr(unit.behaviour, "normal_stiffness", None)
     if layer is None and sticks and closed.all():

@@ -347,6 +347,10 @@ class SubstructureModel:
         """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
         return _sharing(self, replace(self, displacement=displacement))
 
+    def with_load(self, load: LoadTerm) -> SubstructureModel:
+        """The same model with one load more; what was reduced already is kept but for the loads."""
+        return _sharing(self, replace(self, loads=[*self.loads, load]), _KEPT - {"reduced_loads", "with_lumped_mass"})
+
     def with_mass(self, mass: sp.csr_array) -> SubstructureModel:
         """The same model with another mass (n_full, n_full), kg; what was reduced already is kept but for the mass."""
         return _sharing(self, replace(self, mass=mass), _KEPT - _OF_MASS)
