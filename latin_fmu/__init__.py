@@ -12,7 +12,7 @@ equations                                                              module
 (1)-(5)    kinematics, initial values, equilibrium, elasticity         fem.elements, assembly.conditions
 (6), (15)  an interface behaviour and its contract                     interface.laws
 (7)        perfect connection                                          laws.perfect
-(8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.iteration
+(8)-(14)   linear stage: F - F_hat = -k (W - W_hat), dashpots k        kernels.substructure, kernels.linear_stage
            in windows of several instants                              kernels.iteration, kernels.instants
 (12)-(17)  search directions k                                         latin.search_direction
 (15)-(17)  local stage: F_hat - F = k (W_hat - W), point by point      kernels.local_stage, laws.dispatch

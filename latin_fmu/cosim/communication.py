@@ -58,7 +58,7 @@ from ..latin.recorder import Recorder
 from ..latin.run_image import all_in_kernels
 from ..latin.windows import Run
 from ..machine import one_thread
-from ..propagator.image import Image, complete, pools_of
+from ..propagator.image import Image, pools_of
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.schema import Scene
 from .drives import Drives, Sources, history_fields, opening_fields
@@ -194,8 +194,7 @@ def _solved_by_python(run: Run) -> NeedsPythonError:
 def write(run: CommunicationRun) -> bytes:
     """The file of a run in its present state."""
     image = run.image
-    # tables made at their first use: a program without Python cannot make them
-    complete(image)
+    image.write()
     record = image.run[0]
     words: dict[str, int] = {
         "version": VERSION,

@@ -14,7 +14,7 @@ from typing import Any
 from ..compiled import kernel, lazy_intrinsic
 
 MESSAGES, PARTS_OF_ALL, NORMS_OF_ALL, COARSE, CHANGES, UNKNOWNS, MATRIX, SUM = range(8)
-LAW, TANGENTS, FORWARD, BACKWARD, OBSERVE, ADMITTANCE = range(8, 14)
+LAW, TANGENTS, FORWARD, BACKWARD, OBSERVE = range(8, 13)
 """What is done. By several processes (``latin.exchange``): messages of a number of fields to the neighbours; ``parts``
 from the ``own_parts`` of all; ``all_norms`` likewise; ``coarse_parts``; ``changes`` of divided classes; unknowns of a
 Newton step ``elsewhere``; sum of its matrix, of a size, and of its right-hand side; sums of numbers at a place of

@@ -32,8 +32,8 @@ from ..laws.dispatch import add_tangent
 from .communication import begin_rows, conclude, given_of
 from .inputs import N_MEMORY, rate_over
 from .instants import end_instant, first_guess, guess_from_reference, march_instants
-from .iteration import linear_stage
 from .krylov import combine, length_of, orthogonalise
+from .linear_stage import linear_stage
 from .local_stage import finish, open_window, outgoing, prepare
 from .outputs import BEGIN, END, OF_GROUP, SMALLEST, summary_of
 from .sparse_response import squared_defect

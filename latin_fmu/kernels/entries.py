@@ -15,8 +15,9 @@ from ..compiled import entry, fields, share
 from .acceleration import difference_parts, shorten, weighted_products
 from .communication import communicate, conclude, place, present
 from .derivatives import derive
-from .indicator import accept, class_norms, error_indicator, relative_forces, residual_parts, set_error
+from .indicator import class_norms, error_indicator, relative_forces, residual_parts, set_error
 from .instants import (
+    accept,
     begin_at,
     correct,
     end_at,
@@ -28,7 +29,8 @@ from .instants import (
     open_accounts,
     read_start,
 )
-from .iteration import balance, force_norms, force_residual, iterate, judge, linear_stage, measure, next_stage
+from .iteration import force_norms, force_residual, iterate, judge, measure, next_stage
+from .linear_stage import balance, linear_stage
 from .local_stage import (
     finish,
     open_window,

@@ -37,7 +37,6 @@ from ..cholesky.substitution import LANES, SPARE, TILED
 from ..compiled import kernel
 from .energy_parts import LARGEST, N_WORK, NET, OF_DRIFT, OF_GROUND, PUT_IN, STORED, WORK_OF_LOADS
 from .half_solves import forward_on_face, gain_of
-from .newton import keep_course
 from .products import symmetric_size, two_norms
 from .sparse_response import add_table_norms
 from .splits import dense
@@ -383,26 +382,3 @@ def _add_swept_norms(pools: Any, c: int, i: int, parts: int) -> None:
                 cross += x[step * d + own] * x[step * d + other]
             work[row.class_norms + 4 * i + 2 * part + odd] += gain * total
             work[row.cross + i] += odd * gain * cross
-
-
-@kernel
-def accept(pools: Any, window: int) -> None:
-    """Take over the scales of the accepted iterate, and bring the largest indicator of each interface up to date."""
-    run, work, state = pools.run[0], pools.moving, pools.moving
-    n = run.n_flat
-    for e in range(3):
-        state[run.scales + e] = work[run.measure + 2 + e]
-    keep_course(pools)
-    share = work[run.shares : run.shares + run.n_interface]
-    share[:] = 0.0
-    weights, interface = (
-        pools.fixed[run.weights : run.weights + n],
-        pools.fixed_int[run.interface : run.interface + n],
-    )
-    for i in range(window):
-        r = work[run.r + i * n : run.r + (i + 1) * n]
-        for j in range(n):
-            share[interface[j]] += weights[j] * r[j] * r[j] / window  # mean over the instants, as in ``set_error``
-    worst, scale = state[run.worst : run.worst + run.n_interface], state[run.scales]
-    for e in range(run.n_interface):
-        worst[e] = max(worst[e], np.sqrt(share[e] / scale))

@@ -11,11 +11,11 @@ from ..compiled import kernel
 from .callouts import SUM, call_out, has_failed
 from .energy import open_account
 from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
-from .indicator import accept, cross_of_classes, work_of_error
+from .indicator import cross_of_classes, work_of_error
 from .iteration import begin_window, iterate, precise, rewind
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
-from .newton import MADE, POWER, RESIDUAL
+from .newton import MADE, POWER, RESIDUAL, keep_course
 from .products import add_dense
 from .sparse_response import MOST_CORRECTIONS, squared_defect
 from .sums import exchange
@@ -120,6 +120,29 @@ def solve_instant(pools: Any, instant: int, call: int) -> bool:
     if run.sparse == 0:  # else it is accepted by ``correct``
         accept(pools, 1)
     return True
+
+
+@kernel
+def accept(pools: Any, window: int) -> None:
+    """Take over the scales of the accepted iterate, and bring the largest indicator of each interface up to date."""
+    run, work, state = pools.run[0], pools.moving, pools.moving
+    n = run.n_flat
+    for e in range(3):
+        state[run.scales + e] = work[run.measure + 2 + e]
+    keep_course(pools)
+    share = work[run.shares : run.shares + run.n_interface]
+    share[:] = 0.0
+    weights, interface = (
+        pools.fixed[run.weights : run.weights + n],
+        pools.fixed_int[run.interface : run.interface + n],
+    )
+    for i in range(window):
+        r = work[run.r + i * n : run.r + (i + 1) * n]
+        for j in range(n):
+            share[interface[j]] += weights[j] * r[j] * r[j] / window  # mean over the instants, as in ``set_error``
+    worst, scale = state[run.worst : run.worst + run.n_interface], state[run.scales]
+    for e in range(run.n_interface):
+        worst[e] = max(worst[e], np.sqrt(share[e] / scale))
 
 
 @kernel

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from .acceleration import difference_parts
-from .callouts import CHANGES, COARSE, NORMS_OF_ALL, OBSERVE, call_out, has_failed
+from .callouts import NORMS_OF_ALL, OBSERVE, call_out, has_failed
 from .indicator import add_all_norms, add_class_norms, own_norms, relative_forces, residual_parts, set_error
-from .matrices import add_matrix
+from .linear_stage import linear_stage
 from .newton import (
     ACTIVE,
     BEGUN,
@@ -27,17 +27,16 @@ from .newton import (
     MADE,
     N_COURSE,
     PHASE,
+    UNCERTAIN,
     advance_iterate,
     keep_end,
     leave,
-    price,
     propose,
     search,
     steps_made,
 )
-from .substructure import change_of
-from .sums import exchange, exchange_parts
-from .tasks import NORMS, RESPONSE, WINDOW, each_class, each_point
+from .sums import exchange_parts
+from .tasks import NORMS, each_class, each_point
 
 Array = NDArray[np.float64]
 
@@ -47,102 +46,17 @@ STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
 """Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
 AT_REST = 1e-2
 """Fraction of the tolerances up to which the first iterate of an instant is accepted."""
-SLOW, CLOSER, EXACT = 12, 0.1, 1e-9
-"""Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
-by up to ten times; share of the tolerances that ends it then; tolerance from which on that is round-off."""
+CLOSER, EXACT = 0.1, 1e-9
+"""Share of the tolerances that ends an instant of UNCERTAIN iterations without a Newton step; tolerance from which on
+that is round-off."""
 PRECISE, IDLE = 0.03, 1e-7
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
 iterate. Tolerance up to which it never does: of bodies at rest it is round-off there."""
-EARLY = 0.5
-"""Share of the price of the Newton steps that iterations without inertia have cost before a stall is left to them."""
 MOST = 6
 """Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
 it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
 CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 """Bits of the result of ``judge``: both tolerances met; best iterate so far; no progress; numbers out of range."""
-
-
-@kernel
-def linear_stage(pools: Any, window: int, first: int, iteration: int) -> None:
-    """W of the linear stage (8)-(14) over the window that starts with instant ``first``, for the q of ``work``.
-
-    One instant is condensed on the interfaces: W = W_0 + Y q. Several instants are marched in every iteration.
-    """
-    run, work = pools.run[0], pools.moving
-    # every process has to decide alike whether a divided class is solved again: by the change at all its members
-    if run.shared == 1 and run.reuse >= 0.0 and iteration > 0:
-        changes(pools, window)
-    if window == 1:
-        # not in the first iteration: the last solution is that of another instant then
-        each_class(pools, RESPONSE, 1 if iteration > 0 and run.reuse >= 0.0 else 0, 0)
-    else:
-        each_class(pools, WINDOW, window, first)
-    for c in range(len(pools.classes)):
-        # substructure-instants marched, or solved through Y
-        work[run.counts + (1 if window == 1 else 0)] += work[pools.classes[c].solved]
-    for i in range(window):
-        # channels of ground belong to no class
-        w = work[run.w + i * run.n_flat : run.w + (i + 1) * run.n_flat]
-        at = run.ground_velocity + (first + i) * run.n_ground
-        for e in range(run.n_ground):
-            w[pools.fixed_int[run.ground + e]] = pools.moving[at + e]
-    if run.n_coarse > 0:
-        coarse_parts(pools)
-        if run.shared == 1:
-            call_out(pools, COARSE, 0, 0, 0)
-        balance(pools)
-    exchange(pools, run.w, run.n_flat, window)
-
-
-@kernel
-def changes(pools: Any, window: int) -> None:
-    """Changes of q of the divided classes, of which every process holds some members."""
-    for c in range(len(pools.classes)):
-        row = pools.classes[c]
-        for i in range(window if row.divided == 1 else 0):
-            pools.moving[row.changes + i] = change_of(pools, c, i)
-    call_out(pools, CHANGES, window, 0, 0)
-
-
-@kernel
-def coarse_parts(pools: Any) -> None:
-    """Sums of the forces of the linear stage on the sides of the interfaces, into ``coarse_own``: those of the
-    substructures here."""
-    run, work = pools.run[0], pools.moving
-    n, size = run.n_flat, run.n_coarse_own
-    q, w, k = work[run.q : run.q + n], work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
-    rest = work[run.s : run.s + n]  # written by ``outgoing`` after this
-    for j in range(n):
-        rest[j] = q[j] - k[j] * w[j]
-    own = work[run.coarse_own : run.coarse_own + size]
-    own[:] = 0.0
-    add_matrix(
-        pools, size, run.coarse_balance_starts, run.coarse_balance_columns, run.coarse_balance_values, 1, rest, own
-    )
-
-
-@kernel
-def balance(pools: Any) -> None:
-    """Bring q and the W of the substructures to balance in the mean of every interface, from the ``coarse_parts`` of
-    both sides of all of them."""
-    run, work, direction = pools.run[0], pools.moving, pools.fixed
-    n, size, own = run.n_flat, run.n_coarse, run.n_coarse_here
-    q, w = work[run.q : run.q + n], work[run.w : run.w + n]
-    total, motion = work[run.coarse : run.coarse + size], work[run.coarse + size : run.coarse + size + own]
-    # F + F' over each interface, which is 0 in balance
-    for i in range(size):
-        first, second = pools.fixed_int[run.coarse_order + i], pools.fixed_int[run.coarse_order + size + i]
-        total[i] = work[run.coarse_parts + first] + work[run.coarse_parts + second]
-    for i in range(own):
-        line = direction[run.coarse_inverse + i * size : run.coarse_inverse + (i + 1) * size]
-        now = 0.0
-        for j in range(size):
-            now -= line[j] * total[j]  # against what is out of balance
-        motion[i] = now
-    add_matrix(
-        pools, n, run.coarse_incoming_starts, run.coarse_incoming_columns, run.coarse_incoming_values, 1, motion, q
-    )
-    add_matrix(pools, n, run.coarse_answer_starts, run.coarse_answer_columns, run.coarse_answer_values, 1, motion, w)
 
 
 @kernel
@@ -235,7 +149,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
     allowed = 1.0
-    if window == 1 and iteration >= SLOW and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
+    if window == 1 and iteration >= UNCERTAIN and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
         allowed = CLOSER
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
@@ -273,10 +187,7 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
     if work[run.course + ACTIVE] == 1.0:  # its progress is judged by ``continues``
         return bits
     if iteration + 1 - phase >= PATIENCE and recent > (STALL_ACCELERATED if accelerated else STALL_PLAIN) * before:
-        # without inertia relaxation passes most stalls of the acceleration: a stack of 64 plates takes 31 iterations
-        # with it, and 400 where the acceleration goes on; steps come where the iterations have cost half as much
-        late = run.static == 0 or iteration + 1 >= EARLY * price(pools)
-        if window == 1 and run.newton == 1 and work[run.course + LEFT] == 0.0 and late:
+        if window == 1 and run.newton == 1 and work[run.course + LEFT] == 0.0:
             work[run.course + DUE] = 1.0
         else:
             bits |= STALLED

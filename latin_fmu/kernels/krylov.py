@@ -24,7 +24,6 @@ from ..compiled import kernel
 from ..laws.dispatch import apply
 from .half_solves import face_response, gain_of
 from .products import product, symmetric_size
-from .records import STATIC
 from .splits import tile_of
 
 Array = NDArray[np.float64]
@@ -50,8 +49,7 @@ def admit(pools: Any, x: Array, out: Array) -> None:
             pools.fixed_int[row.live : row.live + n_live],
         )
         area = pools.fixed[row.area : row.area + row.n_channel]
-        # without inertia the factor has the dashpots k in it: D is a table there (``newton.make_admittances``)
-        if row.swept == 1 and row.kind != STATIC:
+        if row.swept == 1:
             force, velocity = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
             gain = gain_of(row, run)
             velocity[:] = 0.0
@@ -174,12 +172,9 @@ def length_of(x: Array) -> float:
 
 @kernel
 def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> float:
-    """Orthonormalise the vector k + 1 of ``basis`` (n each) to those before it, and turn its coefficients; the residual
-    of the least-squares problem. ``small`` : columns of the triangle (most, most + 1), cosines and sines of the
-    rotations, the right-hand side, whose first number is the residual at the start."""
-    width, new = most + 1, basis[(k + 1) * n : (k + 2) * n]
-    cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
-    column = small[k * width : (k + 1) * width]
+    """Orthonormalise the vector k + 1 of ``basis`` (n each) to those before it, and ``turn`` its coefficients; the
+    residual of the least-squares problem."""
+    new, column = basis[(k + 1) * n : (k + 2) * n], small[k * (most + 1) : (k + 1) * (most + 1)]
     # modified Gram-Schmidt
     for e in range(k + 1):
         other, total = basis[e * n : (e + 1) * n], 0.0
@@ -191,6 +186,17 @@ def orthogonalise(basis: Array, small: Array, n: int, k: int, most: int) -> floa
     below = length_of(new)
     for i in range(n):
         new[i] /= max(below, 1e-300)  # 0: the solution lies in the vectors so far
+    return turn(small, k, below, most)
+
+
+@kernel
+def turn(small: Array, k: int, below: float, most: int) -> float:
+    """Turn column k of the Hessenberg matrix, with ``below`` under its diagonal, into one of a triangle; the residual
+    of the least-squares problem. ``small`` : columns of the triangle (most, most + 1), cosines and sines of the
+    rotations, the right-hand side, whose first number is the residual at the start."""
+    width = most + 1
+    cosine, sine, right = small[most * width :], small[(most + 1) * width :], small[(most + 2) * width :]
+    column = small[k * width : (k + 1) * width]
     # rotations of the columns before, then one that takes the number below the diagonal
     for e in range(k):
         upper, lower = column[e], column[e + 1]

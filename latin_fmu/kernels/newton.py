@@ -21,10 +21,10 @@ Points that several interfaces hold make it singular: a share ``proximal`` of z 
 normal and sticking components. The solution does not change by that, as the right-hand side is the true residual.
 
 The step is made in the incoming quantity q = F + k W and halved at most twice, until the residual of the local stage in
-the norm of the iteration falls; both stages are linear between its ends, so that this takes no products. Without
-inertia a floating body has no admittance. There D is that on dashpots of WEAK times k: the linear stage, which has the
-last word, corrects what this leaves. A step is made where it costs less than the iterations it saves (``_pays``), or
-where the iteration has stalled. Only products with D (``admit``) and blocks of its entries (``coupling``) occur.
+the norm of the iteration falls; both stages are linear between its ends, so that this takes no products. A step is made
+where it costs less than the iterations it saves (``_pays``), or where the iteration has stalled. Only products with D
+(``admit``) and blocks of its entries (``coupling``) occur. Without inertia a floating body has no D: there the step is
+made by products of the linear stage (``iteration_step``).
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ from numpy.typing import NDArray
 from ..compiled import kernel
 from .acceleration import difference_parts, next_iterate
 from .active_points import activate, add_relative, assemble, is_factored, soften, solve_active, sum_of_tangents
-from .callouts import ADMITTANCE, MATRIX, SUM, UNKNOWNS, call_out
+from .callouts import MATRIX, SUM, UNKNOWNS, call_out
+from .iteration_step import step_on_iteration
 from .krylov import add_columns, admit, solve_by_products, widen
 from .local_stage import finish, outgoing, prepare, solve_points
 from .sums import add_parts, exchange, exchange_parts
@@ -65,19 +66,26 @@ MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS,
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
-iteration has stalled and a step is due whatever it costs (without inertia once the iterations have cost half of it),
-sum of the tangents of the last step, number of the last iteration."""
+iteration has stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last
+iteration."""
+UNCERTAIN = 12
+"""Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
+by up to ten times: it goes on to a tenth of the tolerances then."""
 EXPECTED = 2
-"""Steps that end an instant, as their price is reckoned with; without inertia more where the last increment that was
-left to them took more."""
+"""Steps that end an instant, as their price is reckoned with."""
 
 
 @kernel
 def propose(pools: Any) -> bool:
     """Ends of a Newton step: q and W of the last iterate are kept, the new q is that of the full step; False where the
     matrix is singular."""
-    make_admittances(pools)
-    if pools.run[0].krylov == 1:
+    run, work = pools.run[0], pools.moving
+    if run.on_iteration == 1:
+        before = work[run.course + SIZE]
+        keep_start(pools)
+        set_size(pools)
+        return step_on_iteration(pools, work[run.course + SIZE], before)
+    if run.krylov == 1:
         widen(pools)
     admit_residual(pools)
     if not change_tractions(pools, active_matrix(pools)):
@@ -85,16 +93,6 @@ def propose(pools: Any) -> bool:
     full_step(pools)
     set_size(pools)
     return True
-
-
-@kernel
-def make_admittances(pools: Any) -> None:
-    """Let the caller make the tables of D that are not made yet: without inertia they are left to the first step, since
-    many runs make none. The first entry of such a table is 0."""
-    for c in range(len(pools.classes) if pools.run[0].static == 1 else 0):
-        row = pools.classes[c]
-        if row.n_live > 0 and pools.fixed[row.admittance] == 0.0:
-            call_out(pools, ADMITTANCE, c, 0, 0)
 
 
 @kernel
@@ -161,17 +159,23 @@ def change_tractions(pools: Any, size: int) -> bool:
 
 @kernel
 def full_step(pools: Any) -> None:
-    """Keep q and W of the last iterate; q of the full step. The squared residual over each interface goes to
-    ``own_parts``."""
+    """``keep_start``, and q of the full step."""
+    keep_start(pools)
     run, work = pools.run[0], pools.moving
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     f, q = work[run.f : run.f + n], work[run.q : run.q + n]
     w, k = work[run.w : run.w + n], pools.fixed[run.k : run.k + n]
-    kept_q, kept_w = work[run.old_q : run.old_q + n], work[run.old_w : run.old_w + n]
     for j in range(n):
-        kept_q[j], kept_w[j] = q[j], w[j]
         q[j] = f[j] + x[j] + k[j] * (w[j] + v[j])  # F + k W with F + dF, W + dW
+
+
+@kernel
+def keep_start(pools: Any) -> None:
+    """Keep q and W of the last iterate; the squared residual over each interface goes to ``own_parts``."""
+    run, work = pools.run[0], pools.moving
+    for j in range(run.n_flat):
+        work[run.old_q + j], work[run.old_w + j] = work[run.q + j], work[run.w + j]
     for e in range(run.n_interface):
         total, size = 0.0, pools.fixed_int[run.segments + 3 * e + 2]
         for side in range(2):
@@ -256,7 +260,9 @@ def try_length(pools: Any, length: float) -> None:
 
 @kernel
 def search(pools: Any) -> None:
-    """Halve the step until the residual falls enough, at most HALVINGS times; the best trial is the iterate."""
+    """Halve the step until the residual falls enough, at most HALVINGS times; the best trial is the iterate. Without
+    inertia it is the full step where no trial is better than the start: where the active points are far from those of
+    the solution, short steps lead in circles, and a few full ones to it."""
     course = pools.moving[pools.run[0].course : pools.run[0].course + N_COURSE]
     before, best, best_length, length, last = course[SIZE], np.inf, 1.0, 1.0, 1.0
     for _ in range(HALVINGS + 1):
@@ -269,6 +275,8 @@ def search(pools: Any) -> None:
         if size <= (1.0 - DECREASE * length) * before:
             break
         length *= 0.5
+    if best > before and pools.run[0].on_iteration == 1:
+        best_length = 1.0
     if last != best_length:  # the fields are those of a worse trial
         try_length(pools, best_length)
     count_step(pools, best)
@@ -308,8 +316,7 @@ def continues(pools: Any, iteration: int) -> bool:
         # either way q is known: the acceleration makes no step
         return True
     count, warm = iteration + 1, finish[0] > 0.0  # the last instant ended with a step
-    # not without inertia: on weak dashpots a step gains little beyond the tolerance
-    now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0 and run.static == 0
+    now, settled = _merit(pools, iteration), finish[2] >= 1.0 and course[MADE] == 0.0
     # factors that serve many instants are worth what the iterations of these have cost
     if settled and (warm or (count >= WARM and finish[3] + count >= EXPECTED * run.newton_price)):
         course[ACTIVE], course[BEGUN] = 1.0, now
@@ -324,25 +331,17 @@ def continues(pools: Any, iteration: int) -> bool:
     if now * now <= past:
         return False
     span = min(RECENT, iteration) if run.static == 1 else 2
-    cost = price(pools)
+    cost = float(EXPECTED * run.newton_price)
     if course[DUE] == 1.0:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
-    if not _pays(cost, count, now, _merit(pools, iteration - span), span):
+    past, target = _merit(pools, iteration - span), 1.0
+    if run.static == 1 and count + _left(now, past, span, target) > UNCERTAIN:
+        target = 0.1
+    if not _pays(cost, count, _left(now, past, span, target)):
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
-
-
-@kernel
-def price(pools: Any) -> float:
-    """Cost of the steps that end an instant, in iterations; increments without inertia take as many steps as the last
-    one that ended with some, dynamic instants two."""
-    run, steps = pools.run[0], EXPECTED
-    if run.static == 1:
-        # negative where the last instant did without
-        steps = max(EXPECTED, int(abs(pools.moving[run.finish])))
-    return float(run.newton_price * steps)
 
 
 @kernel
@@ -367,7 +366,8 @@ def keep_course(pools: Any) -> None:
     course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
     if run.newton == 0 or course[LAST] == 0.0:
         return
-    compared = course[MADE] > 0.0 or course[LAST] >= COLD  # after few iterations no step is in sight
+    # after few iterations no step is in sight; without inertia there are no factors to keep
+    compared = run.on_iteration == 0 and (course[MADE] > 0.0 or course[LAST] >= COLD)
     if course[MADE] == 0.0 and compared:
         # the active points of an instant without steps, to be compared with those of the next
         activate(pools)
@@ -383,15 +383,21 @@ def keep_course(pools: Any) -> None:
 
 
 @kernel
-def _pays(cost: float, count: int, now: float, past: float, span: int) -> bool:
-    """Whether steps that cost so many iterations cost less than those that they save: those left at the rate
-    of the last ``span``. Where the iterations made have cost as much already, that rate is not relied on: the whole
-    costs at most twice the better of both ways."""
+def _pays(cost: float, count: int, left: float) -> bool:
+    """Whether steps that cost so many iterations cost less than those that they save, which are ``left``. Where the
+    iterations made have cost as much already, their rate is not relied on: the whole costs at most twice the better of
+    both ways."""
+    return bool(count >= cost or left > cost)
+
+
+@kernel
+def _left(now: float, past: float, span: int, target: float) -> float:
+    """Iterations to a share ``target`` of the tolerances at the rate of the last ``span``; 0 where they lead away."""
     # no decrease: no rate
-    if count >= cost or not now < past:
-        return bool(count >= cost)
-    left = span * np.log10(max(now, 1.0)) / np.log10(past / now)  # log10 of the distance over that lost in an iteration
-    return bool(left > cost)
+    if not now < past:
+        return 0.0
+    # log10 of the distance over that lost in an iteration
+    return float(span * np.log10(max(now / target, 1.0)) / np.log10(past / now))
 
 
 @kernel

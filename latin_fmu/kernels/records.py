@@ -122,7 +122,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("spread_table", "constants (g, c): its transpose"),
     ("k", "direction (c,): search direction, Pa s m-1"),
     ("response", "direction (n_live, n_live) packed or (n_live,): Y per nodal force, m s-1 N-1"),
-    ("admittance", "direction (n_live, n_live) packed or (n_live,): D of Newton steps; first entry 0: not made yet"),
+    ("admittance", "direction (n_live, n_live) packed or (n_live,): D of Newton steps"),
     ("spring_inverse", "direction (g, g) packed: (S + T^T a k/dt T)^-1 of a STATIC class, m N-1"),
     # state
     ("state", "place of ``rest``, the first number of the class in the state, n_state in all"),
@@ -233,7 +233,7 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
         "instant",
     ),
     ("opened", "work (4, p, h if elastic else 1): the same at the start of the window"),
-    ("tangent", "work (p, 3, 3) if law < 0: derivative of F_hat by the jump (``callouts``), Pa s m-1"),
+    ("tangent", "work (p, 3, 3) if law < 0 or on_iteration: derivative of F_hat by the jump, Pa s m-1"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
 
@@ -262,6 +262,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),
     ("newton", "1 where Newton steps may end an instant (``newton``)"),
     ("krylov", "1 where active points are solved for by products alone (``krylov``), with ``basis`` ..."),
+    ("on_iteration", "1 where the steps are made on the iteration itself (``iteration_step``), with ``basis`` ..."),
     ("n_block", "blocks of the relative operator: interfaces, those that share a substructure near each other"),
     ("n_unknown", "unknowns of the relative operator at most"),
     ("n_matrix", "numbers of its matrix at most, 0 with ``krylov``"),
@@ -336,13 +337,13 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
         "the tractions that changes, work of the error over that allowed",
     ),
     ("course", "work (N_COURSE,): course of Newton's method at this instant (``newton``)"),
-    ("best_q", "work (N,) if n_unknown: q of the best iterate"),
+    ("best_q", "work (N,) if n_unknown or on_iteration: q of the best iterate"),
     ("step_f", "work (N,) if n_unknown: change of the tractions in a Newton step, Pa"),
     ("step_w", "work (N,) if n_unknown: change of the velocities, m s-1"),
-    ("old_q", "work (N,) if n_unknown: q at the start of a Newton step"),
-    ("old_w", "work (N,) if n_unknown: W there"),
-    ("new_q", "work (N,) if n_unknown: q at its end"),
-    ("new_w", "work (N,) if n_unknown: W there"),
+    ("old_q", "work (N,) if n_unknown or on_iteration: q at the start of a Newton step"),
+    ("old_w", "work (N,) if n_unknown or on_iteration: W there"),
+    ("new_q", "work (N,) if n_unknown or on_iteration: q at its end"),
+    ("new_w", "work (N,) if n_unknown or on_iteration: W there"),
     ("unknown_of", "work, int64 (n_place + 1,): first unknown of each point in the order of the blocks"),
     ("unknown_start", "work, int64 (n_block + 1,): first unknown of each block"),
     ("row_at", "work, int64 (n_unknown,): place of the rows of the matrix"),
@@ -357,11 +358,11 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("factored", "work (1,): 1 where it holds the factors for the tangents below"),
     ("factored_of", "work, int64 (n_place + 1,): ``unknown_of`` of these"),
     ("factored_tangents", "work (3, 3 * n_unknown + 9): their columns, rows and softness"),
-    ("basis", "work (VECTORS + 1, n_unknown) if krylov: vectors of the method"),
+    ("basis", "work (VECTORS + 1, n_unknown if krylov else N) if krylov or on_iteration: vectors of the method"),
     (
         "krylov_work",
-        "work (SMALL + 3 * n_unknown,) if krylov and n_unknown: coefficients, preconditioner, a vector times it, "
-        "solution",
+        "work (SMALL + max(3 * n_unknown, POINT),) if krylov or on_iteration: coefficients; preconditioner, a vector "
+        "times it, solution; or scratch of a point",
     ),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
     ("force_residuals", "output (R, max_iterations): force residual of the iterations"),

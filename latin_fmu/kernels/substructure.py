@@ -253,11 +253,11 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
     """W = w_free + Y area (q - q_0), q_0 = F_0 + k w_damped, at the channels of the class, both (N,); w_free alone for
     q_0 itself, the first guess of an instant."""
     row, work = pools.classes[c], pools.moving
-    m, n_live, size = row.m, row.n_live, row.n_channel * row.m
+    m, size = row.m, row.n_channel * row.m
     channels, w_free = pools.fixed_int[row.channels : row.channels + size], work[row.w_free : row.w_free + size]
     area, k = pools.fixed[row.area : row.area + row.n_channel], pools.fixed[row.k : row.k + row.n_channel]
     damped, reference = work[row.w_damped : row.w_damped + size], work[row.reference : row.reference + size]
-    incoming, answer = work[row.channel : row.channel + size], work[row.answer : row.answer + size]
+    incoming = work[row.channel : row.channel + size]
     largest, apart = 0.0, 0.0
     for i in range(row.n_channel):
         for j in range(m):
@@ -268,20 +268,41 @@ def linear_response(pools: Any, c: int, q: Array, w: Array) -> None:
             incoming[at] = area[i] * change
             w[channels[at]] = w_free[at]
     # the first guess of an instant is q_0 but for round-off
-    if apart <= ROUND_OFF * largest:
-        return
+    if apart > ROUND_OFF * largest:
+        add_condensed(pools, c, incoming, w)
+
+
+@kernel
+def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
+    """Add Y times the nodal forces ``incoming`` (c, m) on the channels of the class, which are overwritten, to W
+    (N,)."""
+    row, work = pools.classes[c], pools.moving
     if row.swept == 1:
         swept_response(pools, c, incoming, w)
         return
-    live, plain = pools.fixed_int[row.live : row.live + n_live], row.plain_response
+    m, n_live, plain = row.m, row.n_live, row.plain_response
+    channels = pools.fixed_int[row.channels : row.channels + row.n_channel * m]
+    live, answer = pools.fixed_int[row.live : row.live + n_live], work[row.answer : row.answer + n_live * m]
     for i in range(n_live):  # in ascending order
         for j in range(m):
             incoming[i * m + j] = incoming[live[i] * m + j]
     table = pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)]
-    dense(pools, c, n_live, table, plain, m, incoming[: n_live * m], answer[: n_live * m])
+    dense(pools, c, n_live, table, plain, m, incoming[: n_live * m], answer)
     for i in range(n_live):
         for j in range(m):
             w[channels[live[i] * m + j]] += answer[i * m + j]
+
+
+@kernel
+def add_change(pools: Any, c: int) -> None:
+    """Add Y area q to W of one instant at the channels of the class."""
+    row, run, work = pools.classes[c], pools.run[0], pools.moving
+    incoming = work[row.channel : row.channel + row.n_channel * row.m]
+    for i in range(row.n_channel):
+        for j in range(row.m):
+            at = i * row.m + j
+            incoming[at] = pools.fixed[row.area + i] * work[run.q + pools.fixed_int[row.channels + at]]
+    add_condensed(pools, c, incoming, work[run.w : run.w + run.n_flat])
 
 
 @kernel

@@ -21,12 +21,20 @@ from .indicator import class_norms
 from .local_stage import points_stage
 from .matrices import probe, read_channels
 from .splits import leaf
-from .substructure import change_of, commit, interface_response, linear_response, predict, solve_under_tractions
+from .substructure import (
+    add_change,
+    change_of,
+    commit,
+    interface_response,
+    linear_response,
+    predict,
+    solve_under_tractions,
+)
 from .team import ARGUMENTS, LINE, claimed, close_region, end_task, next_ticket, open_region
 
 Array = NDArray[np.float64]
 
-PREDICT, RESPONSE, WINDOW, NORMS, SOLUTION, END, END_OF_WINDOW, POINTS = range(8)
+PREDICT, RESPONSE, CHANGE, WINDOW, NORMS, SOLUTION, END, END_OF_WINDOW, POINTS = range(9)
 """Actions of ``task``."""
 CHUNK = 64
 """Points of an interface in a task."""
@@ -39,6 +47,8 @@ def task(pools: Any, action: int, t: int, a: int, b: int) -> None:
         predict(pools, t, a)
     elif action == RESPONSE:
         pools.moving[pools.classes[t].solved] = interface_response(pools, t, 0, a == 1)
+    elif action == CHANGE:
+        add_change(pools, t)
     elif action == WINDOW:
         pools.moving[pools.classes[t].solved] = march_window(pools, t, a, b)
     elif action == NORMS:

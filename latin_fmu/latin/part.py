@@ -155,7 +155,7 @@ class Part:
     def relative(self, whole: dict[str, Any]) -> dict[str, Any]:
         """Fields of the record of the run for Newton steps, from those of the whole assembly: its points are numbered
         as there, those that are not held here have no group."""
-        if not whole or whole.get("krylov"):
+        if "point_group" not in whole or whole.get("krylov"):
             return whole
         groups = self.assembly.layout.groups
         table = np.full((len(self.whole.layout.groups), max(g.n_point for g in self.whole.layout.groups), 3), -1)

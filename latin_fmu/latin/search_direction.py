@@ -35,10 +35,9 @@ _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
 LARGEST: Final = 2100**2
-LARGEST_STATIC: Final = 6000**2
 """Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
-more in chains; about 2000 without inertia, where the iteration alone takes hundreds of products. Large interfaces with
-inertia take it by products (``kernels.krylov``)."""
+more in chains. Large interfaces in long steps take it by products of D (``kernels.krylov``), those without inertia by
+products of the linear stage (``kernels.iteration_step``)."""
 
 
 def channel_k(assembly: Assembly, search: SearchDirection, window: int) -> tuple[Array, str]:
@@ -205,7 +204,8 @@ FLOOR = 1e-3
 _WIDENING = 3.0
 """Factor on z in the laws of Newton steps by products: with it, points that slip after one step return to sticking;
 without, they change the direction of slip from step to step."""
-_PROXIMAL, _PROXIMAL_STATIC = 1e-2, 1e-4  # of z in the relative operator; z of the static k is far above its diagonal
+_PROXIMAL = 1e-2  # of z in the relative operator
+_PRICE_ON_ITERATION = 15.0  # of a Newton step without inertia, over the cost of an iteration
 
 
 class Direction:
@@ -232,13 +232,13 @@ class Direction:
         wanted = settings.newton and n == 1 and settings.anderson_depth > 0
         self._long_steps = not assembly.quasi_static and self._of_long_range()
         wanted &= not assembly.swept or assembly.quasi_static or self._long_steps
-        self.relative = relative_operator(assembly) if wanted else {}
+        with_matrix = wanted and not assembly.quasi_static
+        self.relative: dict[str, Any] = relative_operator(assembly) if with_matrix else {"on_iteration": int(wanted)}
         numbers = self.relative.get("n_matrix", 0)
-        largest = LARGEST_STATIC if assembly.quasi_static else LARGEST
-        if numbers and assembly.swept and not assembly.quasi_static:
+        self.too_large = numbers > LARGEST and not assembly.swept
+        self.newton = wanted and bool(assembly.interfaces) and not self.too_large
+        if numbers and assembly.swept:
             self.relative |= {"krylov": 1, "n_matrix": 0}
-            largest = numbers
-        self.newton, self.too_large = 0 < numbers <= largest, numbers > largest
         self.tables: list[dict[str, Table]] | None = None
 
     @property
@@ -328,15 +328,17 @@ class Direction:
     def run_fields(self) -> dict[str, Any]:
         """Fields of the record of the run (``kernels.records``)."""
         fields: dict[str, Any] = {"k": self.k, "z": self.z, "weights": self.weights, "metric": self.metric}
-        proximal = _PROXIMAL_STATIC if self.assembly.quasi_static else _PROXIMAL
-        if self.relative.get("krylov"):
-            proximal /= _WIDENING  # the same share of z
+        krylov = self.relative.get("krylov")
+        proximal = _PROXIMAL / _WIDENING if krylov else _PROXIMAL  # the same share of z
         sparse = any("y" in p.tables for p in self.whole.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["from_last"] = int(self.short)
         fields["newton_z"] = self.newton_z
-        by_price = self.newton and not self.relative.get("krylov")
-        fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0
+        if self.assembly.quasi_static:
+            fields["newton_price"] = _PRICE_ON_ITERATION
+        else:
+            by_price = self.newton and not krylov
+            fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()
         return fields

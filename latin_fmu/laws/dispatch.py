@@ -131,10 +131,11 @@ def add_tangent(
     """Add J = dF_hat / djump of a law at one point to ``out`` (h * h,), row after row; ``scratch`` (27,)."""
     columns, rows, softness, h = scratch[:9], scratch[9:18], scratch[18:27], len(jump)
     for i in range(tangent(law, jump, z, reach, rate, parameters, softness, 0.0, columns, rows, softness)):
-        own = z[0] if rows[3 * i] != 0.0 else z[1]
-        for a in range(h):
+        own = softness[4 * i] + (z[0] if rows[3 * i] != 0.0 else z[1])
+        # 0: both sides are held
+        for a in range(h if own != 0.0 else 0):
             for b in range(h):
-                out[a * h + b] += columns[3 * i + a] * rows[3 * i + b] / (own + softness[4 * i])
+                out[a * h + b] += columns[3 * i + a] * rows[3 * i + b] / own
 
 
 @entry("i8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[::1], f8[:, ::1]")

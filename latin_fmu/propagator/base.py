@@ -237,12 +237,6 @@ class Propagator(ABC):
         ops = self.operators
         return condensed(ops.compliance, ops.area * k)
 
-    def relative_compliance(self, k: Array) -> Array:  # noqa: ARG002, without inertia
-        """Velocities of the channels per nodal force for Newton's method, (n_channel, n_channel): D; search direction k
-        (n_channel,), Pa s m-1."""
-        compliance: Array = self.operators.compliance.dense() if self.swept else self.operators.compliance
-        return compliance
-
     @property
     def n_channel(self) -> int:
         """Interface channels of one member."""

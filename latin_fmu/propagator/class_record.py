@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..cholesky.pieces import pieces, row_parts
 from ..cholesky.substitution import TILED
-from ..kernels.products import lower_count, lower_pattern, lower_values, numbers_of, pack_triangle
+from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle
 from ..kernels.records import DIRECT, EXPLICIT, STATIC
 from ..kernels.sparse_response import TABLES
 from ..kernels.team import LINE, PARTS
@@ -368,37 +368,15 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         row["k_panels"] = numbers * at
         row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
-        # made at the first Newton step (``newton.make_admittances``)
-        if run.get("newton") and constant["kind"] == STATIC:
-            row["admittance"] = _room_for_admittance(block, numbers_of(len(live), 0, m))
         return row
     row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
-    if run.get("newton") and constant["kind"] == STATIC:
-        row["admittance"] = _room_for_admittance(block, numbers_of(len(live), constant["plain_response"], m))
-    elif run.get("newton"):
-        table = propagator.relative_compliance(propagator.k[:, 0])
-        row["admittance"] = put_dense(block, table, [live], m, bool(constant["plain_response"]))
+    if run.get("newton") and constant["kind"] != STATIC:
+        compliance = propagator.operators.compliance
+        row["admittance"] = put_dense(block, compliance, [live], m, bool(constant["plain_response"]))
     if constant["kind"] == STATIC:
         every = np.arange(constant["n_inner"])
         row["spring_inverse"] = put_dense(block, propagator.spring_inverse, [every], m, False)
     return row
-
-
-def _room_for_admittance(block: BlockLayout, size: int) -> int:
-    """Place of a table of D that ``make_admittance`` writes at the first Newton step."""
-    at = block.reserve(size)
-    # first number 0: not made yet
-    block.fill_later(partial(_copy, at, np.zeros(1)))
-    return at
-
-
-def make_admittance(data: Array, propagator: Any, row: Row) -> None:
-    """Write the table of D of a class without inertia to its place in the fixed block ``data``."""
-    live = np.flatnonzero(propagator.operators.compliance.diagonal())
-    table = propagator.relative_compliance(data[row["k"] : row["k"] + propagator.n_channel])
-    block = BlockLayout(row["admittance"])
-    put_dense(block, table, [live], row["m"], bool(row.get("plain_response")))
-    block.fill(data)
 
 
 def histories(block: BlockLayout, constant: Row, propagator: Any) -> Row:

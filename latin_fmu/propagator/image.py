@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from ctypes import CFUNCTYPE, c_int64, c_void_p
 from ctypes import cast as pointer_to
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import prod
 from typing import Any, NamedTuple, cast
 from weakref import ReferenceType, proxy, ref
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..compiled import PLAIN, bound
 from ..kernels import entries
-from ..kernels.callouts import ADMITTANCE, BACKWARD, FORWARD
+from ..kernels.callouts import BACKWARD, FORWARD
 from ..kernels.entries import Pools
 from ..kernels.records import CLASS, GROUP, RUN
 from ..time_scheme.scheme import coefficients
@@ -153,11 +153,6 @@ class OtherFactors:
         image.class_field(c, "load", row["n"], row["m"])[:] = solution
 
 
-def make_admittance(image: Image, c: int, *_: int) -> None:
-    """Write the table of D of a class that is otherwise made at the first Newton step."""
-    class_record.make_admittance(image.fixed, image.propagators[c], image.row(c))
-
-
 def pools_of(run: Any, classes: Any, groups: Any, fixed: Array, moving: Array) -> Pools:
     """Records and blocks, with the views of the blocks that kernels take."""
     views = fixed.view(np.int64), fixed.view(np.uint32), fixed.view(np.float32)
@@ -242,8 +237,6 @@ class Image:
         self.moving[self._run["carry"]] = 1.0
         if not self.factored:
             self.callouts.add(OtherFactors(proxy(self)).functions)
-        if self._run.get("static"):
-            self.callouts.add({ADMITTANCE: partial(make_admittance, proxy(self))})
         for c, propagator in enumerate(self.propagators):
             propagator.state.attach(self, c)
 
@@ -425,16 +418,6 @@ class Image:
     def state(self) -> Array:
         """All that the next instant depends on, one range of the moving block."""
         return self.moving[: self._n_state]
-
-
-def complete(image: Image) -> None:
-    """Write the tables that are otherwise made when first used, for a caller that has none of the operators."""
-    image.write()
-    run = image.run_fields
-    for c in range(len(image.classes) if run.get("static") and run.get("newton") else 0):
-        # first number 0: not made yet (``class_record``)
-        if image.fixed[image.row(c)["admittance"]] == 0.0:
-            make_admittance(image, c)
 
 
 @contextmanager

@@ -25,7 +25,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor
-from ..cholesky.numeric import mirror
 from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
 from ..compiled import COMPILES
 from .interface_matrices import STILL
@@ -156,10 +155,6 @@ class InterfaceCompliance:
         """Velocities (n_channel,) or (n_channel, m) under nodal forces on the channels."""
         return applied(self.factor, self._trace, self.gain, force)
 
-    def dense(self) -> Array:
-        """All entries (n_channel, n_channel), symmetric to the last bit."""
-        return all_columns(self.factor, self._trace, self.gain)
-
     def __mul__(self, factor: float) -> InterfaceCompliance:
         """The same for another length of increment without inertia."""
         other = copy(self)
@@ -218,18 +213,6 @@ def applied(factor: CholeskyFactor, trace: sp.csr_array, gain: float, force: Arr
     columns = force.reshape(len(force), -1)
     velocity: Array = gain * (trace @ factor.face_solve(np.asarray(trace.T @ columns)))
     return velocity.reshape(force.shape)
-
-
-def all_columns(factor: CholeskyFactor, trace: sp.csr_array, gain: float) -> Array:
-    """``gain`` T A^-1 T^T with all its entries, (n_channel, n_channel), symmetric to the last bit."""
-    n = trace.shape[0]
-    out = np.empty((n, n))
-    for start in range(0, n, _COLUMNS):
-        part = slice(start, min(start + _COLUMNS, n))
-        out[:, part] = gain * (trace @ factor.face_solve(trace[part].T.toarray()))
-    # the lower triangle over the upper one: columns differ from rows by round-off
-    mirror(out)
-    return out
 
 
 class DashpotPattern:

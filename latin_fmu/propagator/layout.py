@@ -18,6 +18,7 @@ from ..kernels import records
 from ..kernels.active_points import SCRATCH
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM, N_WORK
+from ..kernels.iteration_step import POINT
 from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.newton import N_COURSE
 from ..kernels.products import padded
@@ -37,7 +38,7 @@ _KNOWN: Final[dict[str, Any]] = {
     **{"isqrt": isqrt, "max": max, "prod": prod, "padded": padded, "STATIC": records.STATIC},
     **{"LANES": LANES, "SPARE": SPARE, "TILED": TILED, "LINE": LINE, "MARKS": MARKS, "PARTS": PARTS},
     **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_TERM": N_TERM, "N_WORK": N_WORK},
-    **{"SCRATCH": SCRATCH, "SMALL": SMALL, "VECTORS": VECTORS},
+    **{"SCRATCH": SCRATCH, "POINT": POINT, "SMALL": SMALL, "VECTORS": VECTORS},
 }
 
 

@@ -23,9 +23,8 @@ Neither depends on the time step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import scipy.linalg as la
@@ -33,17 +32,12 @@ import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
-from ..errors import SolverError
 from ..operator_store import NO_STORE, OperatorStore
 from ..time_scheme import QuasiStatic
 from .base import Propagator
 from .interface_matrices import STILL
-from .interface_sweeps import DashpotPattern, InterfaceCompliance, all_columns
+from .interface_sweeps import DashpotPattern, InterfaceCompliance
 from .model import Array, Index, SubstructureModel
-
-WEAK: Final = 1e-6
-"""Share of k of the dashpots that hold a floating body in a Newton step."""
-_LESS_WEAK: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -199,31 +193,6 @@ class StaticPropagator(Propagator):
     def mass_factor(self) -> NoReturn:
         """Refused: a model without inertia has no mass."""
         raise TypeError("no inertia: a quasi-static substructure has no mass")
-
-    def relative_compliance(self, k: Array) -> Array:
-        """The same on dashpots of WEAK times k, as D of a floating body does not exist; where those are lost in
-        round-off, on stiffer ones."""
-        factor_on = self.operators.factor_on
-        if factor_on is not None:
-            return all_columns(self._weak_factor(factor_on, k), self.operators.trace, 1.0 / self.dt)
-        inverse = None
-        for share in (WEAK, _LESS_WEAK):
-            with suppress(la.LinAlgError):
-                inverse = self.operators.on_springs(share * k / self.dt)
-                break
-        inverse = self.operators.on_springs(k / self.dt) if inverse is None else inverse
-        trace = self.operators.trace
-        compliance: Array = trace @ (trace @ inverse).T / self.dt
-        return 0.5 * (compliance + compliance.T)
-
-    def _weak_factor(self, factor_on: Callable[[Array], CholeskyFactor], k: Array) -> CholeskyFactor:
-        """Factor on the dashpots of ``relative_compliance``."""
-        for share in (WEAK, _LESS_WEAK):
-            try:
-                return factor_on(share * k / self.dt)
-            except SolverError:  # those are lost in round-off
-                continue
-        return self.operators.factor  # type: ignore[return-value]
 
     def _condense(self, k: Array) -> Array | CholeskyFactor:
         """Y = T (S + T^T a k/dt T)^-1 T^T / dt."""

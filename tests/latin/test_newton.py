@@ -216,6 +216,20 @@ def test_solution_is_that_of_the_iteration(static: bool) -> None:
     assert sum(w.iterations for w in by_newton.windows) < 0.5 * sum(w.iterations for w in by_iteration.windows)
 
 
+@pytest.mark.parametrize("form", ["dense", "exact"])
+def test_steps_without_inertia_leave_a_share(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all points stick, each step leaves at most a tenth of the residual, the share that its products stop at;
+    the upper plate floats."""
+    monkeypatch.setattr(search_direction, "_PRICE_ON_ITERATION", 0.0)
+    tables = pressed(1, friction=5.0, interface_operator=form, **TIGHT)
+    tables["time"] = {"end": 1.0, "instants": 1, "quasi_static": True}
+    tables["load"]["push"]["traction"] = [2e6, 3e5, 0.0]
+    window = solve(tables).windows[0]
+    errors = np.array(window.error_indicator[-window.newton_steps - 1 :])
+    assert window.newton_steps >= 3
+    assert (errors[1:] < 0.2 * errors[:-1]).all()
+
+
 def test_error_falls_quadratically(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the proximal term, two steps lead from 1e-3 to round-off; with it each gives about two digits."""
     few = solve(pressed(1, **TIGHT)).windows[0]

@@ -10,7 +10,7 @@ import pytest
 import latin_fmu
 from latin_fmu.kernels import entries
 from latin_fmu.kernels.instants import OPENINGS
-from latin_fmu.kernels.iteration import linear_stage
+from latin_fmu.kernels.linear_stage import linear_stage
 from latin_fmu.latin.run_image import reuse_bound
 from latin_fmu.latin.settings import SolverSettings
 from latin_fmu.propagator.image import take_marched

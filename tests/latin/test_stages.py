@@ -9,7 +9,7 @@ import pytest
 
 from latin_fmu.kernels import entries, local_stage
 from latin_fmu.kernels.instants import OPENINGS
-from latin_fmu.kernels.iteration import linear_stage
+from latin_fmu.kernels.linear_stage import linear_stage
 from latin_fmu.latin.run_image import Stages
 from latin_fmu.propagator.base import full_velocity
 from latin_fmu.propagator.image import take_marched
