@@ -188,13 +188,14 @@ def _jumps(signal: Signal) -> bool:
     return float(np.linalg.norm(later - signal.values, axis=1).max()) > 0.5 * signal.peak() > 0.0
 
 
-def element_transit(scene: Scene, interface: str, spacing: float) -> float:
+def element_transit(scene: Scene, sides: Sequence[str], spacing: float) -> float:
     """Longest time a pressure wave needs to cross an element beside an interface, s.
 
-    spacing : size of an element whose mesh is from a file, m.
+    sides : faces of the interface, of the run: a search may have found them. spacing : size of an element whose mesh is
+    from a file, m.
     """
     longest = 0.0
-    for face in scene.interface[interface].sides:
+    for face in sides:
         name, side = split_face(face)
         body = scene.substructure.get(name)
         if body is None or body.rigid:
@@ -246,7 +247,7 @@ def quantity_estimate(
     )
     error, bound_only = estimated_error(definition, changes)
     if definition is PEAK_FORCE:
-        shortest = SHORTEST_MEAN * element_transit(scene, owner, fine.spacings[owner])
+        shortest = SHORTEST_MEAN * element_transit(scene, fine.sides[owner], fine.spacings[owner])
         error = error if fine.durations[owner] >= shortest else math.inf
     order = expected_order(definition, changes)
     return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, order)

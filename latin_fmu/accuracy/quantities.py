@@ -107,6 +107,7 @@ class Quantities:
     signals : histories of sensors and bolts, in the band where they are; maximax spectra over frequency; by quantity.
     spectra : shock response spectra of sensors, by name.
     durations : of the mean that is the peak force, by interface, s. spacings : of its points, by interface, m.
+    sides : faces of interfaces.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -117,6 +118,7 @@ class Quantities:
     spectra: dict[str, ShockSpectrum] = field(default_factory=dict)
     durations: dict[str, float] = field(default_factory=dict)
     spacings: dict[str, float] = field(default_factory=dict)
+    sides: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def add(self, owner: str, entries: Mapping[str, tuple[float, float]]) -> None:
         """Add values and scales, by key, of an interface, sensor or bolt."""
@@ -198,6 +200,7 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     quantities.forces[history.name] = force
     duration = quantities.durations[history.name] = force.peak_duration(history.peak_duration)
     quantities.spacings[history.name] = float(np.sqrt(history.areas.mean()))
+    quantities.sides[history.name] = history.sides
     largest = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
     entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest, duration)
     if (closing := _closing(time, history, force.raw_peak())) is not None:

@@ -240,3 +240,24 @@ def test_quantity_of_the_scene_is_checked() -> None:
     ):
         with pytest.raises(latin_fmu.SceneError, match=word):
             latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"accuracy.quantity={bad}"])
+
+
+def test_interfaces_that_a_search_has_found_have_an_estimate() -> None:
+    """They are no tables of the scene."""
+    box = {"size": [1e-2, 1e-2, 1e-2], "elements": [4, 4, 4]}
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "found",
+            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+            "substructure": {
+                "low": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 0.0]}},
+                "high": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 1e-2]}},
+            },
+            "contact": {"all": {"search": 1e-4, "friction_coefficient": 0.2}},
+            "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+            "load": {"press": {"face": "high.zmax", "pressure": 1e6, "law": {"type": "half_sine", "duration": 20e-6}}},
+            "time": {"end": 30e-6, "step": 0.5e-6},
+        }
+    )
+    estimate = estimate_error(scene, latin_fmu.solve(scene))
+    assert 0.0 < estimate["low_high.peak_force"].error < 0.5
