@@ -29,7 +29,7 @@ the static problem leaves undetermined, are taken out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -38,6 +38,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from ..errors import InputError, Problem, SolverError, did_you_mean, listed
 from ..latin.assembly import Array
@@ -46,7 +47,7 @@ from ..latin.probes import SensorPlace
 from ..latin.recorder import Recorder
 from ..latin.windows import Run, RunControl
 from ..machine import one_thread, provenance
-from ..propagator.model import LoadTerm
+from ..propagator.model import LoadTerm, with_load
 from ..reader import scene_from_dict
 from ..results.dataset import datatree
 from ..results.files import write_groups
@@ -68,13 +69,15 @@ LOOPS: Final = get_args(Loop)
 _LOAD: Final = "modal load"
 _PLACE: Final = "place of the amplitude"
 _MOST: Final = 1000  # increments up to an amplitude
+_CUTS: Final = 5  # of all increments in two, where one does not converge
+_ITERATIONS: Final = 200  # of an increment
 _MOVES: Final = 1e-9  # of the largest displacement of the mode: below, a sensor does not move in it
 
 
 def backbone(
     scene: Scene,
     mode: int,
-    amplitudes: Sequence[float],
+    amplitudes: ArrayLike,
     sensor: str | None = None,
     *,
     loop: Loop = "half",
@@ -88,14 +91,15 @@ def backbone(
     ----------
     mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) aimed at, > 0, m; those met are
         in the result. sensor : whose amplitude is meant; None for the point that moves most in the mode.
-    loop : half, full or masing. increments : of load from 0 to an amplitude; a half loop has twice as many.
+    loop : half, full or masing. increments : of load from 0 to an amplitude, a half loop has twice as many; all are cut
+        in two, again and again, where one does not converge.
     tolerance : of the static iteration, whose residuals are the floor of the losses. progress : called with the number
         of increments done, that of all, iterations and error of the last one.
 
     Raises
     ------
     InputError : an argument that does not fit the scene. SceneError : the scene cannot be built, or has no equilibrium.
-    SolverError : an increment did not converge.
+    SolverError : an increment did not converge, 16 times as short as it was given.
 
     Example
     -------
@@ -114,13 +118,15 @@ def backbone(
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
         joined = JoinedAssembly.of(scene, "sticking", pressed_of(state))
         shape = _Shape.of(joined, mode, whole, sensor)
-        path = _Path.of(wanted * shape.omega**2 / shape.sensed, loop, increments)
-        run, recorder = _run(_loaded(whole, shape, path.load), state, kept, tolerance, progress)
-        converged, sentence = run.status()
-        if not converged:
-            remedy = "take more increments, smaller amplitudes or a larger tolerance"
-            raise SolverError(f"the loops of the backbone did not converge: {sentence}; {remedy}")
-        return _read(scene, shape, path, recorder, loop, mode, tolerance)
+        levels = wanted * shape.omega**2 / shape.sensed
+        for cut in range(_CUTS):
+            path = _Path.of(levels, loop, increments * 2**cut)
+            run, recorder = _run(_loaded(whole, shape, path.load), state, kept, tolerance, progress)
+            converged, sentence = run.status()
+            if converged:
+                return _read(scene, shape, path, recorder, loop, mode, tolerance)
+        remedy = "take more increments, smaller amplitudes or a larger tolerance"
+        raise SolverError(f"the loops of the backbone did not converge: {sentence}; {remedy}")
 
 
 def _check(
@@ -272,7 +278,7 @@ def _loaded(whole: DiscretisedProblem, shape: _Shape, load: Array) -> Discretise
     problem = static_problem(whole, scene_from_dict(data, scene.base_dir))
     problem = replace(problem, sensors=shape.places, histories={_LOAD: load})
     terms = {name: LoadTerm(_LOAD, forces) for name, forces in shape.forces.items()}
-    classes = [replace(c, members=[m.with_load(terms[m.name]) for m in c.members]) for c in problem.classes]
+    classes = [replace(c, members=[with_load(m, terms[m.name]) for m in c.members]) for c in problem.classes]
     return replace(problem, classes=classes)
 
 
@@ -294,7 +300,7 @@ def _run(
 ) -> tuple[Run, Recorder]:
     """All loads from the initial state."""
     problem = discretised.build(state, kept)
-    settings = replace(problem.settings, tolerance=tolerance, force_tolerance=tolerance)
+    settings = replace(problem.settings, tolerance=tolerance, force_tolerance=tolerance, max_iterations=_ITERATIONS)
     recorder = Recorder(problem.assembly, problem.output, problem.info)
     run = Run(problem.assembly, settings, recorder, Timings(), RunControl(progress=progress))
     run.all()

@@ -347,10 +347,6 @@ class SubstructureModel:
         """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
         return _sharing(self, replace(self, displacement=displacement))
 
-    def with_load(self, load: LoadTerm) -> SubstructureModel:
-        """The same model with one load more; what was reduced already is kept but for the loads."""
-        return _sharing(self, replace(self, loads=[*self.loads, load]), _KEPT - {"reduced_loads", "with_lumped_mass"})
-
     def with_mass(self, mass: sp.csr_array) -> SubstructureModel:
         """The same model with another mass (n_full, n_full), kg; what was reduced already is kept but for the mass."""
         return _sharing(self, replace(self, mass=mass), _KEPT - _OF_MASS)
@@ -393,6 +389,12 @@ def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozense
         if key in model.__dict__:
             other.__dict__[key] = model.__dict__[key]
     return other
+
+
+def with_load(model: SubstructureModel, load: LoadTerm) -> SubstructureModel:
+    """The same model with one load more; what was reduced already is kept but for the loads."""
+    other = replace(model, loads=[*model.loads, load])
+    return _sharing(model, other, _KEPT - {"reduced_loads", "with_lumped_mass"})
 
 
 def share_operators(model: SubstructureModel, other: SubstructureModel) -> None:

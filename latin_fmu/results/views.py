@@ -184,7 +184,7 @@ def ring_down(
         zeta omega / omega_d = zeta / sqrt(1 - zeta^2),    omega = omega_d / sqrt(1 - zeta^2).
 
     The errors are those of the slopes for one independent residual a period. Both ends of the record, for as long as
-    the filter remembers (1 / width of the band), are left out.
+    the filter remembers (3 / width of the band), are left out.
 
     Parameters
     ----------
@@ -201,7 +201,8 @@ def ring_down(
     history = _history(tree, sensor, quantity)
     time = np.asarray(history["time"].values, dtype=float)
     motion = _in_band(sensor, history.values, time, band)
-    inside = (time >= time[0] + 1 / (band[1] - band[0])) & (time <= time[-1] - 1 / (band[1] - band[0]))
+    remembered = 3 / (band[1] - band[0])
+    inside = (time >= time[0] + remembered) & (time <= time[-1] - remembered)
     if direction is None:
         axis = np.linalg.svd(motion[inside], full_matrices=False)[2][0]
     else:
@@ -254,8 +255,8 @@ def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float])
         problems.append(
             Problem("band", "out of range", f"{low:g}, {high:g}", f"0 < lowest < highest < {0.5 / step:g} Hz")
         )
-    if step and not problems and time[-1] - time[0] < 4 / (high - low):
-        what, wanted = "the record is too short for this band", f"4 / width = {4 / (high - low):.4g} s or more"
+    if step and not problems and time[-1] - time[0] < 8 / (high - low):
+        what, wanted = "the record is too short for this band", f"8 / width = {8 / (high - low):.4g} s or more"
         problems.append(Problem(f"sensor {sensor}", what, f"{time[-1] - time[0]:.4g} s", wanted))
     if problems:
         raise InputError(problems, "no ring-down")
