@@ -101,10 +101,12 @@ def backbone(
     InputError : an argument that does not fit the scene. SceneError : the scene cannot be built, or has no equilibrium.
     SolverError : an increment did not converge, 16 times as short as it was given.
 
-    Example
-    -------
-    curve = backbone(load_scene("scene.toml"), 1, np.geomspace(1e-6, 1e-4, 10), "tip")
-    curve.amplitude, curve.frequency, curve.damping    # m, Hz, share of critical
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/lap_joint/shock.toml")
+    >>> curve = latin_fmu.backbone(scene, 1, [1e-6], "end", increments=1)
+    >>> f"{curve.amplitude[0]:.2g} m, {curve.frequency[0]:.0f} Hz, {curve.damping[0]:.0e}"
+    '1e-06 m, 863 Hz, ...'
     """
     wanted = np.sort(np.asarray(amplitudes, dtype=float).ravel())
     _check(scene, mode, wanted, sensor, loop, increments, tolerance)

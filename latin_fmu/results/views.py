@@ -229,6 +229,17 @@ def ring_down(
         what is found in it, becomes the attribute ``floor``.
 
     Raises InputError where there is no such sensor, or the record is too short or uneven.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> time = np.arange(0.0, 2.0, 1e-3)
+    >>> moved = 1e-3 * np.exp(-0.01 * 2 * np.pi * 50 * time) * np.cos(2 * np.pi * 50 * time)
+    >>> history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
+    >>> sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
+    >>> made = latin_fmu.ring_down(xr.DataTree.from_dict({"/sensors/tip": sensor}), "tip", (30.0, 80.0))
+    >>> made["damping"].values[3].round(4)
+    np.float64(0.01)
     """
     import xarray as xr
 
