@@ -43,6 +43,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
     from .api import Iteration, check, solve
+    from .assembly.backbone import backbone
     from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .parametric.study import sweep
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     from .results.files import open_results
     from .results.solution import Solution
     from .results.spectra import shock_response_spectrum
-    from .results.views import amplitude_spectrum, pressure_map, resultant, sensor_spectrum, skin
+    from .results.views import amplitude_spectrum, pressure_map, resultant, ring_down, sensor_spectrum, skin
     from .scene.schema import Scene
 
 __version__ = "0.2.0"
@@ -68,12 +69,14 @@ __all__ = [
     "Solution",
     "SolverError",
     "amplitude_spectrum",
+    "backbone",
     "check",
     "estimate_error",
     "load_scene",
     "open_results",
     "pressure_map",
     "resultant",
+    "ring_down",
     "scene_from_dict",
     "sensor_spectrum",
     "shock_response_spectrum",
@@ -93,6 +96,7 @@ _MODULES: Final = MappingProxyType(
         "Iteration": "api",
         "Scene": "scene.schema",
         "Solution": "results.solution",
+        "backbone": "assembly.backbone",
         "check": "api",
         "estimate_error": "accuracy.estimate",
         "load_scene": "reader",
@@ -103,7 +107,7 @@ _MODULES: Final = MappingProxyType(
         "sweep": "parametric.study",
         "vibration_modes": "assembly.modes",
         **dict.fromkeys(
-            ("amplitude_spectrum", "pressure_map", "resultant", "sensor_spectrum", "skin"), "results.views"
+            ("amplitude_spectrum", "pressure_map", "resultant", "ring_down", "sensor_spectrum", "skin"), "results.views"
         ),
     }
 )

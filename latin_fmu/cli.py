@@ -38,6 +38,7 @@ COMMANDS: Final = MappingProxyType(
         "srs": "analyses",
         "export": "analyses",
         "modes": "analyses",
+        "backbone": "analyses",
     }
 )
 """Module of ``commands`` that declares each subcommand."""
@@ -62,6 +63,7 @@ examples:
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
   latin-fmu modes scene.toml --joints open
+  latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm
   latin-fmu reference
 
 exit codes: 0 converged, 1 not converged or not trustworthy (results are marked), 2 bad input,

@@ -57,6 +57,7 @@ class Timeline:
     ``ground.INTERFACE`` (amplitude of its velocity). ``bolts`` : first and last amplitude of the load term of each
     bolt, linear in between over the interval of the scene. ``elongation`` : plastic (n_step + 1,) of bolts at the
     instants of the scene, m, by which their shanks are shortened less.
+    histories : (n_time,) of load terms that no law of the scene has, at the instants of ``begin``.
     """
 
     def __init__(
@@ -65,10 +66,12 @@ class Timeline:
         conditions: dict[str, Conditions],
         bolts: Mapping[str, tuple[float, float]] = NO_RAMPS,
         elongation: Mapping[str, Array] = NO_ELONGATION,
+        histories: Mapping[str, Array] = NO_ELONGATION,
     ) -> None:
         self._scene, self._conditions, self._laws = scene, conditions, scene.force_laws
         self._bolts = {load_name(name): ramp for name, ramp in bolts.items()}
         self._elongation = {load_name(name): q for name, q in elongation.items()}
+        self._histories = histories
 
     def begin(
         self,
@@ -99,6 +102,8 @@ class Timeline:
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
             return np.ones(len(time))
+        if name in self._histories:
+            return self._histories[name]
         if name in self._bolts:
             first, last = self._bolts[name]
             ramp: Array = first + (last - first) * time / self._scene.time.end
@@ -186,6 +191,8 @@ class DiscretisedProblem:
     """Bodies of the scene that are left out of this problem, None where none are."""
     elongation: Mapping[str, Array] = field(default_factory=dict)
     """Plastic elongation (n_time,) of the bolts that may yield, m (``bolts.Yielding``)."""
+    histories: Mapping[str, Array] = field(default_factory=dict)
+    """(n_time,) of load terms of the classes that no law of the scene has."""
 
     @staticmethod
     def of(
@@ -276,7 +283,7 @@ class DiscretisedProblem:
     def _timeline(self, bolts: TightBolts) -> Timeline:
         """Histories with the bolts as tightened, or while they are."""
         ramps = self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS)
-        return Timeline(self.scene, self.conditions, ramps, self.elongation)
+        return Timeline(self.scene, self.conditions, ramps, self.elongation, self.histories)
 
     def opened(self, name: str, shortening: Mapping[str, float]) -> OpenedMesh | None:
         """Mesh of a substructure with the cuts of its bolts open; None where it has none."""

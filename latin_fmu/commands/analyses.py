@@ -1,11 +1,12 @@
-"""Subcommands ``srs`` and ``export``, spectra and histories of the sensors of a results file, and ``modes``, natural
-frequencies of an assembly."""
+"""Subcommands ``srs`` and ``export``, spectra and histories of the sensors of a results file, ``modes``, natural
+frequencies of an assembly, and ``backbone``, frequency and damping of one of them against the amplitude."""
 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ..latin.outcome import Array
     from ..results.spectra import ShockSpectrum
     from ..scene.sensors import Spectrum
+    from ..scene.units import UnitSystem
 
 _EXAMPLES = """\
 examples:
@@ -51,13 +53,28 @@ and the damping ratio, in % of critical, that a run of the scene gives each mode
 step of the scene, of the viscous layer at faces that may open (landing_damping), and of the bodies where they have
 Rayleigh damping, absorbing faces or wave ports. A line says what lowers the first two where they exceed 0.005 %.
 """
-_MOST_MODES = 1000
+_BACKBONE_EXAMPLES = """\
+examples:
+  latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm
+  latin-fmu backbone scene.toml --amplitude 5um:0.1mm --points 12 --sensor tip --measured test.csv --measured-units um %
+
+Bolts are tightened, then the assembly is loaded without inertia along a mode, to and fro, from the largest amplitude
+down; modes count from the first elastic one. Frequency is that of the secant of a loop, damping that of the work of
+friction. Loops: half (+ to -, twice the loss: joints that are alike for both signs), full (any joint), masing (one way
+from 0, four times the loss: joints where nothing slid before and no point opens or closes).
+
+Writes STEM.csv, STEM.nc and STEM.png. Measured points are the first three columns of a file: amplitude of the sensor,
+frequency in Hz, damping ratio.
+"""
+_MOST_MODES, _MOST_POINTS = 1000, 200
+_AMPLITUDE = re.compile(r"([-+.0-9eE]*[.0-9])\s*([A-Za-z]*)")
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
 def register(add: AddParser) -> None:
-    """Declare the three subcommands."""
+    """Declare the four subcommands."""
     _register_modes(add)
+    _register_backbone(add)
     text = "write the motions of the sensors of a results file as a table and as a universal file (UNV 58)"
     parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
     _add_sensors(parser)
@@ -87,6 +104,110 @@ def _register_modes(add: AddParser) -> None:
     option(parser, "--count", "N", "elastic modes (default: 10)", int, default=10)
     option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
+
+
+def _register_backbone(add: AddParser) -> None:
+    text = "make frequency and damping of a mode against its amplitude: table, dataset and figure"
+    add_scene(parser := declare(add, "backbone", text, _backbone, _BACKBONE_EXAMPLES))
+    option(parser, "--mode", "N", "number of the elastic mode, from 1 (default: 1)", int, default=1)
+    option(parser, "--amplitude", "A[:B]", "smallest and largest amplitude, as 1um:0.1mm", required=True)
+    option(parser, "--points", "N", "amplitudes from A to B, by equal factors (default: 10)", int, default=10)
+    option(parser, "--sensor", "NAME", "whose amplitude is meant (default: of the point that moves most)")
+    parser.add_argument("--loop", choices=("half", "full", "masing"), default="half", help="default: half")
+    option(parser, "--increments", "N", "increments of load up to an amplitude (default: 4)", int, default=4)
+    option(parser, "--tolerance", "T", "of the static iteration (default: 1e-9)", float, default=1e-9)
+    option(parser, "--measured", "FILE", "points to draw beside: amplitude, frequency, damping ratio", Path)
+    text = "units of amplitude and damping in that file (default: those of the scene, 1)"
+    parser.add_argument("--measured-units", nargs=2, metavar=("LENGTH", "RATIO"), help=text)
+    option(parser, "-o --output", "STEM", "default: SCENE_backbone in the current folder", Path)
+
+
+def _backbone(arguments: argparse.Namespace) -> int:
+    import numpy as np
+
+    from ..assembly.backbone import backbone
+    from ..pictures.backbone_picture import backbone_figure
+    from ..pictures.style import save_figure
+    from ..results.writing import check_target, write_bytes
+
+    scene = read_scene(arguments)
+    lowest, highest = _amplitudes(arguments.amplitude, scene.unit_system)
+    if not 1 <= arguments.points <= _MOST_POINTS:
+        problem = Problem("--points", "out of range", str(arguments.points), f"1 to {_MOST_POINTS}")
+        raise InputError([problem], "bad argument")
+    levels = np.geomspace(lowest, highest, arguments.points) if highest > lowest else np.array([highest])
+    measured = _measured(arguments, scene.unit_system)
+    stem = arguments.output or Path(f"{scene.name}_backbone")
+    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
+    for target in targets:
+        check_target(target)
+    with Waiting("tightening") as waiting:
+        made = backbone(
+            scene,
+            arguments.mode,
+            levels,
+            arguments.sensor,
+            loop=arguments.loop,
+            increments=arguments.increments,
+            tolerance=arguments.tolerance,
+            progress=lambda done, total, *_: waiting.reached((done + 1) / total, "loops"),
+        )
+    print("\n".join(made.lines()))
+    write_bytes(targets[0], made.as_csv().encode())
+    made.save(targets[1])
+    save_figure(backbone_figure(made, measured), targets[2])
+    print(f"backbone: {', '.join(map(str, targets))}")
+    return CONVERGED
+
+
+def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
+    """Smallest and largest amplitude in the units of the scene.
+
+    Raises
+    ------
+    InputError : no lengths > 0, in the order of their size.
+    """
+    from ..scene.number_files import UNITS, factor
+
+    sizes = []
+    for part in text.split(":"):
+        found = _AMPLITUDE.fullmatch(part.strip())
+        with suppress(ValueError):
+            if found is not None and found[2] in ("", *UNITS["m"]):
+                sizes.append(float(found[1]) * (factor(found[2], units) if found[2] else 1.0))
+    if len(sizes) != len(text.split(":")) or len(sizes) > 2 or not 0.0 < sizes[0] <= sizes[-1] < float("inf"):
+        allowed = f"A or A:B, 0 < A <= B, numbers with one of {', '.join(UNITS['m'])} or in the units of the scene"
+        raise InputError([Problem("--amplitude", "no range of amplitudes", text, allowed)], "bad argument")
+    return sizes[0], sizes[-1]
+
+
+def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
+    """Measured points (n, 3) in the units of the scene, None where none are given.
+
+    Raises
+    ------
+    InputError : a file that is no table of numbers, or units that are not known.
+    """
+    import numpy as np
+    from pydantic_core import PydanticCustomError
+
+    from ..scene.number_files import UNITS, factor, read_columns
+
+    if arguments.measured is None:
+        return None
+    length, ratio = arguments.measured_units or ("", "1")
+    for name, known in ((length, ("", *UNITS["m"])), (ratio, UNITS["1"])):
+        if name not in known:
+            listing = ", ".join(filter(None, known))
+            raise InputError([Problem("--measured-units", "unknown unit", name, listing)], "bad argument")
+    try:
+        table = np.array(read_columns(Path(), str(arguments.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
+    except PydanticCustomError as error:
+        said = error.context or {}
+        value = None if said.get("value") is None else str(said["value"])
+        problem = Problem("--measured", str(said.get("what", error)), value, said.get("allowed"), said.get("remedy"))
+        raise InputError([problem], "bad argument") from None
+    return table * [factor(length, units) if length else 1.0, 1.0, factor(ratio)]
 
 
 def _modes(arguments: argparse.Namespace) -> int:

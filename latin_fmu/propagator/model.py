@@ -391,6 +391,12 @@ def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozense
     return other
 
 
+def with_load(model: SubstructureModel, load: LoadTerm) -> SubstructureModel:
+    """The same model with one load more; what was reduced already is kept but for the loads."""
+    other = replace(model, loads=[*model.loads, load])
+    return _sharing(model, other, _KEPT - {"reduced_loads", "with_lumped_mass"})
+
+
 def share_operators(model: SubstructureModel, other: SubstructureModel) -> None:
     """Give ``other``, with equal matrices, what of ``model`` was reduced already (loads may differ)."""
     _sharing(model, other, _KEPT - {"reduced_loads", "with_lumped_mass"})

@@ -1,4 +1,5 @@
-"""What most scripts take from a results file: resultants, maps of pressure, skins of bodies, spectra of sensors.
+"""What most scripts take from a results file: resultants, maps of pressure, skins of bodies, spectra and ring-downs of
+sensors.
 
 The functions take the DataTree of ``open_results`` or ``Solution.to_datatree`` and return xarray objects with units.
 Maps and skins are UGRID meshes that ``xugrid.UgridDataset`` opens and plots.
@@ -17,6 +18,7 @@ from ..fem.mesh import Mesh, boundary, cell_blocks
 from .files import readable
 from .groups import unit_of, units_of
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
+from .sensors import uniform_step
 from .spectra import RESPONSES, shock_response_spectrum
 
 if TYPE_CHECKING:
@@ -194,6 +196,133 @@ def amplitude_spectrum(tree: xr.DataTree, sensor: str, quantity: str = "accelera
     coords = {"frequency": ("frequency", np.fft.rfftfreq(n, step), {"units": "Hz", "long_name": "frequency"})}
     made = history.drop_vars("time").rename(time="frequency").isel(frequency=slice(len(amplitude)))
     return made.copy(data=amplitude).assign_coords(coords)
+
+
+def ring_down(
+    tree: xr.DataTree,
+    sensor: str,
+    band: tuple[float, float],
+    direction: ArrayLike | None = None,
+    *,
+    periods: int = 6,
+    quantity: str = "displacement",
+    without_slip: xr.DataTree | None = None,
+) -> xr.Dataset:
+    """Frequency and damping of a free vibration against its amplitude: ``amplitude``, ``frequency``, Hz, ``damping``
+    (share of critical) over ``time``, s, with ``frequency_error`` and ``damping_error``, one standard deviation.
+
+    The motion along one direction goes forwards and backwards through a Butterworth band-pass of order 3, which leaves
+    its phase; a exp(i theta) is its analytic signal (Feldman, Mech. Syst. Signal Process. 25 (2011) 735). Lines through
+    theta and ln a over windows of so many periods have the slopes omega_d and -zeta omega, so that
+
+        zeta omega / omega_d = zeta / sqrt(1 - zeta^2),    omega = omega_d / sqrt(1 - zeta^2).
+
+    The errors are those of the slopes for one independent residual a period. Both ends of the record, for as long as
+    the filter remembers (3 / width of the band), are left out.
+
+    Parameters
+    ----------
+    band : lowest and highest frequency, Hz, around that of the mode, 0 < lowest < highest < half the sampling rate.
+    direction : (3,); that in which the filtered motion is largest where None.
+    periods : of a window; windows overlap by half. quantity : displacement, velocity or acceleration.
+    without_slip : the same run with joints that cannot slide: the damping of time scheme and iteration, the median of
+        what is found in it, becomes the attribute ``floor``.
+
+    Raises InputError where there is no such sensor, or the record is too short or uneven.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> time = np.arange(0.0, 2.0, 1e-3)
+    >>> moved = 1e-3 * np.exp(-0.01 * 2 * np.pi * 50 * time) * np.cos(2 * np.pi * 50 * time)
+    >>> history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
+    >>> sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
+    >>> made = latin_fmu.ring_down(xr.DataTree.from_dict({"/sensors/tip": sensor}), "tip", (30.0, 80.0))
+    >>> made["damping"].values[3].round(4)
+    np.float64(0.01)
+    """
+    import xarray as xr
+
+    history = _history(tree, sensor, quantity)
+    time = np.asarray(history["time"].values, dtype=float)
+    motion = _in_band(sensor, history.values, time, band)
+    remembered = 3 / (band[1] - band[0])
+    inside = (time >= time[0] + remembered) & (time <= time[-1] - remembered)
+    if direction is None:
+        axis = np.linalg.svd(motion[inside], full_matrices=False)[2][0]
+    else:
+        axis = np.asarray(direction, dtype=float) / np.linalg.norm(np.asarray(direction, dtype=float))
+    signal = _analytic(motion @ axis)[inside]
+    theta, size, time = np.unwrap(np.angle(signal)), np.abs(signal), time[inside]
+    period = 2 * np.pi * (time[-1] - time[0]) / (theta[-1] - theta[0]) if len(time) > 2 else np.inf
+    length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
+    if not 2 < length <= len(time):
+        what, wanted = "is too short for a window", f"{periods} periods behind the ends, where the filter sees none"
+        raise InputError([Problem(f"sensor {sensor}", what, f"{time[-1] - time[0]:.4g} s", wanted)], "no ring-down")
+    rows = []
+    for start in range(0, len(time) - length + 1, max(length // 2, 1)):
+        t = time[start : start + length]
+        (turn, turn_off), (fall, fall_off), a = (
+            *(_line(t, y[start : start + length], periods) for y in (theta, np.log(size))),
+            float(np.exp(np.log(size[start : start + length]).mean())),
+        )
+        omega = float(np.hypot(turn, fall))
+        off = turn_off / (2 * np.pi), fall_off / omega
+        rows.append((t.mean(), a, omega / (2 * np.pi), -fall / omega, *off))
+    at, amplitude, frequency, damping, *errors = np.array(rows).T
+    unit = history.attrs.get("units", "")
+    words = "of the windows before and behind the time"
+    made = xr.Dataset(
+        {
+            "amplitude": ("time", amplitude, {"units": unit, "long_name": f"geometric mean amplitude {words}"}),
+            "frequency": ("time", frequency, {"units": "Hz", "long_name": "natural frequency"}),
+            "damping": ("time", damping, {"units": "1", "long_name": "damping ratio"}),
+            "frequency_error": ("time", errors[0], {"units": "Hz", "long_name": "standard deviation of the frequency"}),
+            "damping_error": ("time", errors[1], {"units": "1", "long_name": "standard deviation of the damping"}),
+        },
+        {"time": ("time", at, {"units": "s", "long_name": "middle of the window"})},
+        {"sensor": sensor, "direction": axis, "band": np.asarray(band, dtype=float), "periods": periods},
+    )
+    if without_slip is not None:
+        still = ring_down(without_slip, sensor, band, axis, periods=periods, quantity=quantity)
+        made.attrs["floor"] = float(np.median(still["damping"]))
+    return made
+
+
+def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float]) -> Array:
+    """Values (n_time, 3) behind the band-pass of ``ring_down``."""
+    from scipy.signal import butter, sosfiltfilt
+
+    step = uniform_step(time)
+    problems = [] if step else [Problem(f"sensor {sensor}", "the steps of the run are of unequal length")]
+    low, high = (float(f) for f in band)
+    if step and not 0 < low < high < 0.5 / step:
+        problems.append(
+            Problem("band", "out of range", f"{low:g}, {high:g}", f"0 < lowest < highest < {0.5 / step:g} Hz")
+        )
+    if step and not problems and time[-1] - time[0] < 8 / (high - low):
+        what, wanted = "the record is too short for this band", f"8 / width = {8 / (high - low):.4g} s or more"
+        problems.append(Problem(f"sensor {sensor}", what, f"{time[-1] - time[0]:.4g} s", wanted))
+    if problems:
+        raise InputError(problems, "no ring-down")
+    sections = butter(3, (low, high), btype="bandpass", fs=1 / step, output="sos")
+    beyond = min(len(values) - 1, int(np.ceil(3 / ((high - low) * step))))
+    return np.asarray(sosfiltfilt(sections, values - values.mean(axis=0), axis=0, padlen=beyond))
+
+
+def _analytic(values: Array) -> NDArray[np.complex128]:
+    """Analytic signal (n,) of real values."""
+    from scipy.signal import hilbert
+
+    return np.asarray(hilbert(values))
+
+
+def _line(t: Array, y: Array, independent: int) -> tuple[float, float]:
+    """Slope of the line through (t, y), and its standard deviation for so many independent residuals."""
+    centred = t - t.mean()
+    slope = float(centred @ y / (centred @ centred))
+    rest = y - y.mean() - slope * centred
+    return slope, float(np.sqrt((rest @ rest) / len(t) / max(independent - 2, 1) / (centred @ centred / len(t))))
 
 
 def _history(tree: xr.DataTree, sensor: str, quantity: str) -> xr.DataArray:

@@ -141,3 +141,60 @@ def test_zarr_round_trip_without_warnings(solved: latin_fmu.Solution, tmp_path: 
         back = xr.open_datatree(tmp_path / "out.zarr", engine="zarr").load()
     for node in tree.subtree:
         xr.testing.assert_identical(node.to_dataset(), back[node.path].to_dataset())
+
+
+def decaying(order: float, floor: float = 0.0, step: float = 1e-4, end: float = 3.0) -> xr.DataTree:
+    """Free vibration at 80 Hz, along (0.6, 0, 0.8), whose damping is .002 (a / 1 mm)^order + .001, and whose frequency
+    falls by 2 % x a / 1 mm; with a rigid drift and a mode at 240 Hz. ``floor`` : damping instead, where it is given."""
+    time = np.arange(0.0, end, step)
+    a, theta, rows = 1e-3, 0.0, []
+    for _ in time:
+        rows.append((a, theta))
+        for _ in range(4):
+            omega = 2 * np.pi * 80.0 * (1 - 0.02 * a / 1e-3)
+            zeta = floor or 0.002 * (a / 1e-3) ** order + 0.001
+            a *= 1 - zeta * omega * step / 4
+            theta += omega * step / 4 * np.sqrt(1 - zeta**2)
+    size, turned = np.array(rows).T
+    other = 2e-4 * np.exp(-5 * time) * np.sin(2 * np.pi * 240 * time) + 1e-3 * time
+    moved = (size * np.cos(turned))[:, None] * [0.6, 0.0, 0.8] + other[:, None] * [0.8, 0.0, -0.6]
+    data = xr.Dataset(
+        {"displacement": (("time", "component"), moved, {"units": "m"})}, {"time": time, "component": list("xyz")}
+    )
+    return xr.DataTree.from_dict({"/sensors/tip": data})
+
+
+def test_ring_down_of_a_known_vibration() -> None:
+    """Frequency to 5e-5 behind the first windows, damping to 2 % there, over a decade of amplitudes; it finds the
+    direction."""
+    made = latin_fmu.ring_down(decaying(1.0), "tip", (60.0, 110.0), without_slip=decaying(1.0, 0.0005))
+    a = made["amplitude"].values
+    assert a.max() > 5 * a.min()
+    wanted = 80.0 * (1 - 0.02 * a / 1e-3)
+    assert made["frequency"].values == pytest.approx(wanted, rel=1e-3)
+    assert made["frequency"].values[5:-5] == pytest.approx(wanted[5:-5], rel=5e-5)
+    ratio = 0.002 * a / 1e-3 + 0.001
+    assert made["damping"].values[5:-10] == pytest.approx(ratio[5:-10], rel=0.02)
+    assert (made["damping_error"].values[5:-10] < 0.1 * ratio[5:-10]).all()
+    assert np.abs(made.attrs["direction"]) == pytest.approx([0.6, 0.0, 0.8], abs=1e-3)
+    assert made.attrs["floor"] == pytest.approx(0.0005, rel=0.01)
+    assert {name: v.attrs["units"] for name, v in made.data_vars.items()} == {
+        "amplitude": "m",
+        "frequency": "Hz",
+        "damping": "1",
+        "frequency_error": "Hz",
+        "damping_error": "1",
+    }
+
+
+def test_ring_downs_that_cannot_be_read() -> None:
+    tree = decaying(1.0, end=0.2)
+    for sensor, band, words in (
+        ("top", (60.0, 110.0), "is not in the results"),
+        ("tip", (110.0, 60.0), "0 < lowest < highest"),
+        ("tip", (60.0, 6000.0), "0 < lowest < highest"),
+        ("tip", (75.0, 85.0), "too short for this band"),
+        ("tip", (60.0, 110.0), "too short for a window"),
+    ):
+        with pytest.raises(InputError, match=words):
+            latin_fmu.ring_down(tree, sensor, band, periods=20)

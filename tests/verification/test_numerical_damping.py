@@ -16,7 +16,8 @@ import pytest
 import latin_fmu
 from latin_fmu.api import run
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.modes import LIMIT, VibrationModes, scheme_damping, vibration_modes
+from latin_fmu.assembly.modal_damping import LIMIT, scheme_damping
+from latin_fmu.assembly.modes import VibrationModes, vibration_modes
 from latin_fmu.assembly.statics import tightened
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import Outcome
