@@ -35,6 +35,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     overrides : settings such as ``"solver.tolerance=1e-4"``, applied in order.
 
     Raises SceneError with every problem found, whatever the file holds.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml", ["time.instants=800"])
+    >>> scene.name, scene.time.instants
+    ('impact_bar', 800)
     """
     return scene_from_dict(read_tables(path, overrides), Path(path).parent)
 
@@ -50,6 +56,12 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     base_dir : folder that the files named in the scene are relative to; the current one where None.
 
     Raises SceneError with every problem found.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> latin_fmu.scene_from_dict(scene.tables(), scene.base_dir) == scene
+    True
     """
     if not isinstance(data, dict):
         raise SceneError([Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used")

@@ -391,10 +391,12 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     ------
     SceneError : the scene cannot be built.
 
-    Example
-    -------
-    modes = vibration_modes(load_scene("scene.toml"), "sticking", 5)
-    modes.frequency, modes.damping.numerical    # Hz, and damping ratios of time scheme and landing layer
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/beam_in_traction/scene.toml")
+    >>> modes = latin_fmu.vibration_modes(scene, "open", count=3)
+    >>> modes.frequency.size - 3  # rigid motions of the free bars and of their joints
+    12
     """
     pressed = pressed_points(scene) if joints == "sticking" else {}
     joined = JoinedAssembly.of(scene, joints, pressed)

@@ -182,6 +182,13 @@ def sweep(
     ------
     InputError : no such key, absurd sizes, a folder with the points of another study, dask.distributed missing.
     ResultsError : the output cannot be written.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> study = latin_fmu.sweep(scene, {"interface.wall.gap": [0.5, 0.6]})
+    >>> study.sizes["interface.wall.gap"]
+    2
     """
     if isinstance(scene, Scene):
         tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir

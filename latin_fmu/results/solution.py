@@ -64,6 +64,13 @@ class Solution:
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
     surfaces : whether results hold pressure and slip of the interfaces.
     units : system of units of the scene, which labels the results.
+
+    Examples
+    --------
+    >>> solution = latin_fmu.solve(latin_fmu.load_scene("models/impact_bar/scene.toml"))
+    >>> solution.save(folder / "bar.nc")
+    >>> print(solution.summary().splitlines()[0])
+    impact_bar: converged: 400 window(s), at most 3 iteration(s) to sqrt(eta) <= 0.001
     """
 
     outcome: Outcome

@@ -183,6 +183,20 @@ class Scene(SceneTable):
     """A scene; building one, from a file or in Python, raises `SceneError` listing every problem found.
 
     The named tables are dictionaries by name. Files named in it are relative to `base_dir`.
+
+    Examples
+    --------
+    >>> from latin_fmu import tables
+    >>> steel = tables.Material(young_modulus=210e9, poisson_ratio=0.3, density=7800.0)
+    >>> box = tables.Box(size=(0.02, 0.02, 0.02), elements=(4, 4, 4))
+    >>> cube = tables.Substructure(material="steel", box=box)
+    >>> push = tables.Load(face="cube.zmax", pressure=1e6)
+    >>> time = tables.Time(end=40e-6, step=0.5e-6)
+    >>> scene = latin_fmu.Scene(
+    ...     name="one", material={"steel": steel}, substructure={"cube": cube}, load={"push": push}, time=time
+    ... )
+    >>> latin_fmu.solve(scene).converged
+    True
     """
 
     name: Annotated[Name, about("name of the scene")]
@@ -262,8 +276,9 @@ class Scene(SceneTable):
 
         Examples
         --------
-        >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")  # doctest: +SKIP
-        >>> scene.replace("time.step", 1e-3).replace("output.energy", True)  # doctest: +SKIP
+        >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+        >>> scene.replace("time.instants", 800).replace("output.energy", True).time.instants
+        800
         """
         return self.model_validate(with_value(self.tables(), key, value, NAMED), context=self._context)
 
