@@ -479,6 +479,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         imposed_start=held.start(),
         ordering=body.shape.rank[0],
         parts=body.shape.rank[1],
+        positions=body.mesh.nodes,
         lumped_mass=body.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
         landing=None if layer is None else layer.viscosity,

@@ -40,7 +40,12 @@ def nested_dissection(mesh: Mesh) -> Array:
 def dissection(mesh: Mesh) -> tuple[Array, Array]:
     """The rank of ``nested_dissection``, and for each node the rank behind the leaf or separator that it belongs to,
     (n_node,) each: nodes of one part may be eliminated in any order among themselves."""
-    n, graph = mesh.n_node, _graph(mesh)
+    return dissected(mesh.nodes, _graph(mesh))
+
+
+def dissected(positions: Array, graph: sp.csr_array) -> tuple[Array, Array]:
+    """``dissection`` of points at ``positions`` (n, 3), m, coupled by a symmetric graph (n, n), each with itself."""
+    n = len(positions)
     order = np.empty(n, dtype=np.int64)
     behind = np.empty(n)
     number = np.full(n, -1, dtype=np.int64)  # of the nodes of the part at hand
@@ -52,8 +57,8 @@ def dissection(mesh: Mesh) -> tuple[Array, Array]:
             behind[part] = end
             continue
         own = _part_of(graph, part, number)
-        side = _middle(mesh.nodes[part], own)
-        if (better := _better(mesh.nodes[part], own, side)) is not None:
+        side = _middle(positions[part], own)
+        if (better := _better(positions[part], own, side)) is not None:
             side = better
         low, between, high = (part[side == value] for value in (0, 1, 2))
         # the end of the range: a separator is eliminated after both of its halves

@@ -5,9 +5,10 @@ The matrix of the active points would be dense: 200 MB at 1,700 points, and its 
     M y = r_i . A (sum of c_j y_j) + s_ij y_j
 
 takes one product with the admittances D, which a swept class has by two substitutions on its face. The generalised
-minimal residual method (Saad and Schultz 1986) is preconditioned from the right by the diagonal r_i . z c_i + s_ii, z
-being that of A. Its residual is a velocity. The admittance of a motion of a whole face is thousands of times that of a
-point, so that a residual small in this norm may still be large beside what one point contributes: hence TOLERANCE.
+minimal residual method (Saad and Schultz 1986) is preconditioned from the left by the tied assembly (``tied``). Its
+residual is a traction then, close to the error of the solution; that of M y alone is a velocity, of which a motion of a
+whole face takes thousands of times as much as a point. With the diagonal r_i . z c_i + s_ii, z being that of A, where
+the tied assembly is too large, it is between both, and the tolerance smaller.
 
 The laws are taken with a larger z here: the solution is the same for every z (Alart and Curnier 1991), but with a small
 one points that slide back change the direction of slip step after step and never stick.
@@ -25,13 +26,14 @@ from ..laws.dispatch import apply
 from .half_solves import face_response, gain_of
 from .products import product, symmetric_size
 from .splits import tile_of
+from .tied import invert_diagonal, precondition
 
 Array = NDArray[np.float64]
 
 VECTORS, CYCLES = 100, 3
 """Products until the method begins anew, and how often it does."""
-TOLERANCE = 1e-6
-"""Residual over the right-hand side."""
+TOLERANCE, BY_DIAGONAL = 1e-4, 1e-6
+"""Residual over the right-hand side, both preconditioned: by the tied assembly, and by the diagonal."""
 SMALL = (VECTORS + 1) * (VECTORS + 3)
 """Numbers of the Hessenberg matrix, its rotations and its right-hand side."""
 
@@ -147,21 +149,6 @@ def multiply(pools: Any, y: Array, out: Array) -> None:
 
 
 @kernel
-def invert_diagonal(pools: Any, out: Array) -> None:
-    """out = 1 / (r_i . z c_i + s_ii), the preconditioner."""
-    run, work = pools.run[0], pools.moving
-    unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
-    for p in range(run.n_place):
-        group, at = pools.groups[pools.fixed_int[run.point_group + p]], pools.fixed_int[run.point_number + p]
-        for i in range(unknown_of[p], unknown_of[p + 1]):
-            total = work[run.softness + 3 * i + i - unknown_of[p]]
-            for a in range(group.n_component):
-                z = pools.fixed[group.z_sum + 2 * at + min(a, 1)]
-                total += z * work[run.rows + 3 * i + a] * work[run.columns + 3 * i + a]
-            out[i] = 1.0 / total if total > 0.0 else 1.0  # nothing at its own point: no scaling
-
-
-@kernel
 def length_of(x: Array) -> float:
     """Euclidean norm of a vector."""
     total = 0.0
@@ -232,9 +219,8 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
     small[(VECTORS + 2) * width] = rest
     for k in range(VECTORS):
         own, new = work[run.basis + k * n : run.basis + (k + 1) * n], work[run.basis + (k + 1) * n :][:n]
-        for i in range(n):
-            scaled[i] = inverse[i] * own[i]
-        multiply(pools, scaled, new)
+        multiply(pools, own, scaled)
+        precondition(pools, scaled, inverse, new)
         if not orthogonalise(work[run.basis :], small, n, k, VECTORS) > enough:  # ends for NaN, too
             return k + 1
     return VECTORS
@@ -244,40 +230,45 @@ def expand(pools: Any, n: int, rest: float, enough: float) -> int:
 def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
     """Add the combination of the first ``used`` vectors to the solution; residual left."""
     run, work = pools.run[0], pools.moving
-    width, small = VECTORS + 1, work[run.krylov_work : run.krylov_work + SMALL]
-    right, inverse = small[(VECTORS + 2) * width :], work[run.krylov_work + SMALL :][:n]
+    small = work[run.krylov_work : run.krylov_work + SMALL]
+    right = small[(VECTORS + 2) * (VECTORS + 1) :]
     left = abs(right[used])
     combine(small, used, VECTORS)
     for k in range(used):
         own = work[run.basis + k * n : run.basis + (k + 1) * n]
         for i in range(n):
-            solution[i] += inverse[i] * right[k] * own[i]  # preconditioned from the right: x = P y
+            solution[i] += right[k] * own[i]
     return float(left)
 
 
 @kernel
-def solve_by_products(pools: Any, n: int) -> bool:
-    """Solution of the n unknowns from their right-hand side, in its place; False where it is not a number."""
+def solve_by_products(pools: Any, n: int) -> int:
+    """Solution of the n unknowns from their right-hand side, in its place; products that it took, 0 where it is not a
+    number."""
     run, work = pools.run[0], pools.moving
-    right, solution = work[run.unknowns : run.unknowns + n], work[run.krylov_work + SMALL + 2 * n :][:n]
-    residual = work[run.basis : run.basis + n]
-    invert_diagonal(pools, work[run.krylov_work + SMALL :][:n])
+    scratch = work[run.krylov_work + SMALL : run.krylov_work + SMALL + 3 * n]
+    inverse, product, solution = scratch[:n], scratch[n : 2 * n], scratch[2 * n :]
+    right, residual = work[run.unknowns : run.unknowns + n], work[run.basis : run.basis + n]
+    invert_diagonal(pools, inverse)
+    precondition(pools, right, inverse, residual)
     solution[:] = 0.0
-    size = rest = length_of(right)
-    for i in range(n):
-        residual[i] = right[i]
+    rest, made = length_of(residual), 1
+    enough = (TOLERANCE if run.tied_super > 0 else BY_DIAGONAL) * rest
     for _ in range(CYCLES):
-        if not rest > TOLERANCE * size:  # NaN: nothing to be gained
+        if not rest > enough:  # NaN: nothing to be gained
             break
         for i in range(n):
             residual[i] /= rest
-        if add_combination(pools, n, expand(pools, n, rest, TOLERANCE * size), solution) <= TOLERANCE * size:
+        used = expand(pools, n, rest, enough)
+        made += used
+        if add_combination(pools, n, used, solution) <= enough:
             break
         # the true residual, as that of the recursion has lost its digits
-        multiply(pools, solution, residual)
+        multiply(pools, solution, product)
         for i in range(n):
-            residual[i] = right[i] - residual[i]
+            product[i] = right[i] - product[i]
+        precondition(pools, product, inverse, residual)
         rest = length_of(residual)
     for i in range(n):
         right[i] = solution[i]
-    return bool(np.isfinite(length_of(solution)))
+    return made if np.isfinite(length_of(solution)) else 0

@@ -61,18 +61,28 @@ SLOW, LITTLE = 6, 0.02
 GAIN = 0.1
 """Share of the distance from the tolerances at the first step that an iterate has to be below for the acceleration to
 go on from it where the method is left: a step may have moved floating bodies far."""
-N_COURSE = 12
-MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS, LAST = range(N_COURSE)
+N_FINISH = 6
+"""Numbers of ``finish`` (``keep_course``)."""
+N_COURSE = 13
+MADE, ACTIVE, SIZE, WITHOUT, LEFT, PHASE, BEGUN, RESIDUAL, POWER, DUE, TANGENTS, LAST, PRODUCTS = range(N_COURSE)
 """Numbers of ``course``: steps made, 1 while the next iterate is a Newton step, residual of the last trial, steps in a
 row without decrease, 1 where the method was left, iteration from which on the acceleration has its differences,
 distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
 iteration has stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last
-iteration."""
+iteration, products of the steps where they are made by these."""
 UNCERTAIN = 12
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times: it goes on to a tenth of the tolerances then."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with."""
+SOME, MANY, BESIDE = 6.0, 50.0, 3.0
+"""Products of a step by these before any was made, with the tied assembly and without; iterations that such a step
+costs beside its products."""
+SLOWER = 2.0
+"""How many times more iterations an instant of long range takes than the rate of the last ones lets expect."""
+FADING = 0.985
+"""What steps by products cost at the last instant that ended with some counts less with every instant without, so that
+they are tried again."""
 
 
 @kernel
@@ -144,8 +154,10 @@ def change_tractions(pools: Any, size: int) -> bool:
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     if size > 0 and run.krylov == 1:
-        if not solve_by_products(pools, size):
+        made = solve_by_products(pools, size)
+        if made == 0:
             return False
+        work[run.course + PRODUCTS] += float(made)
         for j in range(n):  # -rho again: the products took it for scratch
             x[j] = work[run.local_f + j] - work[run.f + j]
     elif size > 0 and not solve_active(pools):
@@ -307,7 +319,7 @@ def continues(pools: Any, iteration: int) -> bool:
     verdict on this iterate. Acceleration goes on where at its present rate it ends within two iterations. After
     instants that ended at the same active points the step comes first: its factors are at hand (``keep_course``)."""
     run, work = pools.run[0], pools.moving
-    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
+    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + N_FINISH]
     if run.newton == 0 or course[LEFT] == 1.0:
         return False
     if course[ACTIVE] == 1.0:
@@ -331,17 +343,35 @@ def continues(pools: Any, iteration: int) -> bool:
     if now * now <= past:
         return False
     span = min(RECENT, iteration) if run.static == 1 else 2
-    cost = float(EXPECTED * run.newton_price)
+    cost = price_of_products(pools) if run.krylov == 1 else float(EXPECTED * run.newton_price)
     if course[DUE] == 1.0:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
     past, target = _merit(pools, iteration - span), 1.0
     if run.static == 1 and count + _left(now, past, span, target) > UNCERTAIN:
         target = 0.1
-    if not _pays(cost, count, _left(now, past, span, target)):
+    left = _left(now, past, span, target)
+    pays = _pays(cost, count, left)
+    if run.krylov == 1 and finish[4] == 0.0:
+        pays = _pays(cost, count, SLOWER * left)
+    elif run.krylov == 1:  # what the last instant without steps took is known
+        pays = finish[4] - count > cost or count >= max(cost, finish[4])
+    if not pays:
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
+
+
+@kernel
+def price_of_products(pools: Any) -> float:
+    """Cost of the steps by products that end an instant, in iterations: what those of the last one did cost."""
+    run = pools.run[0]
+    known = pools.moving[run.finish + 5]
+    # where the points have settled steps are tried once, whatever they cost: few are needed then
+    if known > 0.0 or pools.moving[run.finish] > 0.0:
+        return float(known)
+    products = SOME if run.tied_super > 0 else MANY
+    return float(EXPECTED * (products * run.newton_price + BESIDE))
 
 
 @kernel
@@ -357,13 +387,15 @@ def _merit(pools: Any, iteration: int) -> float:
 def keep_course(pools: Any) -> None:
     """Keep how an accepted instant ended, in ``finish``: number of Newton steps, that of an instant before with a minus
     where none ended this one; sum of its last tangents; instants in a row that ended with the same sum; iterations made
-    in them. An instant that needed no iteration changes nothing.
+    in them; where steps are made by products the iterations of the last instant without any, and the cost in iterations
+    of those of the last instant that followed one with steps, 0: not known. An instant that needed no iteration changes
+    nothing.
 
     While the active points stay the same, a step costs a substitution, and the next instant begins with one. The
     decision follows from the state alone, and not from factors at hand: a run that continues from a state makes it too.
     """
     run, work = pools.run[0], pools.moving
-    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + 4]
+    course, finish = work[run.course : run.course + N_COURSE], work[run.finish : run.finish + N_FINISH]
     if run.newton == 0 or course[LAST] == 0.0:
         return
     # after few iterations no step is in sight; without inertia there are no factors to keep
@@ -376,10 +408,17 @@ def keep_course(pools: Any) -> None:
         call_out(pools, SUM, run.course + TANGENTS, 1, 0)
     left = course[LEFT] == 1.0  # the steps did not end it
     same = compared and course[TANGENTS] == finish[1] and run.krylov == 0 and not left
-    steps = course[MADE] if course[MADE] > 0.0 else abs(finish[0])
+    steps, warm = course[MADE] if course[MADE] > 0.0 else abs(finish[0]), finish[0] > 0.0
     finish[0], finish[1] = steps if course[MADE] > 0.0 and not left else -steps, course[TANGENTS]
     finish[2] = finish[2] + 1.0 if same else 0.0
     finish[3] = course[LAST] + 1.0 + (finish[3] if same else 0.0)
+    if run.krylov == 0:
+        return
+    if course[MADE] == 0.0:
+        finish[4], finish[5] = course[LAST] + 1.0, FADING * finish[5]
+    else:
+        # not that of the first instant with steps, at which the points find their states
+        finish[5] = course[PRODUCTS] * run.newton_price + BESIDE * course[MADE] if warm else 0.0
 
 
 @kernel

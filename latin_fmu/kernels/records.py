@@ -266,6 +266,21 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("n_block", "blocks of the relative operator: interfaces, those that share a substructure near each other"),
     ("n_unknown", "unknowns of the relative operator at most"),
     ("n_matrix", "numbers of its matrix at most, 0 with ``krylov``"),
+    ("tied_n", "dofs of the tied assembly that preconditions them (``tied``), 0 where there is none"),
+    ("tied_entries", "direction: numbers of its factor that a substitution reads"),
+    ("tied_super", "direction: supernodes of its factor, 0 where there is none"),
+    ("tied_grouped", "direction: 1 where four rows of its panels are taken at a time"),
+    ("tied_first", "direction, int64 (tied_super + 1,): first column of each supernode"),
+    ("tied_row_start", "direction, int64 (tied_super + 1,): first row below each supernode"),
+    ("tied_rows_below", "direction, int64: rows below the supernodes"),
+    ("tied_panel_start", "direction, int64 (tied_super + 1,): first number of each panel"),
+    ("tied_face_start", "direction, int64 (tied_super,): first column of each supernode for the interfaces"),
+    ("tied_panels", "direction, float32: its panels"),
+    ("tied_dashpot", "direction (N,): dashpots per area over z that tie the points, N s m-1 a component"),
+    *(
+        (k, t.replace("constants", "direction"))
+        for k, t in _fields(_MATRIX, "tied", "velocities of the channels from the dofs in elimination order")
+    ),
     ("block_low", "constants, int64 (n_block,): first block that a block is coupled with"),
     ("block_high", "constants, int64 (n_block,): last one"),
     ("block_points", "constants, int64 (n_block + 1,): first point of each block in the order of the blocks"),
@@ -302,7 +317,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("w_hat", "state (N,): velocities likewise, m s-1"),
     ("scales", "state (3,): largest norms met: fields, normal and tangential forces"),
     ("carry", "state (1,): share of the last velocities in the first guess of the next instant"),
-    ("finish", "state (4,): end of the last instant by a Newton step, see ``newton.keep_course``"),
+    ("finish", "state (N_FINISH,): end of the last instant by a Newton step, see ``newton.keep_course``"),
     ("worst", "state (n_interface,): largest indicator of each interface"),
     (
         "works",
@@ -361,9 +376,10 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("basis", "work (VECTORS + 1, n_unknown if krylov else N) if krylov or on_iteration: vectors of the method"),
     (
         "krylov_work",
-        "work (SMALL + max(3 * n_unknown, POINT),) if krylov or on_iteration: coefficients; preconditioner, a vector "
-        "times it, solution; or scratch of a point",
+        "work (SMALL + max(3 * n_unknown, POINT),) if krylov or on_iteration: coefficients; diagonal preconditioner, a "
+        "product, solution; or scratch of a point",
     ),
+    ("tied_vector", "work (tied_n,) if krylov: a vector of the tied assembly"),
     ("errors", "output (R, max_iterations): sqrt(eta) of the iterations"),
     ("force_residuals", "output (R, max_iterations): force residual of the iterations"),
     ("iterations", "output, int64 (R,)"),
@@ -480,7 +496,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("relaxation", "factor on the residual"),
     ("proximal", "share of z added to the diagonal of the relative operator"),
     ("longest_step", "longest step of the acceleration in lengths of the residual"),
-    ("newton_price", "cost of a Newton step in iterations; 0: steps are made whatever they cost"),
+    ("newton_price", "cost of a Newton step in iterations, by products that of one product"),
     ("rest_traction", "classes at rest stay there up to this traction, Pa; below 0: none does"),
     ("reuse", "squared relative change of q up to which a solve is reused; below 0: never"),
     ("no_contact", "traction up to which a point counts as separated in the outputs, Pa"),

@@ -14,7 +14,7 @@ automatic   the static one without inertia; diagonal for windows of one instant;
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any, Final
 
@@ -32,6 +32,7 @@ from .assembly import Array, Assembly, Index
 from .coarse_problem import CoarseProblem
 from .instant_solve import PointByPoint
 from .settings import SearchDirection, SolverSettings
+from .tied_bodies import tied_fields, tied_size
 
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
@@ -245,7 +246,7 @@ class Direction:
         self.too_large = numbers > LARGEST and not assembly.swept
         self.newton = wanted and bool(assembly.interfaces) and not self.too_large
         if numbers and assembly.swept:
-            self.relative |= {"krylov": 1, "n_matrix": 0}
+            self.relative |= {"krylov": 1, "n_matrix": 0, "tied_n": tied_size(assembly)}
         self.tables: list[dict[str, Table]] | None = None
 
     @property
@@ -347,14 +348,24 @@ class Direction:
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
         fields["from_last"] = int(self.short)
         fields["newton_z"] = self.newton_z
+        fields["newton_price"] = 0.0
         if self.assembly.quasi_static:
             fields["newton_price"] = _PRICE_ON_ITERATION
-        else:
-            by_price = self.newton and not krylov
-            fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative) if by_price else 0.0
+        elif self.newton and krylov:
+            tied = tied_fields(self.assembly, proximal * self._summed(self.newton_z))
+            fields |= tied | {"newton_price": product_price(self.assembly, tied)}
+        elif self.newton:
+            fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative)
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()
         return fields
+
+    def _summed(self, z: Array) -> Array:
+        """Sum of z of both sides, at the channels of both, (n_flat,)."""
+        total = np.zeros_like(z)
+        for group in self.assembly.layout.groups:
+            group.block(total)[:] = group.block(z).sum(axis=0)
+        return total
 
     def group_fields(self) -> list[dict[str, Any]]:
         """Fields of the groups' records: 1/k of both sides, normal and tangential."""
@@ -424,15 +435,28 @@ _CHANNEL, _ENTRY, _FLOP = 40.0, 25.0, 0.15
 _ACTIVE = 0.5  # share of the unknowns that are active, of which the price is reckoned
 
 
+def _read(assembly: Assembly) -> float:
+    """Numbers that an iteration reads, channels in units of these: the tables of all classes, or two substitutions."""
+    total = _CHANNEL * assembly.layout.n_flat
+    for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
+        n, members = channels.shape
+        table = 2.0 * propagator.operators.factor.symbolic.face_entries if propagator.swept else 0.5 * n * n
+        total += table * max(1.0, members / 4)
+    return total
+
+
+def product_price(assembly: Assembly, tied: Mapping[str, Any]) -> float:
+    """Cost of a product of a Newton step with its preconditioner, the tied assembly, over that of an iteration."""
+    entries = float(tied.get("tied_entries", 0))  # twice, in single precision
+    return 1.0 + entries / _read(assembly)
+
+
 def newton_price(assembly: Assembly, relative: dict[str, Any]) -> float:
     """Cost of a Newton step over that of an iteration, by the sizes of the whole assembly: the same on all processes.
 
     An iteration reads the tables of all classes once, a step assembles and factorises the matrix of the active points.
     """
-    iteration = _CHANNEL * assembly.layout.n_flat
-    for channels in assembly.channels:
-        n, members = channels.shape
-        iteration += 0.5 * n * n * max(1.0, members / 4)
+    iteration = _read(assembly)
     groups, points = relative["point_group"], np.diff(relative["block_points"])
     size = np.array([group.n_component for group in assembly.layout.groups])[groups]
     own = _ACTIVE * np.add.reduceat(size, np.cumsum([0, *points[:-1]])) if len(size) else np.zeros(0)

@@ -54,7 +54,8 @@ def _placed(fields: Mapping[str, Any], block: BlockLayout) -> Fields:
     placed: Fields = {}
     for name, value in fields.items():
         if isinstance(value, np.ndarray):
-            placed[name] = block.put(value, np.int64 if value.dtype.kind in "iub" else np.float64)
+            kind = np.float32 if value.dtype == np.float32 else np.int64 if value.dtype.kind in "iub" else np.float64
+            placed[name] = block.put(value, kind)
         elif sp.issparse(value):
             class_record.put_matrix(block, placed, name, cast(sp.csr_array, value))
         else:

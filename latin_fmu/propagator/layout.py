@@ -20,7 +20,7 @@ from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM, N_WORK
 from ..kernels.iteration_step import POINT
 from ..kernels.krylov import SMALL, VECTORS
-from ..kernels.newton import N_COURSE
+from ..kernels.newton import N_COURSE, N_FINISH
 from ..kernels.products import padded
 from ..kernels.tasks import CHUNK
 from ..kernels.team import LINE, MARKS, PARTS
@@ -37,7 +37,7 @@ _KNOWN: Final[dict[str, Any]] = {
     "__builtins__": {},
     **{"isqrt": isqrt, "max": max, "prod": prod, "padded": padded, "STATIC": records.STATIC},
     **{"LANES": LANES, "SPARE": SPARE, "TILED": TILED, "LINE": LINE, "MARKS": MARKS, "PARTS": PARTS},
-    **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_TERM": N_TERM, "N_WORK": N_WORK},
+    **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_FINISH": N_FINISH, "N_TERM": N_TERM, "N_WORK": N_WORK},
     **{"SCRATCH": SCRATCH, "POINT": POINT, "SMALL": SMALL, "VECTORS": VECTORS},
 }
 

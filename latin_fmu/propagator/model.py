@@ -223,6 +223,8 @@ class SubstructureModel:
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
     parts: Array | None = field(default=None)
     """(n_full,) rank behind the leaf or separator that each full dof belongs to, given with ``ordering``, or None."""
+    positions: Array | None = field(default=None)
+    """(n_full / 3, 3) positions of the nodes, m, given with ``ordering``, or None."""
     factor: FactorKind = "float64"
     """How the operator of the march is factorised: Cholesky stored in that precision, or not ("cg")."""
     swept: bool = field(default=False)

@@ -213,6 +213,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
         trace=sp.csr_array(model.trace @ shapes),
         imposed_pattern=np.eye(m + n_motion)[:, m:],
         ordering=None,
+        positions=None,
         nodal=shapes,
         modal=None,
     )
