@@ -22,6 +22,8 @@ TERM = 15  # columns of the terms in the conventions of the reference
 LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 MADE = "<!-- Written by docs/pages.py; do not edit. -->"
 # Modules beside the package itself whose public names the page of the API lists.
+WIDTH = 88
+"""Columns of code that a page shows without scrolling."""
 MODULES = {
     "latin_fmu": "The package",
     "latin_fmu.interface": "Interface laws of your own",
@@ -228,17 +230,58 @@ def _signature(name: str, thing: Any) -> str:
         if one.name not in ("self", "cls")
     ]
     result = found.return_annotation
-    return name + str(
-        found.replace(parameters=kept, return_annotation=_Bare(result) if isinstance(result, str) else result)
-    )
+    result = _Bare(result) if isinstance(result, str) else result
+    text = name + str(found.replace(parameters=kept, return_annotation=result))
+    if len(text) <= WIDTH:
+        return text
+    # one parameter a line: a line is not cut at the edge of the page
+    inner = "".join(f"    {one},\n" for one in _separated(kept))
+    end = "" if result is inspect.Signature.empty else f" -> {inspect.formatannotation(result)}"
+    return f"{name}(\n{inner}){end}"
+
+
+def _separated(parameters: list[inspect.Parameter]) -> Iterator[str]:
+    """Parameters as text, with the star before those that are given by keyword."""
+    starred = False
+    for one in parameters:
+        if one.kind is inspect.Parameter.KEYWORD_ONLY and not starred:
+            starred = True
+            yield "*"
+        starred |= one.kind is inspect.Parameter.VAR_POSITIONAL
+        yield str(one)
+
+
+SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Examples")
+NAMED = re.compile(r"(?:^|(?<=[.;] ))([A-Za-z_][\w, ]*?) : ")
 
 
 def _doc(thing: Any) -> str:
-    """First paragraph of a docstring as text, the others as they are laid out."""
-    text = inspect.getdoc(thing) or ""
-    first, _, rest = text.partition("\n\n")
-    first = _escaped(first.replace("``", "`"))
-    return f"{first}\n\n```text\n{rest.strip()}\n```" if rest.strip() else first
+    """A docstring as Markdown: sections as lists of names, indented lines as they are, examples as code."""
+    parts, section = [], ""
+    for block in (inspect.getdoc(thing) or "").split("\n\n"):
+        lines = block.splitlines()
+        if len(lines) > 1 and lines[0] in SECTIONS:
+            section, lines = lines[0], lines[2:]
+            parts.append(f"**{section}**")
+        text = "\n".join(lines)
+        if section == "Examples" or text.lstrip().startswith(">>>"):
+            parts.append(f"```pycon\n{inspect.cleandoc(text)}\n```")
+        elif all(line.startswith("    ") for line in lines):
+            parts.append(f"```text\n{inspect.cleandoc(text)}\n```")
+        else:
+            parts.append(_paragraph(" ".join(text.split())))
+    return "\n\n".join(parts)
+
+
+def _paragraph(text: str) -> str:
+    """A paragraph, or a list where it describes names: ``name : what it is. other : what that is.``"""
+    text = text.replace("``", "`")
+    found = list(NAMED.finditer(text))
+    if not found or found[0].start() > 0:
+        return _escaped(text)
+    ends = [match.start() for match in found[1:]] + [len(text)]
+    items = ((m[1], text[m.end() : end].strip()) for m, end in zip(found, ends, strict=True))
+    return "\n".join(f"* **{name}**: {_escaped(what)}" for name, what in items)
 
 
 def main() -> None:

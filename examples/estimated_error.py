@@ -1,6 +1,6 @@
 """CPU time of a run, the error it estimates and its true error: a landing, a slip and a bolted stack.
 
-Three scenes on meshes and steps from coarse to fine. Each run estimates its error from two coarser runs, as every
+Three scenes on meshes and steps from coarse to fine. Each run estimates its error from coarser runs, as every
 ``latin-fmu run`` does; the true error is that against the closed solution, of the bolted stack against a run half as
 coarse again as the finest.
 

@@ -53,8 +53,18 @@ _STREAMED: Final = (
 class Iteration:
     """One LATIN iteration, as an observer receives it; its fields are computed on request.
 
-    ``window`` counts from 0, ``iteration`` from 1. ``error_indicator`` is sqrt(eta), ``force_mismatch`` NaN where
-    it was not evaluated.
+    Attributes
+    ----------
+    window : counts from 0. iteration : counts from 1. error_indicator : sqrt(eta). force_mismatch : NaN where it was
+        not evaluated.
+
+    Examples
+    --------
+    >>> counts = []
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> solution = latin_fmu.solve(scene, observer=lambda event: counts.append(event.iteration))
+    >>> max(counts)
+    3
     """
 
     window: int
@@ -182,6 +192,15 @@ def solve(
     SceneError : the scene cannot be built. A run that does not converge is no error: see ``Solution.converged``.
     SolverError : numbers that cannot be computed with.
     ResultsError : a checkpoint that is damaged, or of another scene, version or machine.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> solution = latin_fmu.solve(scene)
+    >>> solution.converged
+    True
+    >>> solution.interfaces["wall"].impulse(solution.time)[-1].round()
+    array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
     timings = Timings()
@@ -401,6 +420,11 @@ def check(scene: Scene) -> list[str]:
     Raises
     ------
     SceneError : the scene cannot be built.
+
+    Examples
+    --------
+    >>> latin_fmu.check(latin_fmu.load_scene("models/impact_bar/scene.toml"))[0]
+    'scene impact_bar: 1 substructure(s) in 1 class(es), 1 interface(s), 400 steps of 0.005 s'
     """
     return check_lines(*checked(scene))
 

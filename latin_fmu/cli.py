@@ -20,7 +20,7 @@ from typing import Final, TextIO
 
 from . import __version__
 from .commands import BAD_INPUT, NO_MEMORY, NOT_WRITTEN, SOLVER_FAILED, StopSignals, say
-from .errors import InputError, LatinError, ResultsError
+from .errors import InputError, LatinError, ResultsError, did_you_mean
 
 COMMANDS: Final = MappingProxyType(
     {
@@ -103,6 +103,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(words: list[str], signals: StopSignals) -> int:
     """Parse and run a command."""
     _check_address_space()
+    if words and words[0][0:1] not in ("", "-") and words[0] not in COMMANDS:
+        allowed, remedy = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
+        raise InputError.of("bad argument", words[0], "no command of this name", allowed=allowed, remedy=remedy)
     try:
         with signals.deferred():
             parser = _parser(words)
@@ -238,7 +241,8 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"latin-fmu {__version__}", help="print the version")
+    version = f"latin-fmu {__version__}"
+    parser.add_argument("-V", "--version", action="version", version=version, help="print the version")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     named = COMMANDS.get(words[0]) if words else None
     for module in dict.fromkeys(COMMANDS.values()) if named is None else (named,):

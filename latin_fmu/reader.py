@@ -16,9 +16,8 @@ from .file_digest import is_damaged
 from .mesh_files.content import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
-from .scene.overrides import apply_overrides
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
-from .scene.schema import Scene
+from .scene.schema import Scene, with_settings
 from .scene.substructures import ALL, MeshParts, part_name
 from .scene.units import SI, UnitSystem, system_named
 
@@ -36,13 +35,19 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     overrides : settings such as ``"solver.tolerance=1e-4"``, applied in order.
 
     Raises SceneError with every problem found, whatever the file holds.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml", ["time.instants=800"])
+    >>> scene.name, scene.time.instants
+    ('impact_bar', 800)
     """
     return scene_from_dict(read_tables(path, overrides), Path(path).parent)
 
 
 def read_tables(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Tables of a scene file with settings applied, as written: nothing else is checked (errors: ``load_scene``)."""
-    return apply_overrides(_parsed(Path(path)), overrides)
+    return with_settings(_parsed(Path(path)), overrides)
 
 
 def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
@@ -51,6 +56,12 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
     base_dir : folder that the files named in the scene are relative to; the current one where None.
 
     Raises SceneError with every problem found.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> latin_fmu.scene_from_dict(scene.tables(), scene.base_dir) == scene
+    True
     """
     if not isinstance(data, dict):
         raise SceneError([Problem("scene", "a scene must be a table", type(data).__name__)], "the scene cannot be used")

@@ -32,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("operator_store",),
     ("scene",),
     ("mesh_files",),
-    ("reader",),
+    ("reader", "tables"),
     ("aot",),
     ("cholesky", "laws"),
     ("kernels",),

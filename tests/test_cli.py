@@ -115,6 +115,22 @@ def test_paraview_files(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(list(Path("pv").glob("substructure_left_*.vtu"))) == 3
 
 
+def test_an_unknown_command_is_answered_with_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rnu", "scene.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "rnu: no command of this name; allowed: run, check" in said
+    assert "did you mean 'run'?" in said
+
+
+def test_a_run_draws_its_figure(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "-o", "a.nc", "--figure", "a.png"]) == 0
+    assert "figure: a.png" in capsys.readouterr().out
+    assert Path("a.png").stat().st_size > 5000
+    assert main(["run", scene, "-o", "b.nc", "--figure", "b.doc"]) == 2
+    assert "allowed: .png, .pdf, .svg" in capsys.readouterr().err
+    assert not Path("b.nc").exists()  # refused before the run
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

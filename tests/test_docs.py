@@ -84,7 +84,7 @@ def test_every_block_has_a_language_and_a_known_comment(page: Path) -> None:
     assert len(re.findall(r"^```", text, re.M)) == 2 * len(blocks(page)), "a block is not closed, or is indented"
     for block in blocks(page):
         where = f"{page.name}:{block.line}"
-        assert block.language in ("sh", "python", "toml", "text", "csv"), where
+        assert block.language in ("sh", "python", "pycon", "toml", "text", "csv"), where
         assert set(block.said) <= set(SAID), where
         assert all(
             block.said[key] for key in ("not run", "same as", "needs", "file", "added to") if key in block.said

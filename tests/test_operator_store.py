@@ -156,7 +156,7 @@ def test_the_second_run_factorises_nothing_and_gives_the_same_bits(
         second = latin_fmu.solve(scene(tmp_path, **kept_here))
         other = latin_fmu.solve(scene(tmp_path, friction=0.3, **kept_here))
     assert "0 written" in second.outcome.settings["operators"]
-    assert "read, 0 written" in second.summary()
+    assert "read, 0 written" in second.summary(details=True)
     assert other.converged
     for name in "ab":
         for solution in (first, second):

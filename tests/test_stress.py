@@ -10,7 +10,7 @@ from latin_fmu import stability
 from latin_fmu.cli import main
 from latin_fmu.stability import CASES, Case, Measure, report, run_case
 
-KEYS = {"case", "expected", "measured", "passed", "iterations", "fallbacks", "seconds"}
+KEYS = {"family", "case", "expected", "measured", "margin", "passed", "iterations", "fallbacks", "seconds"}
 
 
 @pytest.fixture
@@ -38,10 +38,14 @@ def test_report_and_figure(few, tmp_path, monkeypatch, capsys):
     assert main(["stress", "--quick", "-o", str(target)]) == 0
     text = target.read_text(encoding="utf-8")
     assert "3 of 3 hard cases hold" in text
-    assert all(case.name in text for case in few)
+    assert "| **gap** | 0, 1e-16 to 0.5 lengths" in text
+    assert "| 3 of 3 | in contact at rest, no load: iterations per step 1 <= 1 |" in text
+    assert len(text.splitlines()) < 40
     assert "Time schemes on impact" in text
     assert (tmp_path / "stability.png").read_bytes().startswith(b"\x89PNG")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["stability.md", "stability.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["stability.json", "stability.md", "stability.png"]
+    rows = json.loads((tmp_path / "stability.json").read_text(encoding="utf-8"))
+    assert [row["case"] for row in rows] == [case.name for case in few]
     assert "3 of 3" in capsys.readouterr().out
 
 
@@ -61,6 +65,7 @@ def test_a_case_that_fails_is_told(monkeypatch, capsys):
     rows = json.loads(capsys.readouterr().out)
     assert [row["passed"] for row in rows] == [False] * 3
     assert "not converged" in rows[2]["measured"]
+    assert [row["margin"] for row in rows] == [2.0, None, None]
 
 
 @pytest.mark.usefixtures("few")
@@ -73,6 +78,10 @@ def test_a_margin_of_one_is_the_limit():
     row = run_case(Case("edge", "x", "at most", lambda _: [Measure("a", 0.5, 1.0), Measure("b", 3.0, 3.0)]))
     assert row.passed
     assert row.margin == 1.0
+
+
+def test_every_family_says_what_it_varies_and_where_its_limits_come_from():
+    assert set(report.FAMILIES) == {case.family for case in CASES}
 
 
 def test_quick_is_a_part_of_all():

@@ -110,7 +110,7 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
         yield f"interface {name}: {100 * share:.2g} % of the contact slips at mu = {mu:g}"
     open_ = 1.0 - touching / (history.areas.sum() * len(solution.time))
     if open_ <= NEGLIGIBLE and mu and share <= NEGLIGIBLE:
-        yield f'interface {name} neither opens nor slips: behaviour = "perfect" gives the same forces at less cost'
+        yield f'interface {name} neither opens nor slips: behaviour = "perfect" gives the same changes of forces'
     elif open_ <= NEGLIGIBLE:
         yield f"interface {name} never opens"
 

@@ -37,6 +37,8 @@ from ..results.quantities_of_interest import (
     VELOCITY_HISTORY,
     VELOCITY_PEAK,
     Force,
+    InterfaceFields,
+    closing_time,
     definition_of,
 )
 from ..results.sensors import low_pass, uniform_step
@@ -107,6 +109,7 @@ class Quantities:
     signals : histories of sensors and bolts, in the band where they are; maximax spectra over frequency; by quantity.
     spectra : shock response spectra of sensors, by name.
     durations : of the mean that is the peak force, by interface, s. spacings : of its points, by interface, m.
+    sides : faces of interfaces.
     """
 
     values: dict[str, float] = field(default_factory=dict)
@@ -117,6 +120,7 @@ class Quantities:
     spectra: dict[str, ShockSpectrum] = field(default_factory=dict)
     durations: dict[str, float] = field(default_factory=dict)
     spacings: dict[str, float] = field(default_factory=dict)
+    sides: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def add(self, owner: str, entries: Mapping[str, tuple[float, float]]) -> None:
         """Add values and scales, by key, of an interface, sensor or bolt."""
@@ -198,9 +202,10 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     quantities.forces[history.name] = force
     duration = quantities.durations[history.name] = force.peak_duration(history.peak_duration)
     quantities.spacings[history.name] = float(np.sqrt(history.areas.mean()))
+    quantities.sides[history.name] = history.sides
     largest = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
     entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest, duration)
-    if (closing := _closing(time, history, force.raw_peak())) is not None:
+    if (closing := closing_time(InterfaceFields.of_history(history, time), force.raw_peak())) is not None:
         entries[FIRST_CONTACT.key] = (closing, max(closing, 1e-2 * end))
     if history.friction_power is not None and history.has_friction:
         work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:] * np.diff(time))])
@@ -208,28 +213,6 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[FRICTION_WORK.key] = (last, max(last, least))
     quantities.add(history.name, entries)
-
-
-def _closing(time: Array, history: InterfaceHistory, peak: float) -> float | None:
-    """Instant at which an initial gap closes, from gap and velocity at the instant before the first contact.
-
-    None where the sides touch from the start, never touch, or where the force defines the instant.
-    """
-    if history.gap is None:
-        return None
-    force = np.abs(history.normal_resultant())
-    i = int(np.argmax(force > CONTACT_SHARE * peak))
-    if i == 0:
-        return None
-    pressed = np.einsum("pc,pc->p", history.traction[i], history.normals) < 0.0
-    gap = history.gap[i - 1][pressed]
-    if not gap.size or gap.min() <= 0.0:
-        return None
-    jump = history.velocity[i - 1, 1] - history.velocity[i - 1, 0]
-    closing = -np.einsum("pc,pc->p", jump, history.normals)[pressed]
-    with np.errstate(divide="ignore"):
-        wait = float(np.min(np.where(closing > 0.0, gap / closing, np.inf)))
-    return float(min(time[i - 1] + wait, time[i]))
 
 
 def of_force(
@@ -251,7 +234,7 @@ def of_force(
     if opens:
         level = CONTACT_SHARE * peak
         never = peak <= nothing
-        first = end if never else _first_above(force.time, size, level)
+        first = end if never else Force(force.time, size).first_above(level)
         last = end if never else force.separation(duration)
         entries[FIRST_CONTACT.key] = (first, max(first, 1e-2 * end))
         entries[SEPARATION.key] = (last, max(last, 1e-2 * end))
@@ -259,14 +242,6 @@ def of_force(
     entries[PEAK_FORCE_RAW.key] = (peak, peak)
     entries[FORCE_HISTORY.key] = (force.norm(), force.norm())
     return entries
-
-
-def _first_above(time: Array, size: Array, level: float) -> float:
-    i = int(np.argmax(size > level))
-    if i == 0:
-        return float(time[0])
-    share = (level - size[i - 1]) / (size[i] - size[i - 1])
-    return float(time[i - 1] + share * (time[i] - time[i - 1]))
 
 
 def _until(time: Array, values: Array, end: float) -> Force:

@@ -26,6 +26,7 @@ from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
+from ..scene.face_form import FaceForm
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import PARAMETERS, TAKES, Interface
 from ..scene.schema import Scene
@@ -418,10 +419,13 @@ def build_interface(
     if pair is None:
         return None
     gap = _gap(name, interface, pair, units, problems, remarks)
+    if gap is not None and interface.form is not None:
+        gap = _formed(name, interface.form, pair, gap, units["m"], problems)
     if gap is None:
         return None
     behaviour = _behaviour(interface)
-    if behaviour.opens and interface.gap != "closed":
+    # a crown is smooth: where it touches first is no edge
+    if behaviour.opens and interface.gap != "closed" and interface.form is None:
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
     pressure = interface.initial_pressure(float(pair.areas.sum()))
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
@@ -651,6 +655,24 @@ def _gap(
         )
         return None
     return np.full(len(distance), given)
+
+
+def _formed(name: str, form: FaceForm, pair: FacePair, gap: Array, length: str, problems: Problems) -> Array | None:
+    """The gap (n_point,) with the form of the faces added; None where a table does not reach all points."""
+    centre = pair.areas @ pair.points / pair.areas.sum() if form.centre is None else np.asarray(form.centre)
+    rise = form.sample(pair.points, pair.normals, centre)
+    outside = np.flatnonzero(np.isnan(rise))
+    if not len(outside):
+        # round-off at the middle of a crown would leave it open
+        return gap + np.where(rise <= _TOUCHING * rise.max(), 0.0, rise)
+    place = ", ".join(f"{x:.4g}" for x in pair.points[outside[0]] - centre)
+    problems.add(
+        f"interface.{name}.form",
+        f"the grid does not reach {len(outside)} of {len(gap)} points of the interface",
+        f"one at [{place}] {length} from the centre",
+        remedy="extend the grid over the face, or move centre",
+    )
+    return None
 
 
 def _edge_remarks(name: str, sides: Sequence[Side], pair: FacePair, gap: Array) -> list[str]:

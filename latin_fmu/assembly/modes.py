@@ -28,21 +28,28 @@ Natural frequencies and shapes of an assembly without loads, its joints open, st
 
 C holds what joints keep together: all components of perfect interfaces; of contacts, at points that are closed at the
 start, the normal component and, with friction, the tangential ones (sticking); all components at all points (bonded).
-In a scene with bolts those points are closed that are under pressure when the bolts are tight; with open joints the
-bolts have no tension, and their shanks are free to slide in the thread (``bolts``).
+In a scene with bolts, or with a static start, those points are closed that are under pressure when the bolts are tight
+and what acts at t = 0 does. With open joints bolts have no tension, and their shanks are free to slide in the thread
+(``bolts``).
 Springs of layers add to K. Held and prescribed directions do not move.
 
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
 gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
 a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
 
-The modes are undamped. The damping ratio that a run of the scene gives each of them is added (below).
+The modes are undamped. The damping ratio that a run of the scene gives each of them is added (below), and how a base
+that moves along an axis excites it: with the rigid translation r of all bodies, held dofs included,
+
+    Gamma = phi^T M r / (phi^T M phi),    effective mass = (phi^T M r)^2 / (phi^T M phi)
+
+for the phi of ``shapes``. The effective masses of all modes add up to the mass that the supports leave free to move.
 
 Results are a table, files for ParaView, and the groups of a file::
 
     /                      provenance and scene, as attributes
-    /modes                 frequency, rigid, modal_mass, scheme_damping, landing_damping, body_damping (mode); joints,
-                           interfaces, time_scheme and time_step as attributes
+    /modes                 frequency, rigid, modal_mass, scheme_damping, landing_damping, body_damping (mode),
+                           participation, effective_mass (mode, component); joints, interfaces, mass, time_scheme and
+                           time_step as attributes
     /substructures/<name>  shape (mode, node, component), and the mesh
 """
 
@@ -50,6 +57,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import Final, Literal
@@ -83,7 +91,8 @@ from ..scene.units import SI, UnitSystem
 from ..time_scheme import HHT, GeneralizedAlpha, QuasiStatic, TimeScheme
 from ..time_scheme.scheme import coefficients
 from .body import consecutive
-from .build import discretise
+from .build import discretise, starting_equilibrium
+from .initial_state import InitialState
 from .merged_assembly import jump, kept_together
 from .models import chosen_scheme, contact_layers
 from .problem import DiscretisedProblem
@@ -358,6 +367,8 @@ def _percent(ratio: float) -> str:
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
 _NO_DAMPING = 1e-7  # %, round-off
+_NO_MASS = 1e-6  # of the assembly, round-off
+_EFFECTIVE: Final = "effective mass along x, y, z"
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
 
@@ -372,58 +383,97 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
 
     Returns
     -------
-    Modes with frequencies, Hz, shapes, modal masses, kg, and ``damping``: ratios (n_mode,) of critical ``scheme``,
-    ``landing``, ``bodies``, ``numerical`` (scheme and landing layer), and ``remedy``, what lowers the numerical damping
-    where it exceeds 5e-5; None for a quasi-static scene.
+    Modes with frequencies, Hz, shapes, modal masses, kg, participation factors and effective masses, kg, and
+    ``damping``: ratios (n_mode,) of critical ``scheme``, ``landing``, ``bodies``, ``numerical`` (scheme and landing
+    layer), and ``remedy``, what lowers the numerical damping where it exceeds 5e-5; None for a quasi-static scene.
 
     Raises
     ------
     SceneError : the scene cannot be built.
 
-    Example
-    -------
-    modes = vibration_modes(load_scene("scene.toml"), "sticking", 5)
-    modes.frequency, modes.damping.numerical    # Hz, and damping ratios of time scheme and landing layer
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/beam_in_traction/scene.toml")
+    >>> modes = latin_fmu.vibration_modes(scene, "open", count=3)
+    >>> modes.frequency.size - 3  # rigid motions of the free bars and of their joints
+    12
     """
-    plain = {"scheme": tables.HHTTable(), "quasi_static": False, "start": GivenStart()}
-    pressed = _pressed(scene) if scene.bolt and joints == "sticking" else {}
-    discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
-    models = {m.name: m for c in discretised.classes for m in c.members}
-    parts = _Parts.of([models[name] for name in discretised.bodies])
-    rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
-    for unit in discretised.units:
-        kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
-        rows += [] if kept is None else [kept]
-        springs += [] if stiffness is None else [stiffness]
-        remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
-    if joints == "open":
-        # g g^T / k: bolts without tension let their shanks slide
-        springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
-    stiffness = sum(springs, parts.stiffness)
-    expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
-    k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
-    # constraints that could not be eliminated are springs, far stiffer than the bodies
-    if left.shape[0]:
-        weight = _STIFF * float(k.diagonal().max())
-        k = sp.csr_array(k + weight * (left.T @ left))
-    vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
-    values, vectors, n_rigid = _lowest(vibration, k, count)
-    omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
-    matrices = run_matrices(scene, discretised, parts.models)
-    modes = Modes(vibration, expansion, vectors, omega, n_rigid)
+    pressed = pressed_points(scene) if joints == "sticking" else {}
+    joined = JoinedAssembly.of(scene, joints, pressed)
+    modes = joined.modes(count)
+    matrices = run_matrices(scene, joined.discretised, joined.parts.models)
     damping = None if matrices is None else modal_damping(matrices, modes)
-    return _named(discretised, parts, modes, damping, joints, remarks)
+    return _named(joined, modes, damping, joints)
 
 
-def _pressed(scene: Scene) -> dict[str, np.ndarray]:
-    """(n_point,) whether the points of each interface are under pressure when the bolts are tight, no load acting."""
+@dataclass(frozen=True)
+class JoinedAssembly:
+    """Stiffness and mass of an assembly whose joints are linear.
+
+    Attributes
+    ----------
+    discretised : the scene with a scheme that moves no mass. parts : matrices of its substructures, full dofs.
+    vibration : stiffness and mass (n, n) of the dofs that are left. expansion : (n_full, n) from these to the full
+        dofs. remarks : how each interface was taken.
+    """
+
+    discretised: DiscretisedProblem
+    parts: Parts
+    vibration: Vibration
+    expansion: sp.csr_array
+    remarks: tuple[str, ...]
+
+    @staticmethod
+    def of(scene: Scene, joints: Joints, pressed: Mapping[str, np.ndarray]) -> JoinedAssembly:
+        """The assembly of a scene; ``pressed`` : (n_point,) points that are closed, by interface; the others by their
+        gap. Errors as for ``vibration_modes``."""
+        plain = {"scheme": tables.HHTTable(), "quasi_static": False, "start": GivenStart()}
+        discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
+        models = {m.name: m for c in discretised.classes for m in c.members}
+        parts = Parts.of([models[name] for name in discretised.bodies])
+        rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
+        for unit in discretised.units:
+            kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
+            rows += [] if kept is None else [kept]
+            springs += [] if stiffness is None else [stiffness]
+            remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
+        if joints == "open":
+            # g g^T / k: bolts without tension let their shanks slide
+            springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
+        stiffness = sum(springs, parts.stiffness)
+        expansion, left = kept_together(sp.csr_array(sp.vstack(rows)), parts.expansion)
+        k, m = (sp.csr_array(expansion.T @ matrix @ expansion) for matrix in (stiffness, parts.mass))
+        # constraints that could not be eliminated are springs, far stiffer than the bodies
+        if left.shape[0]:
+            weight = _STIFF * float(k.diagonal().max())
+            k = sp.csr_array(k + weight * (left.T @ left))
+        vibration = Vibration(k, m, shift=_shift(discretised), dense=0 if left.shape[0] else None)
+        return JoinedAssembly(discretised, parts, vibration, expansion, tuple(remarks))
+
+    def modes(self, count: int) -> Modes:
+        """Rigid motions and at least ``count`` elastic modes where there are as many."""
+        values, vectors, n_rigid = _lowest(self.vibration, self.vibration.stiffness, count)
+        omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
+        return Modes(self.vibration, self.expansion, vectors, omega, n_rigid)
+
+
+def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
+    """(n_point,) whether the points of each interface are under pressure when the bolts are tight and what acts at
+    t = 0 does; empty for a scene without bolts and static start."""
+    if not (scene.bolt or scene.time.start.type == "static"):
+        return {}
     discretised = discretise(scene)
-    state = tightened(discretised, {})
+    state = tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+    return {} if state is None else pressed_of(state)
+
+
+def pressed_of(state: InitialState) -> dict[str, np.ndarray]:
+    """(n_point,) whether the points of each interface are under pressure in a state."""
     return {name: traction[:, 0] < 0.0 for name, traction in state.traction.items()}
 
 
 @dataclass(frozen=True)
-class _Parts:
+class Parts:
     """Matrices of all substructures side by side, full dofs; ``where``: their slices; ``models`` by name."""
 
     models: dict[str, SubstructureModel]
@@ -433,14 +483,14 @@ class _Parts:
     expansion: sp.csr_array
 
     @staticmethod
-    def of(models: Sequence[SubstructureModel]) -> _Parts:
+    def of(models: Sequence[SubstructureModel]) -> Parts:
         """The parts in the order given."""
         where, _ = consecutive({m.name: m.n_full for m in models})
         blocks = [
             sp.csr_array(sp.block_diag(matrices, format="csr"))
             for matrices in zip(*((m.stiffness, m.inertia, m.expansion) for m in models), strict=True)
         ]
-        return _Parts({m.name: m for m in models}, where, *blocks)
+        return Parts({m.name: m for m in models}, where, *blocks)
 
     def of_body(self, name: str, matrix: sp.csr_array) -> sp.csr_array:
         """A matrix (n_full, n_full) of a substructure among those of all, (n, n)."""
@@ -452,6 +502,16 @@ class _Parts:
     def n(self) -> int:
         """Number of full dofs."""
         return int(self.expansion.shape[0])
+
+    @cached_property
+    def translations(self) -> Array:
+        """Rigid translations of all bodies along x, y and z, (n, 3)."""
+        moved = []
+        for model in self.models.values():
+            n_node = (model.n_full if model.nodal is None else model.nodal.shape[0]) // 3
+            nodes = np.tile(np.eye(3), (n_node, 1))
+            moved.append(nodes if model.nodal is None else la.lstsq(model.nodal, nodes)[0])
+        return np.concatenate(moved)
 
     def jump(self, unit: InterfaceUnit, local: bool) -> sp.csr_array:
         """Displacement of the owner's side less that of the other at the points, (3 n_point, n), global axes or local
@@ -466,7 +526,7 @@ class _Parts:
 
 
 def _joint(
-    unit: InterfaceUnit, joints: Joints, parts: _Parts, pressed: np.ndarray | None
+    unit: InterfaceUnit, joints: Joints, parts: Parts, pressed: np.ndarray | None
 ) -> tuple[sp.csr_array | None, sp.csr_array | None, str]:
     """Rows that the interface keeps at zero, stiffness of its layer (n, n), and a few words; ``pressed``: points that
     are closed by bolts, None without bolts."""
@@ -498,7 +558,7 @@ def _joint(
     return sp.csr_array(rows), spring, words
 
 
-def _spring(unit: InterfaceUnit, parts: _Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
+def _spring(unit: InterfaceUnit, parts: Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
     """Stiffness (n, n) of springs per area (3,), N m-3, in the local frames of some points."""
     jump = parts.jump(unit, local=True)
     weights = (unit.geometry.areas * points)[:, None] * stiffness
@@ -529,15 +589,9 @@ def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[
     return np.concatenate([np.zeros(rigid.shape[1]), values]), np.hstack([rigid, vectors]), rigid.shape[1]
 
 
-def _named(
-    discretised: DiscretisedProblem,
-    parts: _Parts,
-    modes: Modes,
-    damping: ModalDamping | None,
-    joints: str,
-    remarks: Sequence[str],
-) -> VibrationModes:
+def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, joints: str) -> VibrationModes:
     """The modes by substructure, the largest nodal displacement of each 1."""
+    parts, scene = joined.parts, joined.discretised.scene
     full, omega, shapes = modes.expansion @ modes.vectors, modes.omega, {}
     for name, model in parts.models.items():
         own = full[parts.where[name]]
@@ -546,18 +600,22 @@ def _named(
     size = np.max([np.linalg.norm(s, axis=2).max(axis=1) for s in shapes.values()], axis=0)
     # the modal mass belongs to the scaled shape
     modal = np.einsum("im,im->m", full, parts.mass @ full) / size**2
+    pulled = parts.mass @ parts.translations
+    participation = (full.T @ pulled) / (size * modal)[:, None]
     return VibrationModes(
-        scene=discretised.scene.text(),
-        name=discretised.scene.name,
+        scene=scene.text(),
+        name=scene.name,
         joints=joints,
         frequency=omega / (2 * np.pi),
         rigid=np.arange(len(omega)) < modes.n_rigid,
         modal_mass=modal,
+        participation=participation,
+        mass=float(parts.translations[:, 0] @ pulled[:, 0]),
         shapes={name: shape / size[:, None, None] for name, shape in shapes.items()},
-        meshes=discretised.info,
-        remarks=tuple(remarks),
+        meshes=joined.discretised.info,
+        remarks=joined.remarks,
         damping=damping,
-        units=discretised.scene.unit_system,
+        units=scene.unit_system,
     )
 
 
@@ -566,6 +624,8 @@ _MODES: Final = rows(
     frequency  | Hz | mode | natural frequency, 0 for rigid motions
     rigid      | -  | mode | whether the mode is a rigid motion | | elastic rigid
     modal_mass | kg | mode | modal mass | of the shape whose largest nodal displacement is 1
+    participation | 1 | mode component | participation factor | of that shape, for a base that moves along x, y, z
+    effective_mass | kg | mode component | effective mass | for a base that moves along x, y, z
     """,
     {"rigid": lambda modes: modes.rigid.astype(np.int8)},
 )
@@ -599,6 +659,7 @@ class VibrationModes:
     scene, name : text and name of the scene. joints : how interfaces that may open were taken.
     frequency : (n_mode,), Hz, 0 for rigid motions, which come first. rigid : (n_mode,) whether it is one.
     modal_mass : (n_mode,), kg, with shapes whose largest nodal displacement is 1.
+    participation : (n_mode, 3), of these shapes for a base that moves along x, y, z. mass : of the assembly, kg.
     shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
     damping : ratios in a run with the time scheme and the step of the scene; None where the scene has no inertia.
     units : system of units of the scene.
@@ -610,6 +671,8 @@ class VibrationModes:
     frequency: Array
     rigid: NDArray[np.bool_]
     modal_mass: Array
+    participation: Array
+    mass: float
     shapes: Mapping[str, Array]
     meshes: Mapping[str, SubstructureInfo]
     remarks: tuple[str, ...]
@@ -621,27 +684,51 @@ class VibrationModes:
         """Number of rigid motions."""
         return int(self.rigid.sum())
 
+    @property
+    def effective_mass(self) -> Array:
+        """(n_mode, 3), kg, for a base that moves along x, y, z: modal mass times the square of the participation."""
+        return self.modal_mass[:, None] * self.participation**2
+
     def lines(self) -> list[str]:
         """Text: the joints, and a table of the modes."""
         head = f"{self.name}: joints {self.joints}, {self.n_rigid} rigid motion(s), {int((~self.rigid).sum())} mode(s)"
         ratios = {} if self.damping is None else self.damping.columns()
         rows: list[tuple[str, ...]] = [
-            ("mode", "frequency", "modal mass", *ratios, "moves most", "mean squares along x, y, z")
+            ("mode", "frequency", "modal mass", *ratios, "moves most", "mean squares along x, y, z", _EFFECTIVE)
         ]
         if self.n_rigid:
             number = f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1"
-            rows.append((number, "rigid", *["-"] * (len(rows[0]) - 2)))
+            carried = self._shares(self.effective_mass[: self.n_rigid].sum(axis=0))
+            rows.append((number, "rigid", *["-"] * (len(rows[0]) - 3), carried))
         for i in range(self.n_rigid, len(self.frequency)):
             largest = {name: float(np.linalg.norm(shape[i], axis=1).max()) for name, shape in self.shapes.items()}
             squares = sum(np.square(shape[i]).sum(axis=0) for shape in self.shapes.values())
             shares = ", ".join(f"{100 * share:.0f} %" for share in squares / np.sum(squares))
+            carried = self._shares(self.effective_mass[i])
             text = f"{self.frequency[i]:.5g} Hz"
             moves = max(largest, key=lambda name: largest[name])
             damped = [f"{ratio[i]:.2g}" if abs(ratio[i]) > _NO_DAMPING else "0" for ratio in ratios.values()]
             rows.append(
-                (f"{i + 1}", text, readable(self.modal_mass[i], self.units.label("kg"), 3), *damped, moves, shares)
+                (
+                    f"{i + 1}",
+                    text,
+                    readable(self.modal_mass[i], self.units.label("kg"), 3),
+                    *damped,
+                    moves,
+                    shares,
+                    carried,
+                )
             )
-        return [head, *(f"  {remark}" for remark in self.remarks), "", *aligned(rows), *self._damping_lines()]
+        weight = readable(self.mass, self.units.label("kg"), 4)
+        total = f"effective masses of these modes: {self._shares(self.effective_mass.sum(axis=0))} of {weight}"
+        top = [head, *(f"  {remark}" for remark in self.remarks), ""]
+        return [*top, *aligned(rows), total, *self._damping_lines()]
+
+    def _shares(self, masses: Array) -> str:
+        """Effective masses (3,) as shares of the mass of the assembly."""
+        return ", ".join(
+            f"{100 * share:.3g} %" for share in np.where(masses > _NO_MASS * self.mass, masses, 0.0) / self.mass
+        )
 
     def _damping_lines(self) -> list[str]:
         """Scheme and step that the damping ratios are of, and what lowers them."""
@@ -654,12 +741,13 @@ class VibrationModes:
     def groups(self) -> dict[str, StoredGroup]:
         """Groups by path: ``modes`` and one for every substructure with its shapes and mesh."""
         number = np.arange(1, len(self.frequency) + 1, dtype=np.int32)
-        attrs: dict[str, object] = {"joints": self.joints, "interfaces": "\n".join(self.remarks)}
+        attrs: dict[str, object] = {"joints": self.joints, "interfaces": "\n".join(self.remarks), "mass": self.mass}
         stored = columns(_MODES, self)
         if self.damping is not None:
             stored += columns(_DAMPING, self.damping)
             attrs |= {"time_scheme": self.damping.time_scheme, "time_step": self.damping.step}
-        groups = {"/": self._root(), "/modes": StoredGroup.of(stored, named(LABELS, {"mode": number}), attrs)}
+        along = named(LABELS, {"mode": number, "component": AXES})
+        groups = {"/": self._root(), "/modes": StoredGroup.of(stored, along, attrs)}
         for name, shape in self.shapes.items():
             groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])
         return in_units(groups, self.units)

@@ -345,9 +345,9 @@ def option(parser: argparse.ArgumentParser, flags: str, metavar: str, text: str,
     parser.add_argument(*flags.split(), metavar=metavar, type=kind, help=text, **more)
 
 
-def switch(parser: argparse.ArgumentParser, flag: str, text: str) -> None:
-    """Declare an option without a value."""
-    parser.add_argument(flag, action="store_true", help=text)
+def switch(parser: argparse.ArgumentParser, flags: str, text: str) -> None:
+    """Declare an option without a value: ``flags`` as in "-q --quiet"."""
+    parser.add_argument(*flags.split(), action="store_true", help=text)
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:

@@ -41,11 +41,13 @@ examples:
   latin-fmu modes scene.toml --joints open --count 20 -o modes.nc --vtk shapes
 
 Joints of interfaces that may open: sticking joins points that are closed at the start (along the face, too, where
-there is friction), open joins none, bonded joins all. In a scene with bolts, sticking joins the points that they press,
-and open leaves the shanks free to slide. Perfect interfaces and couplings are always joined, elastic layers and springs
-have their stiffness; damping, viscous joints, absorbing boundaries and loads are left out, driven faces are held.
+there is friction), open joins none, bonded joins all. In a scene with bolts or a static start, sticking joins the
+points that these press, and open leaves the shanks free to slide. Perfect interfaces and couplings are always joined,
+elastic layers and springs have their stiffness; damping, viscous joints, absorbing boundaries and loads are left out,
+driven faces are held.
 
-The table has the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
+The table has the effective mass of each mode for a base that moves along x, y or z, in % of the mass of the assembly,
+and the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
 step of the scene, of the viscous layer at faces that may open (landing_damping), and of the bodies where they have
 Rayleigh damping, absorbing faces or wave ports. A line says what lowers the first two where they exceed 0.005 %.
 """

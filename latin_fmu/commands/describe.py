@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import time
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,9 @@ from . import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..effects.explanation import Explanation
+    from ..scene.schema import Scene
+
 
 def register(add: AddParser) -> None:
     """Declare the five subcommands."""
@@ -44,8 +48,11 @@ def register(add: AddParser) -> None:
     add_scene(parser := declare(add, "explain", text, _explain))
     add_strict(parser)
     switch(parser, "--json", "print JSON instead")
-    switch(parser, "--run", "also solve the scene coarsely and print what matters in it")
-    text = "with --run: CPU seconds that the coarse run may take; one that reaches them stops (exit code"
+    text = (
+        "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what each"
+    )
+    switch(parser, "--run", f"{text} costs and changes (20 runs at most, or 20 s more than that)")
+    text = "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code"
     add_max_cpu(parser, f"{text} {LIMITED}), what is found until then is printed and marked")
     text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"
     option(parser, "--fmu", "N", text, int, nargs="?", const=0)
@@ -57,9 +64,7 @@ def register(add: AddParser) -> None:
 
 
 def _register_plot(add: AddParser) -> None:
-    text = (
-        "draw the assembly of a scene; forces, contact states and convergence of a results file; or its bodies; a study"
-    )
+    text = "draw the assembly of a scene; forces, sensors and bolts of a results file, or its bodies; a study"
     parser = declare(add, "plot", text, _plot)
     parser.add_argument("file", metavar="FILE", type=Path, help="scene (.toml), or file written by run or sweep (.nc)")
     text = "png, pdf or svg; gif: a film of the bodies, or of maps (default: beside the file, as png)"
@@ -67,6 +72,7 @@ def _register_plot(add: AddParser) -> None:
     add_settings(parser, "of a scene: change one setting; may be repeated")
     text = "of a results file: deformed bodies and the pressure on an interface (needs output.fields = true)"
     switch(parser, "--bodies", text)
+    switch(parser, "--details", "of a results file: also the convergence of its iteration")
     option(parser, "--quantity", "NAME", "of a study: draw this quantity; may be repeated", action="append")
     switch(parser, "--map", "of a results file: pressure, friction and contact states of an interface")
     both = "with --bodies or --map"
@@ -97,12 +103,8 @@ def _explain(arguments: argparse.Namespace) -> int:
         explanation = explain(scene, arguments.scene.read_text(encoding="utf-8-sig"))
     report, text, limited = explanation.report(), explanation.text(), False
     if arguments.run:
-        from ..accuracy.coarse_effects import coarse_run
-
-        with Waiting("coarse run"):
-            coarse = coarse_run(scene, arguments.max_cpu)
-        limited = bool(coarse.interrupted)
-        report, text = report | {"coarse_run": coarse.report()}, f"{text}\n\n{coarse.text()}"
+        added, lines, limited = _effects_in_runs(scene, explanation, arguments.max_cpu)
+        report, text = report | added, f"{text}\n\n{lines}"
     if arguments.fmu is not None:
         with Waiting("size of the compiled FMU"):
             size = _compiled_size(arguments)
@@ -111,6 +113,29 @@ def _explain(arguments: argparse.Namespace) -> int:
     if limited:
         return LIMITED
     return REMARKED if arguments.strict and explanation.warnings else CONVERGED
+
+
+def _effects_in_runs(
+    scene: Scene, explanation: Explanation, max_cpu: float | None
+) -> tuple[dict[str, object], str, bool]:
+    """What a coarse run finds, and what effects cost and change, as plain data and as text; whether the limit of CPU
+    time (s) ended it."""
+    from ..accuracy.coarse_effects import coarse_run
+    from ..accuracy.measured_effects import measured_effects
+
+    begin = time.process_time()
+    with Waiting("coarse run"):
+        coarse = coarse_run(scene, max_cpu)
+    report: dict[str, object] = {"coarse_run": coarse.report()}
+    if not coarse.converged:
+        return report, coarse.text(), bool(coarse.interrupted)
+    settings = [suggestion.settings for suggestion in explanation.suggestions if suggestion.settings]
+    seconds = explanation.prediction["cpu_seconds_set_up"] + explanation.prediction["cpu_seconds_instants"]
+    left = None if max_cpu is None else max(max_cpu - (time.process_time() - begin), 0.0)
+    with Waiting("runs with one effect changed at a time"):
+        measured = measured_effects(scene, settings, seconds, left)
+    text = f"{coarse.text()}\n\n{measured.text()}"
+    return report | {"measured_effects": measured.report()}, text, measured.limited
 
 
 def _compiled_size(arguments: argparse.Namespace) -> int:
@@ -188,7 +213,7 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
             return spectra_figure(spectra, units=units_of(tree.attrs))
-        return summary_figure(tree)
+        return summary_figure(tree, arguments.details)
 
 
 def _check_options(arguments: argparse.Namespace, film: bool) -> None:
@@ -215,11 +240,13 @@ def _check_options(arguments: argparse.Namespace, film: bool) -> None:
     ]
     problems += [
         Problem(f"--{key}", "a scene has no results", remedy="leave it out, or name a results file")
-        for key in ("bodies", "map")
+        for key in ("bodies", "map", "details")
         if getattr(arguments, key) and scene
     ]
     if arguments.bodies and arguments.map:
         problems.append(Problem("--map", "one figure at a time", remedy="leave --bodies or --map out"))
+    if arguments.details and (arguments.bodies or arguments.map):
+        problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
     if film and arguments.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
     if arguments.frames is not None and not 2 <= arguments.frames <= 1000:

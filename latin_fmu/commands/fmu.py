@@ -108,7 +108,7 @@ def _register_simulate(add: AddParser) -> None:
     option(parser, "--start", "NAME=VALUE", text, action="append", default=[])
     text = "CPU seconds that the simulation may take; one that reaches them stops before the next step (exit code"
     add_max_cpu(parser, f"{text} {LIMITED}): the rows until then are written")
-    switch(parser, "--quiet", "no progress and no summary")
+    switch(parser, "-q --quiet", "no progress and no summary")
 
 
 def _fmu(arguments: argparse.Namespace) -> int:

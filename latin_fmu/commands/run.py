@@ -7,7 +7,7 @@ import gc
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -67,8 +67,12 @@ def register(add: AddParser) -> None:
     option(parser, "-o --output", "OUT.nc", text, output_file)
     add_strict(parser)
     switch(parser, "--json", "print a JSON report, and nothing else, on stdout")
-    switch(parser, "--quiet", "no progress and no summary")
+    switch(parser, "-q --quiet", "no progress and no summary")
+    text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
+    switch(parser, "--details", text)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
+    text = "also draw forces, contact states, sensors and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
+    option(parser, "--figure", "FIGURE", text, output_file)
     text = (
         "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
         "and OUT.nc.checkpoint.histories; signals that end a run leave one in any case (INT, TERM, HUP, QUIT, XCPU, "
@@ -133,7 +137,7 @@ def _distributed(arguments: argparse.Namespace, processes: Processes) -> int:
     with processes.agreed():
         if first:
             written: list[str] = []
-            lost = _write(solution, target, arguments.vtk, written)
+            lost = _write(solution, target, arguments, written)
             _show(solution, arguments, written, None, lost)
     return _code(solution, solution.trustworthy, arguments)
 
@@ -149,6 +153,11 @@ def _checked_outputs(scene: Scene, arguments: argparse.Namespace) -> Path:
         from ..results.vtk import check_export_folder
 
         check_export_folder(arguments.vtk)
+    if arguments.figure is not None:
+        from ..pictures.style import check_figure_path
+
+        check_figure_path(arguments.figure)
+        check_target(arguments.figure)
     return target
 
 
@@ -182,7 +191,7 @@ def _run_alone(arguments: argparse.Namespace) -> int:
     # a signal does not interrupt the writing: it ends the process with its code below
     arguments.signals.noted = True
     with Waiting("writing the results", quiet=arguments.quiet):
-        lost = _write(solution, target, arguments.vtk, written)
+        lost = _write(solution, target, arguments, written)
     # after the results are written: they are read from it
     if solution.outcome.stream is not None:
         solution.outcome.stream.close()
@@ -212,11 +221,12 @@ def _note_inputs(scene: Scene, quiet: bool) -> None:
         say(f"inputs keep their start value in this run (only an FMU or a session sets them): {', '.join(stay)}")
 
 
-def _write(solution: Solution, target: Path, vtk: Path | None, written: list[str]) -> list[Problem]:
+def _write(solution: Solution, target: Path, arguments: argparse.Namespace, written: list[str]) -> list[Problem]:
     """Write the outputs, and a line on each to ``written``; problems of those that could not be."""
     from ..results.writing import UnwrittenError
 
     lost: list[Problem] = []
+    vtk, figure = arguments.vtk, arguments.figure
     try:
         solution.save(target)
         written.append(f"results: {target}")
@@ -227,6 +237,18 @@ def _write(solution: Solution, target: Path, vtk: Path | None, written: list[str
 
         try:
             written.append(f"for ParaView: {export_vtu(solution, vtk)}")
+        except UnwrittenError as error:
+            lost += error.problems
+    if figure is not None and not lost:
+        from ..pictures.style import save_figure
+        from ..pictures.summary_picture import summary_figure
+        from ..results.files import open_results
+
+        try:
+            # from the file: histories of a long run are not in memory
+            with closing(open_results(target)) as tree:
+                save_figure(summary_figure(tree), figure)
+            written.append(f"figure: {figure}")
         except UnwrittenError as error:
             lost += error.problems
     return lost
@@ -350,7 +372,7 @@ def _show(
     if arguments.json:
         print(json_lines(solution.report() | ({} if choice is None else {"accuracy_target": choice.report()})))
     elif not arguments.quiet:
-        print("\n".join([solution.summary(), "", *written]))
+        print("\n".join([solution.summary(arguments.details), "", *written]))
     if not arguments.quiet and arguments.json:
         say("\n".join([solution.status, *written]))
     elif arguments.quiet and not solution.trustworthy:

@@ -46,7 +46,7 @@ run whose own error is estimated. Methods that fail are listed.
 _STRESS_EXAMPLES = """\
 examples:
   latin-fmu stress --quick
-  latin-fmu stress -o stability.md          writes stability.md and stability.png
+  latin-fmu stress -o stability.md          writes stability.md, stability.png and stability.json (all cases)
   latin-fmu stress --quick --json > stability.json
 
 exit codes: 0 all cases hold, 1 some do not
@@ -85,7 +85,7 @@ def _register_cost(add: AddParser) -> None:
     option(parser, "--budget", "SECONDS", text, float)
     switch(parser, "--quick", "a small budget")
     switch(parser, "--json", "print JSON (a list), and nothing else, on stdout")
-    switch(parser, "--quiet", "no progress")
+    switch(parser, "-q --quiet", "no progress")
 
 
 def _register_stress(add: AddParser) -> None:
@@ -112,7 +112,7 @@ def _register_sweep(add: AddParser) -> None:
     add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
     switch(parser, "--histories", "keep the forces of the interfaces over time")
     switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
-    switch(parser, "--quiet", "no progress")
+    switch(parser, "-q --quiet", "no progress")
 
 
 def _cost(arguments: argparse.Namespace) -> int:
@@ -178,6 +178,7 @@ def _stress(arguments: argparse.Namespace) -> int:
     if arguments.output is not None:
         check_target(arguments.output)  # before the long part
         check_target(arguments.output.with_suffix(".png"))
+        check_target(arguments.output.with_suffix(".json"))
     every = list(cases(arguments.quick))
     done: list[CaseResult] = []
     with Waiting("hard cases") as waiting:
@@ -231,15 +232,16 @@ def _sweep(arguments: argparse.Namespace) -> int:
 
 
 def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int) -> None:
-    """Report and figure, each complete or not at all."""
+    """Report, figure and the cases as data, each complete or not at all."""
     from ..pictures.style import save_figure
     from ..results.writing import write_bytes
-    from ..stability.report import as_markdown, compare_schemes, stability_figure
+    from ..stability.report import as_json, as_markdown, compare_schemes, stability_figure
 
-    picture = target.with_suffix(".png")
+    picture, data = target.with_suffix(".png"), target.with_suffix(".json")
     if rows:
         save_figure(stability_figure(rows), picture)
     # the comparison has no limit of its own: not after one was reached
     schemes = "" if left_out else compare_schemes(elements=20 if quick else 50, bounces=3 if quick else 20)
-    write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out).encode())
-    say(f"report: {target}" + f", figure: {picture}" * bool(rows))
+    write_bytes(data, (as_json(rows) + "\n").encode())
+    write_bytes(target, as_markdown(rows, schemes, picture.name if rows else None, left_out, data.name).encode())
+    say(f"report: {target}, cases: {data}" + f", figure: {picture}" * bool(rows))

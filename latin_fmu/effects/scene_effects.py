@@ -15,8 +15,7 @@ from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
-from ..scene.overrides import apply_overrides
-from ..scene.schema import GRAVITY
+from ..scene.schema import GRAVITY, with_settings
 from ..scene.settings import StaticStart
 from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds
 
@@ -74,7 +73,7 @@ def changed(p: Prediction, settings: Sequence[str]) -> DiscretisedProblem | None
     if "scheme" not in p.scene.time.model_fields_set:  # a default that may depend on the settings
         tables["time"].pop("scheme", None)
     try:
-        return discretise(scene_from_dict(apply_overrides(tables, settings), p.scene.base_dir))
+        return discretise(scene_from_dict(with_settings(tables, settings), p.scene.base_dir))
     except InputError:
         return None
 
@@ -274,6 +273,9 @@ def gap(p: Prediction) -> Effect:
     reason = (
         f"open at the start, up to {max(float(u.geometry.gap.max()) for u in units):.4g} {p.scene.unit_system['m']}"
     )
+    formed = tuple(f"interface.{u.name}.form" for u in units if p.discretised.scene.joints[u.name].form is not None)
+    if formed:
+        return Effect("initial gap", True, formed, reason, "faces without a form")
     keys = tuple(f"interface.{u.name}.gap" for u in units)
     # lazily: each way builds the whole scene, the first that is accepted ends the search
     ways = (value for value in ("0", '"closed"') if changed(p, [f"{key}={value}" for key in keys]) is not None)

@@ -45,9 +45,9 @@ from ..results.quantities_of_interest import (
 )
 from ..results.solution import Solution
 from ..scene.describe import field_at, unit_of
-from ..scene.overrides import apply_overrides, parse_value
+from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
-from ..scene.schema import Scene, toml_value
+from ..scene.schema import Scene, toml_value, with_settings
 
 MOST_POINTS: Final = 20_000
 """Largest number of points of a study."""
@@ -219,7 +219,7 @@ class Grid:
         """
         if point is None:
             return scene_from_dict(dict(self.tables), self.base_dir)
-        scene = scene_from_dict(apply_overrides(self.tables, self.settings(point)), self.base_dir)
+        scene = scene_from_dict(with_settings(self.tables, self.settings(point)), self.base_dir)
         output = scene.output.model_copy(update=dict.fromkeys(_NO_FIELDS, False))
         return scene.model_copy(update={"output": output})
 

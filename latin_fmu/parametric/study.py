@@ -46,8 +46,7 @@ from ..results.files import write_netcdf
 from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
 from ..results.quantities import AXES
 from ..results.writing import check_target, unwritable, write_bytes
-from ..scene.overrides import apply_overrides
-from ..scene.schema import Scene
+from ..scene.schema import Scene, with_settings
 from .point import (
     CONVERGED,
     FAILED,
@@ -183,9 +182,16 @@ def sweep(
     ------
     InputError : no such key, absurd sizes, a folder with the points of another study, dask.distributed missing.
     ResultsError : the output cannot be written.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> study = latin_fmu.sweep(scene, {"interface.wall.gap": [0.5, 0.6]})
+    >>> study.sizes["interface.wall.gap"]
+    2
     """
     if isinstance(scene, Scene):
-        tables, base_dir = apply_overrides(scene.tables(), settings), scene.base_dir
+        tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir
     else:
         tables, base_dir = read_tables(scene, settings), Path(scene).parent
     # absolute, as workers may run in other folders

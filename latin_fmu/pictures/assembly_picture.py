@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..scene.boundaries import Driven, Periodic
 from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
+from ..scene.units import UnitSystem
 from .frame import Skin, View, arrow, axes_with_units, draw, skin_of
 from .style import Colour, colours, styled
 
@@ -53,12 +54,14 @@ class _Joint:
     ----------
     nodes : body -> its nodes that take part. normal : (3,) area-weighted mean of N from the first body to the second,
         shorter than 1 where the face is curved, 0 where it is closed.
+    gap : body -> share of the largest gap at these nodes; empty where the scene gives the faces no form.
     """
 
     name: str
     text: str
     nodes: dict[str, Index]
     normal: Array
+    gap: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -119,11 +122,13 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
         warnings += [f"drawn as written, the scene does not build: {problem}" for problem in error.problems]
         joints = [_named_joint(name, i, bodies) for name, i in scene.interface.items()]
         return _Assembly(scene, bodies, joints)
-    return _Assembly(discretised.scene, discretised.bodies, [_built_joint(unit) for unit in discretised.units])
+    made, tables = discretised.scene, discretised.scene.joints
+    built = [_built_joint(unit, tables[unit.name].form is not None, made.unit_system) for unit in discretised.units]
+    return _Assembly(made, discretised.bodies, built)
 
 
-def _built_joint(unit: InterfaceUnit) -> _Joint:
-    """The part of the faces that takes part."""
+def _built_joint(unit: InterfaceUnit, formed: bool, units: UnitSystem) -> _Joint:
+    """The part of the faces that takes part; ``formed``: with its gap."""
     geometry = unit.geometry
     nodes = {
         # three dofs a node
@@ -132,7 +137,18 @@ def _built_joint(unit: InterfaceUnit) -> _Joint:
         if trace is not None
     }
     normal = geometry.areas @ geometry.frames[:, 0] / geometry.areas.sum()
-    return _Joint(unit.name, f"{unit.name}: {unit.behaviour.name}, {geometry.n_point} points", nodes, normal)
+    text, gap = f"{unit.name}: {unit.behaviour.name}, {geometry.n_point} points", {}
+    if formed and (largest := float(geometry.gap.max())) > 0.0:
+        text += f", gap up to {readable(largest, units.label('m'), 3, figure=True)} (white)"
+        # of a node: mean over the points that it takes part in
+        there = [trace for trace in geometry.traces if trace is not None]
+        for (body, own), trace in zip(nodes.items(), there, strict=True):
+            sums = abs(trace).T @ np.repeat(
+                np.stack([geometry.gap / largest, np.ones(geometry.n_point)], axis=1), 3, axis=0
+            )
+            at_nodes = sums.reshape(-1, 3, 2).sum(axis=1)[own]
+            gap[body] = at_nodes[:, 0] / at_nodes[:, 1]
+    return _Joint(unit.name, text, nodes, normal, gap)
 
 
 def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body]) -> _Joint:
@@ -177,6 +193,8 @@ def _paint(assembly: _Assembly, skins: dict[str, Skin], strong: Mapping[str, Col
     for joint in assembly.joints:
         for body, nodes in joint.nodes.items():
             skins[body] = skins[body].painted(nodes, _rgb(strong[joint.name]))
+            if body in joint.gap:
+                skins[body] = skins[body].faded(nodes, joint.gap[body])
 
 
 def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:

@@ -232,6 +232,14 @@ class Skin:
         inside = np.all(chosen[self.facets], axis=1, keepdims=True)
         return replace(self, colours=np.where(inside, colour, self.colours))
 
+    def faded(self, nodes: Index, share: Array) -> Skin:
+        """The same facets mixed with white by the mean ``share`` (n_node,) of their corners, 1 for white."""
+        at_nodes = np.full(len(self.points), np.nan)
+        at_nodes[nodes] = share
+        white = at_nodes[self.facets].mean(axis=1, keepdims=True)
+        mixed = self.colours + white * (1.0 - self.colours)
+        return replace(self, colours=np.where(np.isnan(white), self.colours, mixed))
+
     def normals(self) -> Array:
         """Outward unit normals (n_facet, 3)."""
         a, b, c, d = (self.points[self.facets[:, i]] for i in range(4))

@@ -14,9 +14,15 @@ import xarray as xr
 from ..latin.outcome import Array
 from ..results.dataset import has_friction
 from ..results.groups import unit_of
-from ..results.quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant, status_shares
+from ..results.quantities_of_interest import (
+    PEAK_FORCE,
+    InterfaceFields,
+    friction_resultant,
+    normal_resultant,
+    status_shares,
+)
 from ..results.spectra import ShockSpectrum
-from ..results.summary import prefix_for
+from ..results.summary import percent, prefix_for
 from ..scene.units import SI, UnitSystem, unit_text
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 
@@ -31,12 +37,18 @@ STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
 
 
-def force_panel(
-    axis: Axes, title: str, time: Array, curves: dict[str, Array], scale: TimeAxis, reference: float, unit: str = "N"
+def history_panel(
+    axis: Axes,
+    time: Array,
+    curves: dict[str, Array],
+    scale: TimeAxis,
+    reference: float = 0.0,
+    unit: str = "N",
+    what: str = "force",
 ) -> None:
-    """One force over time per interface; ``time`` (n_time,) in s, ``curves`` (n_time,) in ``unit``.
+    """One curve over time each; ``time`` (n_time,) in s, ``curves`` (n_time,) in ``unit``.
 
-    Forces below 1e-9 of the force ``reference`` are round-off and are not enlarged to the height of the panel.
+    Curves below 1e-9 of ``reference`` are round-off and are not enlarged to the height of the panel.
     """
     peak = max((float(np.abs(curve).max(initial=0.0)) for curve in curves.values()), default=0.0)
     # a body at rest would fill the panel with round-off
@@ -47,10 +59,20 @@ def force_panel(
     axis.axhline(0.0, color="0.6", linewidth=0.6, zorder=0)
     for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
-    axis.set(title=title, ylabel=f"force ({label})")
+    axis.set(ylabel=f"{what} ({label})")
+    axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)  # a unit without a prefix has large numbers
     scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
         axis.legend(fontsize="small")
+
+
+def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
+    """Tension of bolts over time, without the line of 0: what they lose is a small part of it."""
+    history_panel(axis, time, curves, scale, unit=unit)
+    low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
+    size = prefix_for(max(abs(low), abs(high)), unit)[0]
+    margin = 0.05 * (high - low) or 0.05 * abs(high) or size
+    axis.set_ylim((low - margin) / size, (high + margin) / size)
 
 
 def status_panel(axis: Axes, name: str, dataset: xr.Dataset, scale: TimeAxis, first: bool, last: bool) -> None:
@@ -138,33 +160,37 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
 
 @dataclass(frozen=True)
 class _Panel:
-    """One row of a column: its height in inches and the function that draws it."""
+    """One row of a column: its height in inches, the function that draws it, and a title where that gives none."""
 
     height: float
     draw: Callable[[Axes], None]
+    title: str | None = None
 
 
 @styled
-def summary_figure(tree: xr.DataTree) -> Figure:
-    """Forces, contact states, convergence and, when present, energy of a run.
+def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
+    """Forces and contact states of the interfaces, motions of sensors, tension of bolts and, when present, energy.
 
     Normal resultant and friction of the interfaces; one strip per interface that can open, with the shares
-    of its area that stick, slip and are open; convergence; energy of the assembly. Many strips get a column
-    of their own.
+    of its area that stick, slip and are open. Many strips get a column of their own. ``details`` : convergence, too;
+    it is drawn of a run that did not converge in any case.
     """
     from matplotlib.figure import Figure
 
     nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
     groups = {name: node.to_dataset() for name, node in nodes.items()}
+    # bonded faces carry what their bodies carry: they are drawn where nothing may open
+    groups = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
     end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
     scale = TimeAxis(*prefix_for(end, "s", figure=True))
-    forces, strips = _force_panels(groups, scale), _strips(groups, scale)
-    rest = _convergence_panels(tree, scale) + _energy_panels(tree, scale)
+    forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
+    rest = _sensor_panels(tree, scale) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)
+    converged = tree.attrs.get("converged", 1)
+    rest += _convergence_panels(tree, scale) if details or not converged or not groups else []
     columns = [forces + strips, rest] if len(strips) <= FEW else [forces + rest, strips]
     columns = [column for column in columns if column]
     height = max((sum(panel.height for panel in column) for column in columns), default=1.0) + 1.0
     figure = Figure(figsize=(6.2 * max(1, len(columns)), height), layout="constrained")
-    converged = tree.attrs.get("converged", 1)
     unfinished = not tree.attrs.get("trustworthy", converged)
     mark = "" if not unfinished else " (NOT TRUSTWORTHY)" if converged else " (NOT CONVERGED)"
     title = f"{tree.attrs.get('scene_name', 'run')}{mark}"
@@ -186,6 +212,8 @@ def _draw_column(part: SubFigure, column: list[_Panel]) -> None:
     stack = part.subplots(len(column), 1, height_ratios=heights, squeeze=False)
     for axis, panel in zip(stack.flat, column, strict=True):
         panel.draw(axis)
+        if panel.title is not None:
+            axis.set_title(panel.title)
 
 
 _Place = Literal["outside upper center", "outside lower center"]
@@ -196,32 +224,78 @@ def _legend(part: SubFigure, axis: Axes, place: _Place, title: str | None = None
     part.legend(handles, labels, loc=place, ncols=4, fontsize="small", title=title)
 
 
-def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:
+def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis, errors: Mapping[str, float]) -> list[_Panel]:
     fields = {name: InterfaceFields.of_dataset(dataset) for name, dataset in groups.items()}
     if not fields:
         return []
     time = next(iter(fields.values())).time
     few, unit = len(fields) <= FEW, unit_of(next(iter(groups.values()))["force"], "N")
     normal = {
-        _with_peak(name, item, scale, unit) if few else name: normal_resultant(item) for name, item in fields.items()
+        _with_peak(name, item, scale, unit, errors) if few else name: normal_resultant(item)
+        for name, item in fields.items()
     }
     # one scale for both panels
     reference = max(float(np.abs(curve).max(initial=0.0)) for curve in normal.values())
-    draw = partial(force_panel, title="Normal resultant (compression > 0)", reference=reference, unit=unit)
-    panels = [_Panel(2.4, partial(draw, time=time, curves=normal, scale=scale))]
+    draw = partial(history_panel, time=time, scale=scale, reference=reference, unit=unit)
+    panels = [_Panel(2.4, partial(draw, curves=normal), "Normal resultant (compression > 0)")]
     if any(map(has_friction, groups.values())):
         friction = {name: friction_resultant(item) for name, item in fields.items()}
         title = "Friction force (magnitude of the tangential resultant)"
-        draw = partial(force_panel, title=title, reference=reference, unit=unit)
-        panels.append(_Panel(2.4, partial(draw, time=time, curves=friction, scale=scale)))
+        panels.append(_Panel(2.4, partial(draw, curves=friction), title))
     return panels
 
 
-def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str) -> str:
-    """Name of an interface with its peak force and the duration of that mean."""
+def _errors(tree: xr.DataTree) -> dict[str, float]:
+    """Estimated relative errors by quantity; none of a run without an estimate."""
+    if "accuracy" not in tree.children:
+        return {}
+    estimates = tree["accuracy"].to_dataset()
+    return dict(zip(estimates["quantity"].values.tolist(), estimates["relative_error"].values.tolist(), strict=True))
+
+
+def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, errors: Mapping[str, float]) -> str:
+    """Name of an interface with its peak force, the estimated error of that, and the duration of that mean."""
     peak, duration, _ = fields.peaks
     size, label = prefix_for(peak, unit, figure=True)
-    return f"{name}: {peak / size:.3g} {label} over {duration / scale.divisor:.2g} {scale.unit}"
+    error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
+    known = f" ± {percent(error)}" if np.isfinite(error) else ""
+    return f"{name}: {peak / size:.3g} {label}{known} over {duration / scale.divisor:.2g} {scale.unit}"
+
+
+def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
+    """Accelerations of the sensors (behind their filter where they have one), displacements where there are none: of
+    each the component with the largest value."""
+    nodes = tree["sensors"].children if "sensors" in tree.children else {}
+    panels = []
+    for motion, choices in (("acceleration", ("acceleration_filtered", "acceleration")), ("displacement", None)):
+        curves, unit, time = {}, "", np.zeros(0)
+        for name, node in nodes.items():
+            dataset = node.to_dataset()
+            stored = [choice for choice in choices or ("displacement",) if choice in dataset]
+            if not stored or (choices is None and "acceleration" in dataset):
+                continue
+            values, unit, time = dataset[stored[0]].values, unit_of(dataset[stored[0]], ""), dataset["time"].values
+            axis = int(np.abs(values).max(axis=0).argmax())
+            curves[f"{name}, along {'xyz'[axis]}"] = values[:, axis]
+        if curves:
+            draw = partial(history_panel, time=time, curves=curves, scale=scale, unit=unit, what=motion)
+            panels.append(_Panel(2.4, draw, f"{motion.capitalize()} of the sensors"))
+    return panels
+
+
+def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
+    """Tension of the bolts, with what each has lost at the end."""
+    nodes = tree["bolts"].children if "bolts" in tree.children else {}
+    if not nodes:
+        return []
+    curves, unit, time = {}, "N", np.zeros(0)
+    for name, node in nodes.items():
+        dataset = node.to_dataset()
+        tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
+        lost = 1.0 - tension[-1] / tension[0] if tension[0] else 0.0
+        curves[f"{name}: {100 * abs(lost):.2g} % {'lost' if lost >= 0.0 else 'gained'} at the end"] = tension
+    draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
+    return [_Panel(2.4, draw, "Tension of the bolts")]
 
 
 def _strips(groups: dict[str, xr.Dataset], scale: TimeAxis) -> list[_Panel]:

@@ -68,6 +68,13 @@ class Checkpoint:
     seconds : likewise, s of the wall clock. resume : continue from the checkpoint at ``path`` where there is one.
     stop : whether the run has to stop; called between windows, a checkpoint is then written. log : takes a sentence on
         a checkpoint that could not be written, and on one that was continued from.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+    >>> kept = latin_fmu.Checkpoint(folder / "bar.checkpoint", every=100)
+    >>> latin_fmu.solve(scene, checkpoint=kept).converged
+    True
     """
 
     def __init__(

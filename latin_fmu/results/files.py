@@ -160,6 +160,14 @@ def open_results(path: str | Path) -> xr.DataTree:
     ------
     ResultsError : no such file, not a netCDF-4 file, not written by this package, or written by a version
         whose layout this one does not know.
+
+    Examples
+    --------
+    >>> solution = latin_fmu.solve(latin_fmu.load_scene("models/impact_bar/scene.toml"))
+    >>> solution.save(folder / "bar.nc")
+    >>> with latin_fmu.open_results(folder / "bar.nc") as tree:
+    ...     float(tree["interfaces/wall/force"][-1, 2])
+    0.0
     """
 
     source = Path(path)

@@ -27,8 +27,10 @@ from .sensors import (
     spectra_of,
     spectrum_lines,
 )
+from .sentences import sentences
 from .spectra import ShockSpectrum
-from .summary import report, summary
+from .summary import details as details_of
+from .summary import report
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,6 +64,13 @@ class Solution:
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
     surfaces : whether results hold pressure and slip of the interfaces.
     units : system of units of the scene, which labels the results.
+
+    Examples
+    --------
+    >>> solution = latin_fmu.solve(latin_fmu.load_scene("models/impact_bar/scene.toml"))
+    >>> solution.save(folder / "bar.nc")
+    >>> print(solution.summary().splitlines()[0])
+    impact_bar: converged: 400 window(s), at most 3 iteration(s) to sqrt(eta) <= 0.001
     """
 
     outcome: Outcome
@@ -141,10 +150,27 @@ class Solution:
         write_groups(self._groups(blocks is not None), path, blocks)
         self.timings.output += clock.process_time() - start
 
-    def summary(self) -> str:
-        """Text: status, cost, tables of the interfaces and sensors, estimated errors."""
-        text = "\n".join([summary(self.outcome, self.scene_name, self.units), *self._sensor_lines()])
-        return text if self.estimate is None else "\n".join([text, "", *self.estimate.lines(self.units)])
+    def summary(self, details: bool = False) -> str:
+        """Text: status and remarks, a sentence on each interface, bolt, sensor and support, cost.
+
+        details : also the course of the iteration, energies, tables of the same, and all estimated errors.
+        """
+        lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
+        if said := sentences(self.outcome, self.units, self.estimate, self.spectra):
+            lines += ["", *said]
+        lines += ["", *self._cost()]
+        if details:
+            lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
+            lines += [] if self.estimate is None else ["", *self.estimate.lines(self.units)]
+        return "\n".join(lines)
+
+    def _cost(self) -> list[str]:
+        """CPU time and memory of the run and of its estimate, with what that does not cover."""
+        text = f"  cost  {self.timings.total:.3g} s of CPU"
+        if self.estimate is not None and self.estimate.quantities:
+            text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
+        remarks = [] if self.estimate is None else [f"  note  {remark}" for remark in self.estimate.remarks]
+        return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *remarks]
 
     def _sensor_lines(self) -> list[str]:
         outcome, units = self.outcome, self.units

@@ -77,6 +77,14 @@ def shock_response_spectrum(
     ------
     InputError : a frequency that is not positive or lies beyond the Nyquist frequency 1 / (2 step), too few or
         infinite samples, Q <= 1/2.
+
+    Examples
+    --------
+    >>> pulse = 1000.0 * np.sin(np.pi * np.arange(101) / 100)  # half sine of 10 ms
+    >>> padded = np.append(pulse, np.zeros(900))
+    >>> spectrum = latin_fmu.shock_response_spectrum(padded, 1e-4, [80.0])
+    >>> float(spectrum.acceleration[0, 0].round(-1))  # Q 10, near the largest amplification of the pulse, 1.65
+    1650.0
     """
     samples, f = np.asarray(acceleration, dtype=float), np.atleast_1d(np.asarray(frequencies, dtype=float))
     problems = list(spectrum_problems("frequencies", f, step)) if step > 0 else [Problem("step", "not a positive time")]

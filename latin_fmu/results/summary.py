@@ -1,4 +1,4 @@
-"""Summary of a run as text, its report as JSON data, and the format of numbers with SI prefixes."""
+"""Details of a run as text, its report as JSON data, and the format of numbers with SI prefixes."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def report(outcome: Outcome) -> dict[str, Any]:
     ``warnings``, ``warning_codes`` (of ``remarks.REMARKS``, one each), and ``interfaces``:
     per name ``impulse`` (vector, N s), ``peak_force`` (N, largest mean of the normal
     resultant over ``peak_duration``, s), ``peak_force_raw`` (N, its largest value, which has no limit where bodies
-    land), ``first_contact_time`` (s; first instant at which the normal resultant exceeds 1 % of its peak),
+    land), ``first_contact_time`` (s; at which the normal resultant exceeds 1 % of its peak, or a gap closes),
     ``separation_time`` (s; from which on its mean over ``peak_duration`` stays below a tenth of ``peak_force``; None of
     both if never) and ``error_indicator``. A solution with an error estimate adds
     ``error_estimate``, see ``results.estimates``.
@@ -137,8 +137,8 @@ def finite(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
-    """Text of some ten lines: status, cost, accuracy, and a table of the interfaces."""
+def details(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
+    """Lines on the course of the iteration, penetration, energy, balance and cost, and a table of the interfaces."""
     rows = [
         ("iterations", _iterations(outcome)),
         ("passes", f"{outcome.passes:.3g} (substructure-instants solved / substructures x instants)"),
@@ -153,12 +153,8 @@ def summary(outcome: Outcome, scene_name: str, units: UnitSystem = SI) -> str:
         rows.append(("operators", outcome.settings["operators"]))
     rows.append(("CPU", _cpu(outcome)))
     width = max(len(label) for label, _ in rows)
-    lines = [f"{scene_name}: {outcome.status}"]
-    lines += [f"  {label:<{width}}  {text}" for label, text in rows]
-    lines += [f"  warning: {warning}" for warning in outcome.warnings]
-    if outcome.interfaces:
-        lines += ["", *_table(outcome, units)]
-    return "\n".join(lines)
+    lines = [f"  {label:<{width}}  {text}" for label, text in rows]
+    return lines + (["", *_table(outcome, units)] if outcome.interfaces else [])
 
 
 def _penetration(outcome: Outcome, units: UnitSystem) -> str:

@@ -30,6 +30,12 @@ def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
     compression, and ``friction`` (time), the magnitude of the tangential resultant; N.
 
     Raises InputError where there is no such interface.
+
+    Examples
+    --------
+    >>> tree = latin_fmu.solve(latin_fmu.load_scene("models/impact_bar/scene.toml")).to_datatree()
+    >>> latin_fmu.resultant(tree, "wall")["normal"].sizes["time"]
+    401
     """
     group = _group(tree, "interfaces", interface)
     with readable(_source(tree)):
@@ -49,6 +55,13 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
     time : the stored instant nearest to it is taken, s; that with the largest normal force where None.
 
     Raises InputError where there is no such interface, or its points carry no cells.
+
+    Examples
+    --------
+    >>> solution = latin_fmu.solve(latin_fmu.load_scene("models/two_specimen_crushing/scene.toml"))
+    >>> made = latin_fmu.pressure_map(solution.to_datatree(), "crush")
+    >>> made["pressure"].dims, made["pressure"].attrs["units"]
+    (('point',), 'Pa')
     """
     group = _group(tree, "interfaces", interface)
     if "cells" not in group:
@@ -74,6 +87,13 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     (face, corner), and the fields at its nodes that the file holds, e.g. ``velocity`` (time, node, component).
 
     Raises InputError where no field of this substructure is in the file (``output.fields = true``).
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml", ["output.fields=true"])
+    >>> made = latin_fmu.skin(latin_fmu.solve(scene).to_datatree(), "bar")
+    >>> made["faces"].dims
+    ('face', 'corner')
     """
     group = _group(tree, "substructures", substructure, "store fields: output.fields = true")
     with readable(_source(tree)):
@@ -117,6 +137,13 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
     component), m s-2, and ``pseudo_velocity``, m s-1; see ``shock_response_spectrum``.
 
     Raises InputError where there is no such sensor, or as ``shock_response_spectrum``.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/lap_joint/shock.toml", ["time.end=50e-6"])
+    >>> tree = latin_fmu.solve(scene).to_datatree()
+    >>> latin_fmu.sensor_spectrum(tree, "end", [20e3, 50e3])["acceleration"].dims
+    ('response', 'frequency', 'component')
     """
     import xarray as xr
 
@@ -152,6 +179,13 @@ def amplitude_spectrum(tree: xr.DataTree, sensor: str, quantity: str = "accelera
     The n instants are one period, without window function; unit of the history.
 
     Raises InputError where there is no such sensor or quantity.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/gripped_bar/scene.toml")
+    >>> tree = latin_fmu.solve(scene).to_datatree()
+    >>> latin_fmu.amplitude_spectrum(tree, "end", "displacement").dims
+    ('frequency', 'component')
     """
     history = _history(tree, sensor, quantity)
     n, step = len(history), float(history["time"][1] - history["time"][0])

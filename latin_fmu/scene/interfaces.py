@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, create_model
 
 from ..errors import Problem, did_you_mean, shown
+from .face_form import FaceForm
 from .fields import GROUND, Direction, Name, Real, SceneTable, Side, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, named_tables, number, reference_problems, text_list
@@ -15,10 +16,13 @@ from .raw_scene import RawTable, face_problems, given, named_tables, number, ref
 # Keys of an interface that only some behaviours take. A parameter without a default value has to be given.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "perfect": (),
-    "contact": ("friction_coefficient", "gap", "preload", "preload_force"),
-    "no_slip": ("gap", "preload", "preload_force"),
+    "contact": ("friction_coefficient", "gap", "form", "preload", "preload_force"),
+    "no_slip": ("gap", "form", "preload", "preload_force"),
     "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force"),
-    "soft_contact": ("normal_stiffness", "friction_coefficient", "gap", "preload", "preload_force", "interference"),
+    "soft_contact": (
+        *("normal_stiffness", "friction_coefficient", "gap", "form"),
+        *("preload", "preload_force", "interference"),
+    ),
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
 }
 BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
@@ -27,7 +31,7 @@ MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
     name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
 }
 _PRESSED: Final = ("preload", "preload_force", "interference")
-PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", *_PRESSED))
+PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", "form", *_PRESSED))
 
 
 def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
@@ -55,6 +59,14 @@ def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Pro
         yield Problem(f"{where}.{pressed[1]}", f"given together with {pressed[0]!r}", None, "one of them")
     gap = number(table, "gap")
     for key in pressed[:1]:
+        if given(table, "form"):
+            yield Problem(
+                f"{where}.{key}",
+                "an interface whose faces touch in part carries no even preload",
+                f"{number(table, key):g} with a form of the faces",
+                f"{key} > 0 only without form",
+                "press the faces by a load or by bolts, or remove the form",
+            )
         if gap is not None and gap > 0.0:
             yield Problem(
                 f"{where}.{key}",
@@ -160,6 +172,9 @@ class Interface(SceneTable):
             "m",
         ),
     ] = None
+    form: Annotated[
+        FaceForm | None, about("form of the faces, added to the gap: crown, polynomial or table (behaviours that open)")
+    ] = None
     preload: Annotated[
         Real, about("pressure already there at t = 0, in equilibrium (contacts, elastic_layer)", "Pa", ge=0)
     ] = 0.0
@@ -210,6 +225,7 @@ class _ContactKeys(SceneTable):
     parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
+    form: Annotated[FaceForm | None, about("form of the faces, as for an interface")] = None
 
     @property
     def exceptions(self) -> frozenset[frozenset[str]]:
@@ -219,7 +235,7 @@ class _ContactKeys(SceneTable):
     def interface(self, first: str, second: str) -> Interface:
         """The interface between the boundaries of two substructures."""
         taken = TAKES[self.behaviour]
-        keys = [k for k in ("gap", *PARAMETERS) if k in taken and getattr(self, k) is not None]
+        keys = [k for k in ("gap", "form", *PARAMETERS) if k in taken and getattr(self, k) is not None]
         values: dict[str, Any] = {key: getattr(self, key) for key in keys}
         return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
 

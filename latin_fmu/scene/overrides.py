@@ -9,56 +9,67 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from ..errors import Problem, SceneError, did_you_mean, shown
-from .describe import is_named, path_text
+from .describe import path_text
 from .fields import NAME_PATTERN
-from .schema import Scene
 
+_HEADING = "the settings cannot be applied"
 _FORM = "name.key=value, e.g. solver.tolerance=1e-4"
 
 
-def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str], named: Collection[str]) -> dict[str, Any]:
     """A copy of the scene data with the settings applied in order.
 
-    Raises SceneError with every setting that cannot be applied.
+    named : keys whose tables have names. Raises SceneError with every setting that cannot be applied.
     """
-    try:
-        changed: dict[str, Any] = copy.deepcopy(dict(data)) if overrides else dict(data)
-    except RecursionError:
-        raise SceneError([Problem("scene", "nested too deeply")], "the settings cannot be applied") from None
-    problems = [problem for setting in overrides if (problem := _apply(changed, setting)) is not None]
+    changed = _copied(data) if overrides else dict(data)
+    problems = [problem for setting in overrides if (problem := _apply(changed, setting, named)) is not None]
     if problems:
-        raise SceneError(problems, "the settings cannot be applied")
+        raise SceneError(problems, _HEADING)
     return changed
 
 
-def _apply(data: dict[str, Any], setting: str) -> Problem | None:
+def with_value(data: Mapping[str, Any], path: str, value: Any, named: Collection[str]) -> dict[str, Any]:
+    """A copy of the scene data with the value of one key, ``a.b.c``; errors as for ``apply_overrides``."""
+    changed = _copied(data)
+    if problem := _set(changed, path.split("."), value, named):
+        raise SceneError([problem], _HEADING)
+    return changed
+
+
+def _copied(data: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        return copy.deepcopy(dict(data))
+    except RecursionError:
+        raise SceneError([Problem("scene", "nested too deeply")], _HEADING) from None
+
+
+def _apply(data: dict[str, Any], setting: str, named: Collection[str]) -> Problem | None:
     path, equals, text = setting.partition("=")
     keys = [key.strip() for key in path.split(".")]
     if not equals or not all(keys):
         return Problem("--set", "not a setting", shown(setting), _FORM)
-    where = path_text(keys)
     try:
         value = parse_value(text.strip())
     except ValueError as error:
-        return Problem(where, str(error), shown(text), "a TOML value")
+        return Problem(path_text(keys), str(error), shown(text), "a TOML value")
+    return _set(data, keys, value, named)
+
+
+def _set(data: dict[str, Any], keys: Sequence[str], value: Any, named: Collection[str]) -> Problem | None:
+    # parts of a mesh file need no tables of their own
+    has_names = keys[0] in named and not (keys[0] == "substructure" and data.get("mesh"))
     here: Any = data
     for depth, key in enumerate(keys[:-1]):
         # parts of a mesh file, and tables without names, may be made
-        step = _entered(here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and _has_names(data, keys[0]))
+        step = _entered(here, key, path_text(keys[: depth + 1]), must_exist=depth == 1 and has_names)
         if isinstance(step, Problem):
             return step
         here = step[0]
-    return _store(here, keys[-1], value, where)
-
-
-def _has_names(data: dict[str, Any], key: str) -> bool:
-    """Whether the tables under a key must exist; parts of a mesh file need none of their own."""
-    field = Scene.model_fields.get(key)
-    return field is not None and is_named(field) and not (key == "substructure" and data.get("mesh"))
+    return _store(here, keys[-1], value, path_text(keys))
 
 
 def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | Problem:

@@ -45,6 +45,9 @@ Gap            Distance of the two sides along N at the points, open > 0. Measur
                "measured"; where a number is given the meshes must agree or touch; "closed" is no gap. Flat facets
                stand for smooth faces: an overlap below twice their distance from those counts as touching, and
                so does every distance where none is larger.
+Form of faces  form of an interface is what its faces deviate from their meshes, both together, and is added to the gap:
+               a crown, a polynomial or a table over the face. Polynomials and tables count from their smallest
+               value. Contact then begins where the faces are highest and spreads as they are pressed.
 Ground         Without a place the ground lies behind the face, which must be plane where it may open; its gap is
                the number given, 0 without one. With ground = {point = [...], normal = [...]}, the normal out of
                the ground, the gap is measured from that plane.

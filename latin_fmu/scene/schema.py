@@ -1,7 +1,7 @@
 """The scene: everything the user describes, checked as a whole."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
@@ -10,13 +10,14 @@ from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationEr
 from ..errors import Problem, SceneError, shown
 from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
 from .boundaries import Boundary, Periodic, boundary_problems
-from .describe import path_text, validation_problems
+from .describe import is_named, path_text, validation_problems
 from .fields import BodyName, Name, SceneTable, Text, about, split_face
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
 from .materials import MaterialTable, material_problems
 from .number_files import QUANTITIES, UNITS, si_unit
+from .overrides import apply_overrides, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
@@ -182,6 +183,20 @@ class Scene(SceneTable):
     """A scene; building one, from a file or in Python, raises `SceneError` listing every problem found.
 
     The named tables are dictionaries by name. Files named in it are relative to `base_dir`.
+
+    Examples
+    --------
+    >>> from latin_fmu import tables
+    >>> steel = tables.Material(young_modulus=210e9, poisson_ratio=0.3, density=7800.0)
+    >>> box = tables.Box(size=(0.02, 0.02, 0.02), elements=(4, 4, 4))
+    >>> cube = tables.Substructure(material="steel", box=box)
+    >>> push = tables.Load(face="cube.zmax", pressure=1e6)
+    >>> time = tables.Time(end=40e-6, step=0.5e-6)
+    >>> scene = latin_fmu.Scene(
+    ...     name="one", material={"steel": steel}, substructure={"cube": cube}, load={"push": push}, time=time
+    ... )
+    >>> latin_fmu.solve(scene).converged
+    True
     """
 
     name: Annotated[Name, about("name of the scene")]
@@ -189,33 +204,29 @@ class Scene(SceneTable):
     units: Annotated[SystemName, about("system of units of all numbers: labels results, scales checks")] = "SI"
     material: Annotated[dict[Name, MaterialTable], about("materials by name"), Field(min_length=1)]
     mesh: Annotated[
-        dict[Name, MeshParts],
-        about("mesh files with several parts; the effective scene has them as substructures"),
-        Field(default_factory=dict),
-    ]
+        dict[Name, MeshParts], about("mesh files with several parts; the effective scene has them as substructures")
+    ] = Field(default_factory=dict)
     substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
-    interface: Annotated[dict[Name, Interface], about("interfaces by name"), Field(default_factory=dict)]
+    interface: Annotated[dict[Name, Interface], about("interfaces by name")] = Field(default_factory=dict)
     contact: Annotated[
-        dict[Name, ContactSearch],
-        about("interfaces found between boundaries, by name of the search"),
-        Field(default_factory=dict),
-    ]
-    boundary: Annotated[dict[Name, Boundary], about("boundary conditions by name"), Field(default_factory=dict)]
-    load: Annotated[dict[Name, Load], about("loads by name"), Field(default_factory=dict)]
-    point_mass: Annotated[
-        dict[Name, PointMass], about("masses on points and faces, by name"), Field(default_factory=dict)
-    ]
+        dict[Name, ContactSearch], about("interfaces found between boundaries, by name of the search")
+    ] = Field(default_factory=dict)
+    boundary: Annotated[dict[Name, Boundary], about("boundary conditions by name")] = Field(default_factory=dict)
+    load: Annotated[dict[Name, Load], about("loads by name")] = Field(default_factory=dict)
+    point_mass: Annotated[dict[Name, PointMass], about("masses on points and faces, by name")] = Field(
+        default_factory=dict
+    )
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
-    temperature: Annotated[
-        dict[Name, Temperature], about("changes of temperature by name"), Field(default_factory=dict)
-    ]
-    bolt: Annotated[dict[Name, Bolt], about("bolts by name"), Field(default_factory=dict)]
-    spring: Annotated[dict[Name, Spring], about("springs and dashpots by name"), Field(default_factory=dict)]
-    coupling: Annotated[dict[Name, CouplingTable], about("couplings by name"), Field(default_factory=dict)]
-    sensor: Annotated[dict[Name, Sensor], about("sensors by name"), Field(default_factory=dict)]
-    port: Annotated[
-        dict[Name, Port], about("faces that other models are connected to, by name"), Field(default_factory=dict)
-    ]
+    temperature: Annotated[dict[Name, Temperature], about("changes of temperature by name")] = Field(
+        default_factory=dict
+    )
+    bolt: Annotated[dict[Name, Bolt], about("bolts by name")] = Field(default_factory=dict)
+    spring: Annotated[dict[Name, Spring], about("springs and dashpots by name")] = Field(default_factory=dict)
+    coupling: Annotated[dict[Name, CouplingTable], about("couplings by name")] = Field(default_factory=dict)
+    sensor: Annotated[dict[Name, Sensor], about("sensors by name")] = Field(default_factory=dict)
+    port: Annotated[dict[Name, Port], about("faces that other models are connected to, by name")] = Field(
+        default_factory=dict
+    )
     initial_state: Annotated[InitialStateTable | None, about("state of an earlier run that bodies start from")] = None
     time: Annotated[Time, about("interval, instants, time scheme")]
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
@@ -223,6 +234,7 @@ class Scene(SceneTable):
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
 
     _base_dir: Path = PrivateAttr(default=Path())
+    _context: dict[str, Any] = PrivateAttr(default_factory=dict)  # what its files are read with
 
     @model_validator(mode="wrap")
     @classmethod
@@ -247,7 +259,33 @@ class Scene(SceneTable):
         if problems := unreadable or _relation_problems(written, base_dir):
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
+        scene._context = data._context if isinstance(data, Scene) else dict(info.context or {})
         return scene
+
+    def replace(self, key: str, value: Any) -> Self:
+        """The scene with the value of one key, for instance ``scene.replace("solver.tolerance", 1e-4)``.
+
+        Parameters
+        ----------
+        key : as in the file, tables and names joined by dots; a number picks an item of a list. value : as in the file,
+            or a table of ``latin_fmu.tables``.
+
+        Raises
+        ------
+        SceneError : the key or the value does not fit, with every problem.
+
+        Examples
+        --------
+        >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
+        >>> scene.replace("time.instants", 800).replace("output.energy", True).time.instants
+        800
+        """
+        return self.model_validate(with_value(self.tables(), key, value, NAMED), context=self._context)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all keys and the folder are equal; how the files were read does not count."""
+        same = isinstance(other, Scene) and self.base_dir == other.base_dir
+        return same and self.__dict__ == other.__dict__
 
     @property
     def base_dir(self) -> Path:
@@ -308,3 +346,17 @@ class Scene(SceneTable):
             for key in MEANINGLESS.get(table["behaviour"], ()):
                 table.pop(key, None)
         return data
+
+
+NAMED: Final = frozenset(key for key, field in Scene.model_fields.items() if is_named(field))
+"""Keys of a scene whose tables have names."""
+
+
+def with_settings(data: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """A copy of the tables of a scene with settings ``a.b.c=value`` applied in order.
+
+    Raises
+    ------
+    SceneError : with every setting that cannot be applied.
+    """
+    return apply_overrides(data, settings, NAMED)

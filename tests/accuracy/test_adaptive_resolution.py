@@ -99,19 +99,22 @@ def test_runs_that_agree_on_an_order_extrapolate() -> None:
     assert len(sequence.runs) == 3
 
 
-def test_two_runs_make_a_bound() -> None:
-    """The change of the impulse by a refinement by two (half of 35 elements are 18) counts twice without a third run;
-    and the iteration."""
+def test_two_runs_make_an_estimate() -> None:
+    """The change of the impulse by a refinement by two (half of 35 elements are 18), a share of that of the force over
+    time, and the iteration."""
     known = impact_bar()
     sequence = RefinementSequence(known.scene, lambda _: None)
     halves = [sequence.at(factor) for factor in sequence.chain(0.35)[:2]]
     estimate = sequence.estimate(0.35, "wall.impulse")
     assert len(sequence.runs) == 2
-    assert estimate.bound_only
+    assert not estimate.bound_only
     at = {run.resolution: run.quantities.values["wall.impulse"] for run in sequence.runs}
     fine, half = (at[resolution] for resolution in halves)
     ratio, left = sequence.at(0.35).time / sequence.at(0.18).time, 0.5 * known.scene.solver.tolerance
-    assert estimate.error == pytest.approx(IMPULSE.safety * 2.0 * abs(fine - half) / fine / (ratio - 1.0) + left)
+    runs = [next(run for run in sequence.runs if run.resolution == at).quantities for at in halves]
+    beside = IMPULSE.share * runs[0].error("wall.force_history", runs[1]) * runs[1].scales["wall.force_history"]
+    beside /= runs[0].scales["wall.force_history"]
+    assert estimate.error == pytest.approx(IMPULSE.alone * abs(fine - half) / fine / (ratio - 1.0) + beside + left)
     assert abs(fine / 200.0 - 1.0) <= estimate.error
 
 

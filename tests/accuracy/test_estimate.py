@@ -27,7 +27,7 @@ from latin_fmu.accuracy.runs import (
 )
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem
-from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE
+from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST
 
 from ..test_cli import SCENE
 from ..verification.known_answers import MODELS, shipped
@@ -67,8 +67,16 @@ def test_the_changes_add_up(front: bool) -> None:
     half, quarter = series(p, (2.0, 4.0))
     error = estimated_error(IMPULSE, Changes(half, quarter, front=front))[0] / IMPULSE.safety
     assert error == pytest.approx(0.02)
-    alone = estimated_error(IMPULSE, Changes(half))[0] / IMPULSE.safety
-    assert alone == pytest.approx(2.0 * half)  # without a third run: the same again
+
+
+@pytest.mark.parametrize(("bars", "fewer"), [(True, 1.0), (False, 0.7)])
+def test_without_a_third_run_a_share_of_the_change_of_a_history_is_added(bars: bool, fewer: float) -> None:
+    error, bound_only = estimated_error(IMPULSE, Changes(0.01, bars=bars, beside=0.3))
+    assert error == pytest.approx(fewer * IMPULSE.alone * 0.01 + IMPULSE.share * 0.3)
+    assert not bound_only
+    smooth, _ = estimated_error(IMPULSE, Changes(0.01, bars=bars, front=False))
+    assert smooth == pytest.approx(fewer * IMPULSE.alone * 0.01 / (2.0**1.25 - 1.0))
+    assert {q.of for q in QUANTITIES_OF_INTEREST} - {""} <= {q.key for q in QUANTITIES_OF_INTEREST if q.norm}
 
 
 def test_without_fronts_the_order_is_the_observed_one_within_the_expected_one_and_twice_that() -> None:
@@ -94,7 +102,6 @@ def test_changes_that_do_not_decrease_give_a_bound_and_say_so() -> None:
     assert not bound_only
     assert error >= 0.0095
     assert estimated_error(IMPULSE, Changes(half=0.02, quarter=0.02))[1]
-    assert estimated_error(IMPULSE, Changes(half=0.02))[1]
 
 
 def test_no_coarser_value_no_estimate() -> None:
@@ -135,10 +142,14 @@ def test_the_steps_of_coarser_runs_meet_the_jumps_of_the_loads() -> None:
 def test_small_counts_keep_one_ratio() -> None:
     assert reachable([6, 6, 6], 0.5) == 0.5
     assert reachable([5], 0.5) == 0.6
-    coarser = coarser_runs_of(latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml"))
+    scene = latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml")
+    coarser = coarser_runs_of(scene)
     assert coarser is not None
     assert coarser.half == Resolution(0.5, 0.5)
     assert coarser.quarter == Resolution(1 / 3, 1 / 3)
+    alone = coarser_runs_of(scene, third=False)
+    assert alone is not None
+    assert alone.by_name() == {"half": coarser.half}
 
 
 def test_a_mesh_from_a_file_leaves_the_time_step() -> None:
@@ -198,7 +209,7 @@ def test_summary_json_and_file_tell_the_estimate(scene: str, capsys: pytest.Capt
     assert float(group["relative_error"].sel(quantity="meet.impulse")) == impulse["relative_error"]
     assert str(group["quantity_unit"].sel(quantity="meet.impulse").values) == "N s"
     tree.close()
-    assert main(["run", scene, "-o", "a.nc"]) == 0
+    assert main(["run", scene, "-o", "a.nc", "--details"]) == 0
     assert "estimated error" in capsys.readouterr().out
 
 
@@ -209,11 +220,24 @@ def test_no_estimate_where_none_is_wanted(scene: str, choice: list[str], capsys:
     assert "accuracy" not in latin_fmu.open_results("a.nc").children
 
 
+def test_a_short_run_has_one_coarser_run_and_a_long_one_two() -> None:
+    """The third run gives the observed order; it is left out where it would cost as much as the run."""
+    scene, made = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2)), list[str]()
+    solution = latin_fmu.solve(scene)
+    for predicted, count in ((0.1, 1), (10.0, 2)):
+        solution.timings.predicted = predicted
+        estimate = estimate_error(scene, solution, made.append)
+        assert len(made) == count
+        assert math.isnan(estimate["wall.impulse"].order) is (count == 1)
+        made.clear()
+
+
 @pytest.mark.parametrize("half_converges", [True, False])
 def test_failed_coarser_runs_are_reported(half_converges: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that cannot be built: reported, and the rest is only a bound; one that does not converge: no estimate."""
+    """One that cannot be built: reported, and the other alone counts; one that does not converge: no estimate."""
     scene = at_resolution(shipped("impact_bar"), Resolution(0.2, 0.2))
     solution = latin_fmu.solve(scene)
+    solution.timings.predicted = 10.0  # of a long run, which has a third one
 
     def failing(lean: latin_fmu.Scene, resolution: Resolution, **options: Any) -> MeasuredRun:
         if resolution.mesh < 0.4:
@@ -224,7 +248,7 @@ def test_failed_coarser_runs_are_reported(half_converges: bool, monkeypatch: pyt
     estimate = estimate_error(scene, solution)
     assert "two elements are needed" in estimate.remarks[-1]
     if half_converges:
-        assert estimate["wall.impulse"].bound_only
+        assert math.isnan(estimate["wall.impulse"].order)
         assert estimate["wall.impulse"].error > 0.01
     else:
         assert "did not converge" in estimate.remarks[0]
@@ -240,3 +264,24 @@ def test_quantity_of_the_scene_is_checked() -> None:
     ):
         with pytest.raises(latin_fmu.SceneError, match=word):
             latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"accuracy.quantity={bad}"])
+
+
+def test_interfaces_that_a_search_has_found_have_an_estimate() -> None:
+    """They are no tables of the scene."""
+    box = {"size": [1e-2, 1e-2, 1e-2], "elements": [4, 4, 4]}
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "found",
+            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+            "substructure": {
+                "low": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 0.0]}},
+                "high": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 1e-2]}},
+            },
+            "contact": {"all": {"search": 1e-4, "friction_coefficient": 0.2}},
+            "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+            "load": {"press": {"face": "high.zmax", "pressure": 1e6, "law": {"type": "half_sine", "duration": 20e-6}}},
+            "time": {"end": 30e-6, "step": 0.5e-6},
+        }
+    )
+    estimate = estimate_error(scene, latin_fmu.solve(scene))
+    assert 0.0 < estimate["low_high.peak_force"].error < 0.5

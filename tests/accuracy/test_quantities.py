@@ -70,6 +70,7 @@ def test_sides_that_fly_meet_between_two_instants() -> None:
     velocity[:2, 1, 0, 2] = -2.0
     history = SimpleNamespace(
         name="meet",
+        sides=("low.zmax", "high.zmin"),
         areas=np.ones(1),
         normals=np.array([[0.0, 0.0, 1.0]]),
         traction=traction,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import importlib
 import re
+import subprocess
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +15,8 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import build, discretise
+from latin_fmu.assembly.merged_assembly import is_selection
+from latin_fmu.assembly.modes import JoinedAssembly, pressed_points
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone
@@ -151,6 +154,84 @@ def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
     scene["boundary"]["base"] = {"type": "absorbing", "face": "b1.zmin"}
     with pytest.raises(ValueError, match="absorbing"):
         _deck(modules, discretise(latin_fmu.scene_from_dict(scene)))
+
+
+def _clamped() -> dict[str, Any]:
+    """Two plates in a clamp of three parts, which is tightened beside them and tilts, and pressed by a load."""
+    places = {
+        "lower": ((0, 0, -10), (60, 20, 10)),
+        "upper": ((0, 0, 0), (60, 20, 10)),
+        "head": ((20, 10, 10), (20, 15, 10)),
+        "nut": ((20, 10, -20), (20, 15, 10)),
+        "shank": ((25, 20, -10), (10, 5, 20)),
+    }
+    touching = {"joint": ("lower.zmax", "upper.zmin"), "over": ("upper.zmax", "head.zmin")}
+    bonded = {"top": ("shank.zmax", "head.zmin"), "thread": ("nut.zmax", "shank.zmin")}
+    return {
+        "name": "clamped",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            name: {
+                "material": "steel",
+                "box": {
+                    "origin": [1e-3 * x for x in origin],
+                    "size": [1e-3 * x for x in size],
+                    "elements": [x // 5 for x in size],
+                },
+            }
+            for name, (origin, size) in places.items()
+        },
+        "interface": {
+            **{n: {"sides": s, "friction_coefficient": 0.2} for n, s in touching.items()},
+            "under": {"sides": ["nut.zmax", "lower.zmin"], "friction_coefficient": 0.2},
+            **{n: {"sides": s, "behaviour": "perfect"} for n, s in bonded.items()},
+        },
+        "boundary": {"wall": {"type": "fixed", "face": "lower.xmin"}},
+        "bolt": {"b": {"substructure": "shank", "axis": [0.0, 0.0, 1.0], "force": 5e3}},
+        "load": {"press": {"face": "upper.zmax", "pressure": 8e6}},
+        "time": {"end": 1e-4, "instants": 10},
+    }
+
+
+def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp_path: Path) -> None:
+    """Frequencies and effective masses of five parts joined where bolt and load press them, against another code whose
+    parts share the nodes that are closed."""
+    if not modules["calculix"].installed():
+        pytest.skip(modules["calculix"].MISSING)
+    scene = latin_fmu.scene_from_dict(_clamped())
+    ready, count = discretise(scene), 8
+    closed = pressed_points(scene)
+    deck = modules["calculix"].Deck(ready, modules["calculix"].Choices())
+    for unit in ready.units:
+        shared = np.ones(unit.geometry.n_point, dtype=bool) if unit.name in ("top", "thread") else closed[unit.name]
+        assert is_selection(unit)
+        assert unit.name in ("top", "thread") or 0 < shared.sum() < len(shared)
+        nodes = [trace.indices[::3] // 3 for trace in unit.geometry.traces if trace is not None]
+        bodies = [side.split(".")[0] for side in unit.sides]
+        first, second = (deck.node[body][own[shared]] for body, own in zip(bodies, nodes, strict=True))
+        for a, b in zip(first, second, strict=True):  # one number for both, in all bodies
+            for numbers in deck.node.values():
+                numbers[numbers == b] = a
+    lines = [*deck._mesh(), *deck._materials(), *deck._surfaces(), *modules["calculix"].held(ready)]
+    lines += ["*STEP", "*FREQUENCY", str(count), "*END STEP"]
+    (tmp_path / "deck.inp").write_text("\n".join(lines) + "\n")
+    subprocess.run(["ccx", "-i", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    text = (tmp_path / "deck.dat").read_text()
+
+    def table(title: str) -> np.ndarray:
+        rows = [line.split() for line in text.split(title)[1].splitlines() if re.match(r"\s+\d+\s", line)]
+        return np.array(rows[:count], dtype=float)
+
+    modes = latin_fmu.vibration_modes(scene, count=count)
+    assert modes.n_rigid == 0
+    assert modes.frequency == pytest.approx(table("E I G E N V A L U E   O U T P U T")[:, 3], rel=1e-5)
+    masses = table("E F F E C T I V E   M O D A L   M A S S")[:, 1:4]
+    joined = JoinedAssembly.of(scene, "sticking", closed)
+    moved = joined.parts.translations.copy()
+    moved[np.diff(joined.parts.expansion.indptr) == 0] = 0.0  # there the held nodes do not move with the base
+    pulled = (joined.expansion @ joined.modes(count).vectors).T @ (joined.parts.mass @ moved)
+    assert pulled**2 == pytest.approx(masses, abs=1e-5 * modes.mass)
+    assert modes.effective_mass == pytest.approx(masses, abs=2e-3 * modes.mass)
 
 
 PRINTED = """

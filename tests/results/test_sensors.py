@@ -192,7 +192,7 @@ def test_in_file_summary_report_and_vtk(tmp_path: Path) -> None:
     assert inside.attrs["substructure"] == "upper"
     assert tree["sensors/top/velocity"].attrs["cell_methods"] == "area: mean"
     tree.close()
-    assert "largest acceleration" in solution.summary()
+    assert "largest acceleration" in solution.summary(details=True)
     largest = np.linalg.norm(solution.sensors["top"].velocity, axis=1).max()
     assert solution.report()["sensors"]["top"]["largest_velocity"] == largest
     export_vtu(solution, tmp_path / "vtk")
@@ -209,4 +209,4 @@ def test_quasi_static_says_why_there_is_no_acceleration(tmp_path: Path) -> None:
     assert "no inertia" in tree["sensors/top"].attrs["acceleration"]
     tree.close()
     assert solution.report()["sensors"]["top"]["largest_acceleration"] is None
-    solution.summary()
+    solution.summary(details=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from latin_fmu import ResultsError
+from latin_fmu.latin.outcome import BoltHistory, SensorHistory
 from latin_fmu.pictures.style import save_figure
 from latin_fmu.pictures.summary_picture import summary_figure
+from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
 from latin_fmu.results.solution import Solution
 
 
 @pytest.mark.parametrize("kind", ["crushing", "bars", "stalled", "stack"])
 def test_panels_do_not_overlap(kind: str, request: pytest.FixtureRequest) -> None:
-    figure = summary_figure(request.getfixturevalue(kind).to_datatree())
+    figure = summary_figure(request.getfixturevalue(kind).to_datatree(), details=True)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     axes = [axis for part in figure.subfigs for axis in part.axes]
@@ -34,11 +37,31 @@ def test_panels_do_not_overlap(kind: str, request: pytest.FixtureRequest) -> Non
 def test_panels_follow_the_run(crushing: Solution, bars: Solution, stack: Solution) -> None:
     many = [axis for part in summary_figure(stack.to_datatree()).subfigs for axis in part.axes]
     assert sum(len(axis.collections) == 3 for axis in many) == 16
-    one = {axis.get_title() for part in summary_figure(bars.to_datatree()).subfigs for axis in part.axes}
+    one = {axis.get_title() for part in summary_figure(bars.to_datatree(), True).subfigs for axis in part.axes}
     assert "Convergence" in one
     assert not any("Friction" in title or "Energy" in title for title in one)
-    full = {axis.get_title() for part in summary_figure(crushing.to_datatree()).subfigs for axis in part.axes}
+    full = {axis.get_title() for part in summary_figure(crushing.to_datatree(), True).subfigs for axis in part.axes}
     assert {"Energy of the assembly", "Iterations of each of 200 windows"} <= full
+    plain = {axis.get_title() for part in summary_figure(crushing.to_datatree()).subfigs for axis in part.axes}
+    assert full - plain == {"Iterations of each of 200 windows", r"Final $\sqrt{\eta}$ of each window"}
+
+
+def test_sensors_and_bolts_have_panels(crushing: Solution) -> None:
+    motion = np.zeros((crushing.time.size, 3))
+    motion[:, 1] = np.linspace(0.0, -5.0, crushing.time.size)
+    sensor = SensorHistory("tip", "beam", None, np.zeros(3), motion, motion, motion)
+    force = np.linspace(5e3, 4e3, crushing.time.size)
+    bolt = BoltHistory("m6", "bolt", 1, 5e3, 20e-6, 1e-5, force, (1,), (5e3,))
+    estimate = ErrorEstimate((QuantityEstimate("crush.peak_force", 1.0, 0.02),))
+    outcome = replace(crushing.outcome, sensors={"tip": sensor}, bolts={"m6": bolt})
+    figure = summary_figure(replace(crushing, outcome=outcome, estimate=estimate).to_datatree())
+    axes = {axis.get_title(): axis for part in figure.subfigs for axis in part.axes}
+    (curve,) = [line for line in axes["Acceleration of the sensors"].lines if line.get_label() == "tip, along y"]
+    assert curve.get_ydata()[-1] == pytest.approx(-5.0)
+    (curve,) = [line for line in axes["Tension of the bolts"].lines if str(line.get_label()).startswith("m6")]
+    assert axes["Tension of the bolts"].get_ylim() == pytest.approx((3.95, 5.05))
+    assert (curve.get_label(), curve.get_ydata()[0]) == ("m6: 20 % lost at the end", 5.0)
+    assert " ± 2 % over " in str(axes["Normal resultant (compression > 0)"].lines[1].get_label())
 
 
 def test_force_curve_in_readable_units(crushing: Solution) -> None:
@@ -52,7 +75,7 @@ def test_force_curve_in_readable_units(crushing: Solution) -> None:
 
 def test_tolerance_comes_from_the_scene(bars: Solution, crushing: Solution) -> None:
     def levels(solution: Solution, title: str) -> list[object]:
-        figure = summary_figure(solution.to_datatree())
+        figure = summary_figure(solution.to_datatree(), details=True)
         axes = [axis for part in figure.subfigs for axis in part.axes if title in axis.get_title()]
         return [line.get_ydata()[0] for line in axes[0].lines if line.get_label() == "tolerance"]
 

@@ -99,7 +99,7 @@ def test_results_are_those_in_si(solved: dict[str, latin_fmu.Solution], system: 
 
 def test_texts_and_figures(solved: dict[str, latin_fmu.Solution]) -> None:
     solution = solved["mm-t-s-MPa"]
-    text = solution.summary()
+    text = solution.summary(details=True)
     assert " mm  " in text
     assert " mJ" in text
     assert " mm/s" in text

@@ -25,7 +25,7 @@ from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
 from latin_fmu.machine import physical_memory
-from latin_fmu.results.summary import summary
+from latin_fmu.results.summary import details
 from latin_fmu.stability.scenes import STEEL, Box, column, half_sine
 
 
@@ -171,4 +171,4 @@ def test_the_choice_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_summary_shows_predicted_against_real() -> None:
     solution = latin_fmu.solve(scene(2))
     assert solution.timings.predicted > 0
-    assert "predicted" in summary(solution.outcome, "blocks")
+    assert "predicted" in "\n".join(details(solution.outcome))

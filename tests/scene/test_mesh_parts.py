@@ -14,8 +14,7 @@ from latin_fmu.assembly.body import build_bodies
 from latin_fmu.errors import Problem, Problems, SceneError
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
-from latin_fmu.scene.overrides import apply_overrides
-from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.schema import Scene, with_settings
 from latin_fmu.scene.substructures import part_name
 
 Tables = dict[str, Any]
@@ -73,7 +72,7 @@ def test_every_part_is_a_substructure(folder: Path) -> None:
 
 
 def test_settings_reach_parts_without_a_table(folder: Path) -> None:
-    data = apply_overrides(scene(), ["substructure.upper.material=alu", "mesh.all.scale=1e-2"])
+    data = with_settings(scene(), ["substructure.upper.material=alu", "mesh.all.scale=1e-2"])
     effective = scene_from_dict(data, folder)
     assert effective.substructure["upper"].material == "alu"
     assert effective.substructure["low_er"].mesh is not None

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from typing import Any
 
 import pytest
 
+import latin_fmu
+from latin_fmu import tables
 from latin_fmu.errors import SceneError
-from latin_fmu.reader import scene_from_dict
-from latin_fmu.scene.overrides import apply_overrides, parse_value
+from latin_fmu.reader import load_scene, scene_from_dict
+from latin_fmu.scene.overrides import parse_value
+from latin_fmu.scene.schema import Scene, with_settings
+from tests.scenes import MODELS
 
 
 @pytest.mark.parametrize(
@@ -51,7 +56,7 @@ def test_settings_reach_every_place(small: dict[str, Any]) -> None:
         "output.energy=true",
         "solver.window = 20",
     ]
-    scene = scene_from_dict(apply_overrides(small, settings))
+    scene = scene_from_dict(with_settings(small, settings))
     assert scene.name == "other"
     assert scene.interface["meet"].friction_coefficient == 0.1
     assert scene.substructure["left"].box is not None
@@ -65,7 +70,7 @@ def test_settings_reach_every_place(small: dict[str, Any]) -> None:
 
 
 def test_the_scene_itself_stays(small: dict[str, Any]) -> None:
-    apply_overrides(small, ["interface.meet.friction_coefficient=0.9"])
+    with_settings(small, ["interface.meet.friction_coefficient=0.9"])
     assert small["interface"]["meet"]["friction_coefficient"] == 0.2
 
 
@@ -90,11 +95,50 @@ def test_the_scene_itself_stays(small: dict[str, Any]) -> None:
 )
 def test_settings_that_cannot_be(small: dict[str, Any], setting: str, parts: list[str]) -> None:
     with pytest.raises(SceneError) as caught:
-        scene_from_dict(apply_overrides(small, [setting]))
+        scene_from_dict(with_settings(small, [setting]))
     assert all(part in str(caught.value) for part in parts), str(caught.value)
 
 
 def test_all_bad_settings_at_once(small: dict[str, Any]) -> None:
     with pytest.raises(SceneError) as caught:
-        apply_overrides(small, ["a", "interface.met.gap=1", "name=ok", "b="])
+        with_settings(small, ["a", "interface.met.gap=1", "name=ok", "b="])
     assert len(caught.value.problems) == 3
+
+
+def test_a_scene_with_another_value() -> None:
+    """``replace`` checks the whole, keeps the folder of the files, and leaves the scene as it is."""
+    scene = load_scene(MODELS / "punched_plates" / "scene.toml")
+    changed = scene.replace("solver.tolerance", 1e-5).replace("time.end", 0.5 * scene.time.end)
+    assert (changed.solver.tolerance, changed.time.end) == (1e-5, 0.5 * scene.time.end)
+    assert changed.base_dir == scene.base_dir
+    assert changed.replace("solver.tolerance", scene.solver.tolerance).replace("time.end", scene.time.end) == scene
+    name = next(iter(scene.material))
+    steel = tables.Material(young_modulus=1e9, poisson_ratio=0.2, density=1000.0)
+    assert scene.replace(f"material.{name}", steel).material[name] == steel
+    with pytest.raises(SceneError, match=r"solver\.tolerence: unknown key"):
+        scene.replace("solver.tolerence", 1e-5)
+    with pytest.raises(SceneError, match=r"time\.end"):
+        scene.replace("time.end", -1.0)
+    with pytest.raises(SceneError, match="no table of this name"):
+        scene.replace("interface.nothing.gap", 0.0)
+
+
+def test_tables_in_python_are_those_of_the_file() -> None:
+    steel = tables.Material(young_modulus=210e9, poisson_ratio=0.3, density=7800.0)
+    bar = tables.Substructure(material="steel", box=tables.Box(size=(1.0, 1.0, 1.0), elements=(1, 1, 1)))
+    load = tables.Load(face="bar.zmax", pressure=1.0, law=tables.HalfSineLaw(duration=1.0))
+    time = tables.Time(end=1.0, step=0.5)
+    scene = Scene(name="one", material={"steel": steel}, substructure={"bar": bar}, load={"push": load}, time=time)
+    assert scene == scene_from_dict(tomllib.loads(scene.text()))
+    assert set(dir(latin_fmu)) == {"__version__", *latin_fmu.__all__}
+
+
+def test_every_table_is_offered_in_python() -> None:
+    def below(table: type) -> set[type]:
+        return {table}.union(*(below(other) for other in table.__subclasses__()))
+
+    from latin_fmu.scene.fields import SceneTable
+
+    offered = {getattr(tables, name) for name in tables.__all__}
+    made = {t for t in below(SceneTable) if t.__module__.startswith("latin_fmu.scene") and t.__name__[0] != "_"}
+    assert made - {SceneTable, Scene} == offered

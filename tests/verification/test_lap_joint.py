@@ -27,7 +27,7 @@ def test_parts_and_interfaces_are_found() -> None:
     lines = "\n".join(api.check(load_scene(MODELS / "lap_joint" / "scene.toml")))
     for words in (
         "5 substructure(s)",
-        "4 interface(s)",
+        "5 interface(s)",
         "body washer: 0.012 x 0.012 x 0.0016 m",
         "366 hexahedron, 4 wedge",
     ):
@@ -36,18 +36,23 @@ def test_parts_and_interfaces_are_found() -> None:
 
 
 def test_forces_are_those_of_equilibrium(pulled: xr.DataTree) -> None:
-    """5 kN through every interface once the bolt is tight, the pull through the plates alone (tolerance 1e-5)."""
+    """The tension of the bolt through every interface; the pull through the plates and, by friction under head and nut,
+    the bolt (tolerance 1e-5)."""
+    tension = pulled["bolts/m6"]["force"].values
+    assert tension[0] == pytest.approx(5000.0, rel=1e-6)
+    assert np.all(np.diff(tension) < 0.0)  # the bent plates get thinner under the head
+    assert tension[-1] == pytest.approx(4951.0, abs=2.0)  # of the shipped mesh
+    along = np.zeros(11)
     for name, sign in AXIAL.items():
         force = pulled[f"interfaces/{name}"]["force"].values
-        np.testing.assert_allclose(force[5:, 2], 5000.0 * sign, rtol=1e-4)
-        np.testing.assert_allclose(force[1:6, 2], 1000.0 * sign * np.arange(1, 6), rtol=1e-4)
-        pull = 120.0 * np.arange(6) if name == "lower_upper" else np.zeros(6)
-        np.testing.assert_allclose(force[5:, 0], -pull, atol=0.5)
-        np.testing.assert_allclose(force[5:, 1], 0.0, atol=0.5)
+        np.testing.assert_allclose(force[:, 2], sign * tension, rtol=1e-4)
+        np.testing.assert_allclose(force[:, 1], 0.0, atol=2.0)
+        along += force[:, 0] if name in ("lower_upper", "lower_nut") else 0.0
+    np.testing.assert_allclose(along, -60.0 * np.arange(11), atol=0.1)  # on the lower plate
 
 
 def test_pressure_between_the_plates_is_a_cone(pulled: xr.DataTree) -> None:
-    plates = pulled["interfaces/lower_upper"].to_dataset().isel(time=5)
+    plates = pulled["interfaces/lower_upper"].to_dataset().isel(time=0)
     pressure = -np.einsum("pi,pi->p", plates["traction"].values, plates["normal"].values)
     radius = np.hypot(plates["x"].values, plates["y"].values)
     share = [float((pressure * plates["area"].values)[radius < r].sum()) / 5000.0 for r in (6e-3, 8e-3)]
@@ -62,13 +67,16 @@ def test_shock_slips_the_joint_as_far_as_friction_lets_it() -> None:
     force, time = plates["force"].values, plates["time"].values
     ratio = np.abs(force[:, 0]) / -force[:, 2]
     assert ratio.max() == pytest.approx(0.2, rel=1e-3)
-    assert force[0, 2] == pytest.approx(-5000.0, rel=1e-3)  # the static start
+    assert force[0, 2] == pytest.approx(-5000.0, rel=1e-3)  # tightened
     jump = plates["velocity"].values[:, 1, :, 0] - plates["velocity"].values[:, 0, :, 0]
     slip = np.trapezoid(jump, time, axis=0)
-    assert slip.mean() == pytest.approx(-0.12e-3, rel=0.05)  # the shipped mesh and step; towards -x
+    # the shipped mesh and step; towards -x, and little enough that the shank does not meet the hole (0.3 mm)
+    assert slip.mean() == pytest.approx(-47e-6, rel=0.05)
     energy = {str(k): float(v.values[-1]) for k, v in tree["energy"].to_dataset().items()}
-    assert energy["friction_dissipation"] == pytest.approx(0.122, rel=0.03)
+    assert energy["friction_dissipation"] == pytest.approx(0.108, rel=0.03)
     assert energy["friction_dissipation"] < energy["work_of_loads"]
+    tension = tree["bolts/m6"]["force"].values
+    assert tension[-1] == pytest.approx(4780.0, rel=0.01)  # less than it was tightened to: the joint has slipped
 
 
 def test_the_script_makes_the_mesh(tmp_path: Path) -> None:

@@ -51,6 +51,33 @@ def test_free_free_bar() -> None:
     assert shape == pytest.approx(np.sign(shape[0]) * np.cos(np.pi * z / L), abs=2e-3)
 
 
+def test_effective_masses_of_a_bar() -> None:
+    """A bar held at one end: participation 4 / ((2 k - 1) pi), effective mass 8 m / ((2 k - 1) pi)^2; a free bar moves
+    with its base as a rigid body only."""
+    modes = vibration_modes(bars((N, 1), ground=True), "bonded", count=4)
+    odd, mass = 2 * np.arange(1, 4) - 1, RHO * 0.01 * L
+    assert modes.mass == pytest.approx(mass)
+    for k, n in enumerate(odd):  # elements with consistent mass: off by the square of their length
+        assert abs(modes.participation[k, 2]) == pytest.approx(4 / (n * np.pi), rel=5.5e-4 * n**2)
+        assert modes.effective_mass[k, 2] == pytest.approx(8 * mass / (n * np.pi) ** 2, rel=5.5e-4 * n**2)
+    # all modes leave M_hh - M_hf M_ff^-1 M_fh of the nodes that are held
+    every = vibration_modes(bars((N, 1), ground=True), "bonded", count=4 * N)
+    assert every.effective_mass[:, 2].sum() == pytest.approx(mass * (1 - np.sqrt(3) / (6 * N)), rel=1e-6)
+    free = vibration_modes(bars((N, 1)), count=3)
+    assert free.effective_mass[:, 2] == pytest.approx([mass, 0.0, 0.0, 0.0], abs=1e-9 * mass)
+
+
+def test_effective_masses_of_free_bodies() -> None:
+    """Six rigid motions carry the whole mass along each axis, rigid bodies and elastic ones alike."""
+    data = blocks(behaviour="elastic_layer", normal_stiffness=1e9, tangential_stiffness=2e9).tables()
+    data["substructure"]["low"]["rigid"] = True
+    modes = vibration_modes(latin_fmu.scene_from_dict(data), count=2)
+    assert modes.n_rigid == 6
+    assert modes.effective_mass[:6].sum(axis=0) == pytest.approx(np.full(3, 2 * RHO * 0.4))
+    assert modes.effective_mass[6:].max() < 1e-6 * RHO
+    assert "100 %, 100 %, 100 %" in "\n".join(modes.lines())
+
+
 @pytest.mark.parametrize("joints", ["sticking", "bonded"])
 def test_a_bar_on_the_ground(joints: Joints) -> None:
     modes = vibration_modes(bars((N, 1), ground=True), joints, count=2)

@@ -151,6 +151,6 @@ def test_in_file_summary_and_report(tmp_path: Path) -> None:
     assert tree["reactions/base/force"].attrs["units"] == "N"
     assert tree["reactions/stop"].attrs["face"] == "up.xmax"
     tree.close()
-    assert "largest reaction" in solution.summary()
+    assert "largest reaction" in solution.summary(details=True)
     assert solution.report()["reactions"]["base"]["last"] == solution.reactions["base"].force[-1].tolist()
     assert latin_fmu.solve(sheared(output={})).reactions == {}

@@ -1,0 +1,239 @@
+"""A run in sentences: what each interface, bolt, sensor and support does, with estimated errors and instants."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, ReactionHistory, SensorHistory
+from ..scene.units import SI, UnitSystem
+from .estimates import ErrorEstimate, QuantityEstimate, error_text
+from .quantities_of_interest import (
+    ACCELERATION_PEAK,
+    BOLT_FORCE,
+    CONTACT_SHARE,
+    DISPLACEMENT_PEAK,
+    FIRST_CONTACT,
+    FLOOR,
+    FRICTION_WORK,
+    IMPULSE,
+    PEAK_FORCE,
+    SEPARATION,
+    VELOCITY_PEAK,
+    Force,
+    InterfaceFields,
+    QuantityOfInterest,
+    first_contact_time,
+    friction_resultant,
+    separation_time,
+    slip_in_contact,
+    status_shares,
+)
+from .spectra import ShockSpectrum
+from .summary import percent, readable
+
+_OPEN, _SLIP = 0, 2
+_LITTLE: Final = 5e-3  # of an area or a force: a smaller share is not worth a clause
+WIDTH: Final = 110
+"""Columns of the text."""
+STANDARD_GRAVITY: Final = 9.80665  # m s-2
+
+
+def sentences(
+    outcome: Outcome,
+    units: UnitSystem = SI,
+    estimate: ErrorEstimate | None = None,
+    spectra: Mapping[str, ShockSpectrum] | None = None,
+) -> list[str]:
+    """One line an interface, bolt, sensor and support of a run, each beginning with its name.
+
+    Errors are relative estimates; ``at most`` where they are only a bound. Instants are those of the estimate where
+    there is one, so that one instant has one value everywhere.
+    """
+    errors = {} if estimate is None else {q.quantity: q for q in estimate.quantities}
+    time = outcome.interface_time
+    lines = [(name, _interface(h, time, units, errors)) for name, h in outcome.interfaces.items()]
+    lines += [(f"bolt {name}", _bolt(h, units, errors)) for name, h in outcome.bolts.items()]
+    for name, history in outcome.sensors.items():
+        spectrum = (spectra or {}).get(name)
+        more = [] if spectrum is None else [_spectrum(spectrum, units)]
+        lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors) + more))
+    lines += [(f"support {name}", _support(h, outcome.time, units)) for name, h in outcome.reactions.items()]
+    width = max((len(name) for name, _ in lines), default=0)
+    return [line for name, clauses in lines for line in _wrapped(name.ljust(width), "; ".join(clauses))]
+
+
+def _wrapped(name: str, text: str) -> list[str]:
+    head = f"  {name}  "
+    # a number stays with its unit, an error with its sign: textwrap does not break at this space
+    held = re.sub(r"(?<=\d) |(?<=\+-) ", "\N{NO-BREAK SPACE}", text)
+    lines = textwrap.wrap(held, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+
+
+Errors = dict[str, QuantityEstimate]
+
+
+def _error(errors: Errors, owner: str, definition: QuantityOfInterest) -> str:
+    """`` +- 0.7 %`` behind a value, or nothing without an estimate."""
+    found = errors.get(f"{owner}.{definition.key}")
+    if found is None:
+        return ""
+    if not np.isfinite(found.error):
+        return " (error unknown)"
+    if found.bound_only and found.error > FLOOR:
+        return f" (error at most {error_text(found.error)})"
+    return f" +- {percent(found.relative_error)}"
+
+
+def _instant(errors: Errors, owner: str, definition: QuantityOfInterest, value: float | None) -> str:
+    """An instant, of the estimate where there is one, with its error."""
+    found = errors.get(f"{owner}.{definition.key}")
+    return readable(value if found is None else found.value, "s", 3) + _error(errors, owner, definition)
+
+
+def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
+    """Peak and when, contact from when to when, slip, what opens, what friction takes, the impulse."""
+    fields = InterfaceFields.of_history(history, time)
+    name, force = history.name, Force(time, history.normal_resultant())
+    first = first_contact_time(fields)
+    if history.contact_status is None:
+        size = np.linalg.norm(history.force(), axis=1)
+        return [f"carries up to {readable(float(size.max()), units.label('N'))} at {_at(time, size)}"]
+    if first is None:
+        return [f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"]
+    duration = force.peak_duration(history.peak_duration)
+    peak, begin = force.peak_mean(duration)
+    text = f"peak {readable(peak, units.label('N'))}{_error(errors, name, PEAK_FORCE)}"
+    text += f" at {readable(begin + 0.5 * duration, 's', 3)} (mean of {readable(duration, 's', 3)})"
+    clauses = [text, _contact(history, time, first, separation_time(fields), errors)]
+    clauses += [*_slipping(history, fields, time, units), *_opening(history)]
+    if history.friction_power is not None and history.has_friction and f"{name}.{FRICTION_WORK.key}" in errors:
+        work = errors[f"{name}.{FRICTION_WORK.key}"].value
+        if work > 0.0:
+            taken = readable(work, units.label("J"), 3)
+            clauses.append(f"friction takes {taken}{_error(errors, name, FRICTION_WORK)}")
+    if (found := errors.get(f"{name}.{IMPULSE.key}")) is not None and not _pressed(history):
+        clauses.append(f"impulse {readable(found.value, units.label('N s'))}{_error(errors, name, IMPULSE)}")
+    return clauses
+
+
+def _at(time: Array, values: Array) -> str:
+    return readable(float(time[values.argmax()]), "s", 3)
+
+
+def _nearest(history: InterfaceHistory) -> float | None:
+    """Smallest gap, m."""
+    return None if history.gap is None else float(max(history.gap.min(), 0.0))
+
+
+def _pressed(history: InterfaceHistory) -> bool:
+    """Whether the normal resultant stays above 1 % of its peak."""
+    size = np.abs(history.normal_resultant())
+    return bool(size.min() > CONTACT_SHARE * size.max())
+
+
+def _contact(history: InterfaceHistory, time: Array, first: float, last: float | None, errors: Errors) -> str:
+    if _pressed(history):
+        return "pressed throughout"
+    begin = "touches from the start" if first <= time[0] else "touches from "
+    begin += "" if first <= time[0] else _instant(errors, history.name, FIRST_CONTACT, first)
+    if last is None or last >= time[-1]:
+        return f"{begin}, still at the end"
+    return f"{begin} to {_instant(errors, history.name, SEPARATION, last)}"
+
+
+def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, units: UnitSystem) -> Iterator[str]:
+    """On how much of the face it slips, how far, and the largest ratio of the resultants."""
+    if not history.has_friction:
+        return
+    share = status_shares(fields)[:, _SLIP]
+    if share.max() < _LITTLE:
+        yield "sticks throughout"
+        return
+    far = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max())
+    text = f"slips on up to {100 * share.max():.0f} % of the face, by up to {readable(far, units.label('m'), 3)}"
+    normal = np.abs(history.normal_resultant())
+    loaded = normal > CONTACT_SHARE * normal.max()
+    used = float((friction_resultant(fields)[loaded] / normal[loaded]).max() / history.mu)
+    if used < 0.01:  # the friction forces of the points cancel
+        yield text
+    else:
+        yield text + (", as a whole" if used > 0.99 else f", at {100 * used:.0f} % of what friction holds")
+
+
+def _opening(history: InterfaceHistory) -> Iterator[str]:
+    """Share of the area that is closed at the start and opens later."""
+    status = np.asarray(history.contact_status)
+    closed = status[0] != _OPEN
+    area = float(history.areas[closed].sum())
+    if area > 0.0:
+        opened = float(((status[:, closed] == _OPEN) @ history.areas[closed]).max()) / area
+        if opened > _LITTLE:
+            yield f"up to {100 * opened:.0f} % of what is closed at the start opens"
+
+
+def _bolt(bolt: BoltHistory, units: UnitSystem, errors: Errors) -> list[str]:
+    """Clamp force when tight, what is lost of it, the range, the stress, the plastic elongation."""
+    unit = units.label("N")
+    tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
+    first, last, low, high = (float(x) for x in (bolt.force[0], bolt.force[-1], bolt.force.min(), bolt.force.max()))
+    clauses = [f"tightened to {readable(tight, unit)}"]
+    if abs(first - tight) > _LITTLE * abs(tight):
+        clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
+    lost = (first - last) / first if first else 0.0
+    kept = f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}" if abs(lost) >= FLOOR else "nothing lost"
+    clauses.append(f"{readable(last, unit)} at the end ({kept})")
+    text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, BOLT_FORCE)} on the way"
+    clauses.append(f"{text}, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
+    if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
+        clauses.append(f"yields by {readable(plastic, units.label('m'), 3)}")
+    return clauses
+
+
+def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
+    """Largest acceleration, velocity and displacement: in the band of the estimate where there is one."""
+    clauses = []
+    motions = (
+        ("acceleration", history.acceleration, ACCELERATION_PEAK),
+        ("velocity", history.velocity, VELOCITY_PEAK),
+        ("displacement", history.displacement, DISPLACEMENT_PEAK),
+    )
+    for motion, values, definition in motions:
+        if values is None:
+            continue
+        size = np.linalg.norm(values, axis=1)
+        found = errors.get(f"{history.name}.{definition.key}")
+        value = float(size.max()) if found is None else found.value
+        text = f"{motion} up to {readable(value, units.label(definition.unit), 3)}"
+        if definition is ACCELERATION_PEAK:
+            text += _in_g(value, units)
+        text += _error(errors, history.name, definition)
+        clauses.append(text if found is not None else f"{text} at {_at(time, size)}")
+    return clauses
+
+
+def _in_g(acceleration: float, units: UnitSystem) -> str:
+    if not units.measurable:
+        return ""
+    return f" ({acceleration * units.size('m s-2') / STANDARD_GRAVITY:.3g} g)"
+
+
+def _spectrum(spectrum: ShockSpectrum, units: UnitSystem) -> str:
+    """Largest value of a shock response spectrum."""
+    maximax = spectrum.acceleration[0]
+    i = int(np.unravel_index(int(np.argmax(maximax)), maximax.shape)[0])
+    largest = float(maximax.max())
+    text = (
+        f"spectrum (Q {spectrum.quality:g}) up to {readable(largest, units.label('m s-2'), 3)}{_in_g(largest, units)}"
+    )
+    return f"{text} at {readable(spectrum.frequency[i], 'Hz', 3)}"
+
+
+def _support(history: ReactionHistory, time: Array, units: UnitSystem) -> list[str]:
+    size = np.linalg.norm(history.force, axis=1)
+    return [f"reaction up to {readable(float(size.max()), units.label('N'))} at {_at(time, size)}"]

@@ -1,0 +1,122 @@
+"""The sentences of a summary: peaks, instants, slip, opening, bolts, sensors, with errors, and no number twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from latin_fmu.latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory
+from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
+from latin_fmu.results.sentences import WIDTH, sentences
+from latin_fmu.results.solution import Solution
+from latin_fmu.scene.units import UNIT_SYSTEMS
+
+from . import synthetic
+
+TIME = np.linspace(0.0, 10e-6, 101)
+
+
+def said(solution: Solution, estimate: ErrorEstimate | None = None, **changes: object) -> str:
+    """The sentences as one text, their lines joined."""
+    lines = sentences(replace(solution.outcome, **changes), estimate=estimate)
+    assert max(map(len, lines)) <= WIDTH
+    return " ".join(" ".join(lines).split())
+
+
+def one(history: InterfaceHistory) -> dict[str, object]:
+    """What replaces the interfaces of an outcome by one of its own instants."""
+    return {"interfaces": {history.name: history}, "time": TIME}
+
+
+def test_a_contact_says_peak_instants_and_slip(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
+    text = said(crushing, **one(pulse))
+    assert text.startswith("crush peak ")
+    assert "at 5.00 us" in text  # the pulse is symmetric about it
+    assert "touches from 2.0" in text
+    # friction grows outwards: of sixteen equal points only the one in the corner holds
+    assert "slips on up to 94 % of the face" in text
+
+
+def test_a_contact_under_load_all_the_time_says_so(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8, friction=0.5)
+    steady = np.broadcast_to(pulse.traction[50], pulse.traction.shape)
+    closed = np.ones_like(pulse.contact_status)
+    text = said(crushing, **one(replace(pulse, traction=steady, contact_status=closed)))
+    assert "pressed throughout; sticks throughout" in text
+    assert "touches" not in text
+
+
+def test_what_opens_counts_by_area(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, -5e-6, 15e-6, 1e8)
+    status = np.ones_like(pulse.contact_status)
+    status[40:, :4] = 0  # four of sixteen equal points
+    assert "up to 25 % of what is closed at the start opens" in said(
+        crushing, **one(replace(pulse, contact_status=status))
+    )
+
+
+def test_a_contact_never_touched_says_how_near_it_came(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
+    apart = replace(pulse, traction=np.zeros_like(pulse.traction), gap=np.full_like(pulse.gap, 3e-6))
+    assert said(crushing, **one(apart)) == "crush never touches, 3.00 um apart at least"
+
+
+def test_a_joint_that_cannot_open_carries(crushing: Solution) -> None:
+    joint = synthetic.joint("weld", TIME)
+    assert said(crushing, **one(joint)).startswith("weld carries up to ")
+
+
+def test_errors_and_instants_are_those_of_the_estimate(crushing: Solution) -> None:
+    """Also where the run itself would give another value."""
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
+    estimate = ErrorEstimate(
+        (
+            QuantityEstimate("crush.first_contact", 1.987e-6, 0.02, bound_only=False),
+            QuantityEstimate("crush.peak_force", 1.0, 0.5),
+            QuantityEstimate("crush.separation", 8e-6, np.inf, bound_only=False),
+            QuantityEstimate("crush.impulse", 0.3, 1e-5, bound_only=False),
+        )
+    )
+    text = said(crushing, estimate, **one(pulse))
+    assert "touches from 1.99 us +- 2 % to 8.00 us (error unknown)" in text
+    assert "kN (error at most 50 %)" in text
+    assert "impulse 300.0 mN s +- 0.1 %" in text  # no error is said to be below the floor
+
+
+def test_a_bolt_says_its_clamp_force_and_what_is_lost(crushing: Solution) -> None:
+    force = 5e3 - 250.0 * np.linspace(0.0, 1.0, 101)
+    bolt = BoltHistory("m6", "bolt", 1, 5e3, 20e-6, 1e-5, force, (1, 2), (5.1e3, 5e3))
+    text = said(crushing, bolts={"m6": bolt})
+    assert "bolt m6 tightened to 5.100 kN; 5.000 kN at the start, when all bolts are tight" in text
+    assert "4.750 kN at the end (5 % lost); 4.750 kN to 5.000 kN on the way, 250 MPa at most" in text
+    kept = replace(bolt, force=np.full(101, 5.1e3), plastic_elongation=np.full(101, 2e-6))
+    assert "(nothing lost)" in said(crushing, bolts={"m6": kept})
+    assert "yields by 2.00 um" in said(crushing, bolts={"m6": kept})
+
+
+def test_a_sensor_says_its_acceleration_in_g(crushing: Solution) -> None:
+    motion = np.zeros((101, 3))
+    motion[30] = [0.0, 3.0, 4.0]
+    sensor = SensorHistory("tip", "beam", None, np.zeros(3), 1e-6 * motion, motion, 9806.65 * motion)
+    changes = one(synthetic.joint("weld", TIME)) | {"sensors": {"tip": sensor}}
+    assert "acceleration up to 4.9e+04 m/s2 (5e+03 g) at 3.00 us" in said(crushing, **changes)
+    lines = sentences(replace(crushing.outcome, **changes), UNIT_SYSTEMS["mm-t-s-MPa"])
+    assert "m/s2 (5 g)" in " ".join(lines)
+
+
+def test_a_support_says_its_largest_reaction(crushing: Solution) -> None:
+    force = np.zeros((101, 3))
+    force[20] = [3.0, 0.0, -4.0]
+    reaction = {"wall": ReactionHistory("wall", "beam", "beam.xmin", force)}
+    changes = one(synthetic.joint("weld", TIME)) | {"reactions": reaction}
+    assert "support wall reaction up to 5.000 N at 2.00 us" in said(crushing, **changes)
+
+
+def test_details_are_on_request(crushing: Solution) -> None:
+    assert "sqrt(eta) " not in crushing.summary()
+    assert "sqrt(eta) " in crushing.summary(details=True)
+    for text in (crushing.summary(), crushing.summary(details=True)):
+        assert crushing.status in text
+        assert "impulse 0.2 % too small" in text
