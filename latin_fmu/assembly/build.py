@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -30,6 +32,8 @@ from .propagator_choice import box_memory
 from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
+
+_LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
 
 
 def build(
@@ -63,7 +67,12 @@ def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[st
         return None
     kept: Kept = {}
     tight = tightened(discretised, kept) if discretised.cuts else None
-    return static_state(discretised, amplitudes, tight, kept)
+    state = static_state(discretised, amplitudes, tight, kept)
+    kept.clear()
+    # runs and their images refer to each other: without this the static factors stay beside those of the march
+    if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
+        gc.collect()
+    return state
 
 
 def discretise(
