@@ -174,7 +174,11 @@ class MeasuredEffects:
 
 
 def measured_effects(
-    scene: Scene, suggested: Sequence[tuple[str, ...]] = (), predicted: float = 0.0, limit: float | None = None
+    scene: Scene,
+    suggested: Sequence[tuple[str, ...]] = (),
+    predicted: float = 0.0,
+    limit: float | None = None,
+    report: Callable[[float], None] = lambda _: None,
 ) -> MeasuredEffects:
     """Solve the scene with one of its effects changed at a time.
 
@@ -184,7 +188,7 @@ def measured_effects(
     Parameters
     ----------
     suggested : settings to follow, as for ``--set``. predicted : CPU time of a run, s; a long one is measured at half
-        the resolution. limit : CPU time of all runs together, s.
+        the resolution. limit : CPU time of all runs together, s. report : called with the share of the work done.
 
     Raises
     ------
@@ -201,7 +205,8 @@ def measured_effects(
     ends = begin + (MOST_RUNS * plain.cpu + LEAST_LIMIT if limit is None else limit)
     switches, unmeasured = _few([*_switches(scene, solution), *map(_followed, suggested)])
     rows, limited = [], False
-    for switch in switches:
+    for i, switch in enumerate(switches):
+        report((i + 1) / (LEAST_ROUNDS * (len(switches) + 1)))
         try:
             row = MeasuredEffect(switch.effect, switch.what, switch.changed(scene))
             limited = limited or clock.process_time() >= ends
@@ -214,7 +219,7 @@ def measured_effects(
         except LatinError as error:
             row.remark = message_of(error)
         rows.append(row)
-    _repeated(plain, rows, ends)
+    _repeated(plain, rows, ends, report)
     steps = len(solution.time) - 1
     return MeasuredEffects(f"{where} ({steps} steps, {plain.cpu:.2g} s a run)", plain, rows, unmeasured, limited)
 
@@ -244,12 +249,16 @@ def _measure(row: MeasuredEffect, scene: Scene, plain: Solution, limit: float) -
         row.times, row.remark = [], other.status
 
 
-def _repeated(plain: MeasuredEffect, rows: Sequence[MeasuredEffect], ends: float) -> None:
+def _repeated(
+    plain: MeasuredEffect, rows: Sequence[MeasuredEffect], ends: float, report: Callable[[float], None]
+) -> None:
     """Repeat runs in turn, as long as there is time until ``ends``: a machine with other work is slow for some seconds
     at a time. That of the scene as written comes after every few others: the savings of all are told from it."""
     turns = [row for i, other in enumerate(rows) for row in ([plain, other] if i % _EACH == 0 else [other])]
     for count in range(1, MOST_ROUNDS):
-        for row in turns:
+        for i, row in enumerate(turns):
+            # most scenes need no more than the least number of rounds: short runs, of which more are made, end soon
+            report(min((count + i / len(turns)) / LEAST_ROUNDS, 0.99))
             wanted = bool(row.times) and (count < LEAST_ROUNDS or count * row.cpu < _ENOUGH)
             if wanted and clock.process_time() + row.cpu < ends:
                 _timed(row)

@@ -132,8 +132,8 @@ def _effects_in_runs(
     settings = [suggestion.settings for suggestion in explanation.suggestions if suggestion.settings]
     seconds = explanation.prediction["cpu_seconds_set_up"] + explanation.prediction["cpu_seconds_instants"]
     left = None if max_cpu is None else max(max_cpu - (time.process_time() - begin), 0.0)
-    with Waiting("runs with one effect changed at a time"):
-        measured = measured_effects(scene, settings, seconds, left)
+    with Waiting("runs with one effect changed at a time") as waiting:
+        measured = measured_effects(scene, settings, seconds, left, waiting.reached)
     text = f"{coarse.text()}\n\n{measured.text()}"
     return report | {"measured_effects": measured.report()}, text, measured.limited
 
