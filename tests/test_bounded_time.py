@@ -169,7 +169,7 @@ def test_the_stability_suite_is_limited(tmp_path: Path, capsys: pytest.CaptureFi
         text = target.read_text(encoding="utf-8")
         assert "; stopped by the limit of CPU time: " in text
         assert "Time schemes on impact" not in text
-        assert (tmp_path / f"{limit}.png").exists() == ("bars, E ratio 1 |" in text)
+        assert (tmp_path / f"{limit}.png").exists() == ("![Margins" in text)
     assert "0 of 0 hard cases hold" in text
     capsys.readouterr()
 

@@ -209,7 +209,8 @@ def _effort(d: DiscretisedProblem) -> float:
     for mass, _, stiffness in (c.members[0].reduced for c in d.classes if c.members[0].nodal is None):
         inertia = weights[0] * mass.diagonal()
         heavy = inertia > 0.0
-        ratios.append(float(np.median(weights[2] * stiffness.diagonal()[heavy] / inertia[heavy])))
+        if heavy.any():
+            ratios.append(float(np.median(weights[2] * stiffness.diagonal()[heavy] / inertia[heavy])))
     decades = float(np.mean(np.log10(np.add(1.0, ratios)))) if ratios else 0.0
     moving = characteristic_traction(d.scene, d.bodies, d.time)
     relative = d.scene.solver.tolerance * (d.characteristic_traction / moving if moving else 1.0)

@@ -333,7 +333,7 @@ def _fastest(p: Prediction) -> float:
 
 def _rigid(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Bodies with waves too fast for the step, or far stiffer than all neighbours (an equilibrium has no waves)."""
-    static = p.run.static or p.run.increments > 0
+    static = p.run.static or p.discretised.scene.time.start.type == "static"
     for name, body in p.discretised.bodies.items() if not static else ():
         if body.rigid or p.discretised.scene.temperatures_of(name):  # a rigid body does not expand
             continue

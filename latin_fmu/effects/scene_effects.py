@@ -130,7 +130,7 @@ def elasticity(p: Prediction) -> Effect:
     sizes = [c.size for c in p.run.classes if not c.rigid]
     reason = f"{len(keys)} deformable substructure(s) in {len(sizes)} class(es) of identical ones"
     kernels = "factorisation", "half solves", "stiffness product"
-    still = p.run.static or p.run.increments > 0
+    still = p.run.static or p.scene.time.start.type == "static"
     switch = "none: an equilibrium needs elastic bodies" if still else "rigid = true on bodies that only move"
     cost = saved(p, p.run.scaled(stiffness=0.0, factor=0.0))
     unknowns = sum(s.members * s.unknowns for s in sizes)

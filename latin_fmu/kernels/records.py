@@ -275,7 +275,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("tied_rows_below", "direction, int64: rows below the supernodes"),
     ("tied_panel_start", "direction, int64 (tied_super + 1,): first number of each panel"),
     ("tied_face_start", "direction, int64 (tied_super,): first column of each supernode for the interfaces"),
-    ("tied_panels", "direction, float32: its panels"),
+    ("tied_panels", "direction, float32: panels of its factor"),
     ("tied_dashpot", "direction (N,): dashpots per area over z that tie the points, N s m-1 a component"),
     *(
         (k, t.replace("constants", "direction"))

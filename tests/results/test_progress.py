@@ -139,7 +139,7 @@ def test_the_error_estimate_reports_its_share() -> None:
     scene = latin_fmu.load_scene(MODELS / "impact_bar" / "scene.toml", ["time.end=0.6", "time.instants=120"])
     shares: list[float] = []
     latin_fmu.estimate_error(scene, latin_fmu.solve(scene), report=shares.append)
-    assert len(shares) > 3
+    assert len(shares) >= 3
     assert shares == sorted(shares)
     assert shares[0] < 0.5
     assert shares[-1] == pytest.approx(1.0)
