@@ -220,6 +220,7 @@ def measured_effects(
             row.remark = message_of(error)
         rows.append(row)
     _repeated(plain, rows, ends, report)
+    report(1.0)
     steps = len(solution.time) - 1
     return MeasuredEffects(f"{where} ({steps} steps, {plain.cpu:.2g} s a run)", plain, rows, unmeasured, limited)
 

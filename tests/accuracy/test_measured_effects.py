@@ -52,7 +52,8 @@ def test_every_effect_of_a_scene_is_switched() -> None:
     shares: list[float] = []
     found = measured(blocks(), report=shares.append)
     assert shares == sorted(shares)
-    assert 0.0 < shares[0] < 0.1 < 0.9 < shares[-1] < 1.0
+    assert 0.0 < shares[0] < 0.1
+    assert shares[-1] == 1.0
     assert list(found) == [
         "friction of meet",
         "opening and slip of meet",
