@@ -80,7 +80,7 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
 
 
-_HEADER = re.compile(r"\s*\[([\w.\s-]+)\]\s*(?:#.*)?$")
+_HEADER = re.compile(r"\[([\w.\s-]+)\]\s*(?:#.*)?$")  # at the margin: rows of a list are indented
 _ASSIGNED = re.compile(r"\s*([\w-]+(?:\s*\.\s*[\w-]+)*)\s*=")
 
 
@@ -88,17 +88,23 @@ def _with_lines(problems: Sequence[Problem], text: str, overrides: Sequence[str]
     """Problems with the line of the file that the key, or else the table around it, is on; none where a setting on top
     of the file gives the key."""
     lines: dict[str, int] = {}
-    table = ""
+    table, within = "", False
     for number, line in enumerate(text.splitlines(), 1):
-        if header := _HEADER.match(line):
+        if sum(line.count(quotes) for quotes in ('"""', "'''")) % 2:  # a text of several lines begins or ends
+            within = not within
+        elif within:
+            continue
+        elif header := _HEADER.match(line):
             table = "".join(header[1].split())
             lines.setdefault(table, number)
+        elif line.startswith("["):
+            table = "[]"  # a name in quotes, or a list of tables: no path of a problem
         elif key := _ASSIGNED.match(line):
             lines.setdefault(f"{table}.{''.join(key[1].split())}".lstrip("."), number)
     given = [setting.partition("=")[0].strip() for setting in overrides]
     placed = []
     for problem in problems:
-        parts = re.split(r"[.\[]", problem.where)
+        parts = [part.rstrip("]") for part in re.split(r"[.\[]", problem.where)]
         around = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
         known = not any(path in around or path.startswith(f"{around[0]}.") for path in given)
         found = next((lines[path] for path in around if path in lines), None) if known else None

@@ -269,7 +269,7 @@ def quantity_estimate(
         iteration=definition.iteration * scene.solver.tolerance,
     )
     error, bound_only = estimated_error(definition, changes)
-    if definition is PEAK_FORCE:
+    if definition is PEAK_FORCE and not scene.time.quasi_static:
         shortest = SHORTEST_MEAN * element_transit(scene, fine.sides[owner], fine.spacings[owner])
         error = error if fine.durations[owner] >= shortest else math.inf
     order = expected_order(definition, changes)

@@ -411,8 +411,10 @@ class Backbone:
             sizes = readable(float(a), self.units.label("m"), 4), f"{f:.6g} Hz", f"{100 * zeta:.4g}"
             table.append((*sizes, readable(float(d), self.units.label("J"), 4), str(s), str(o)))
         lines = [head, "", *aligned(table)]
-        if self.loop == "masing" and self.opening.any():
-            lines += ["", "points open or close, which Masing's rule does not allow for: take half or full loops"]
+        if self.loop == "masing":
+            open_or_close = "some open or close here: " if self.opening.any() else ""
+            rule = "Masing's rule holds where no point has slid before and all keep their pressure"
+            lines += ["", f"{rule}; {open_or_close}compare with --loop half"]
         return lines
 
     def groups(self) -> dict[str, StoredGroup]:

@@ -390,6 +390,7 @@ def between(one: Body, other: Body) -> float:
     return float(np.min(nearest(*places)[0]))
 
 
+_OUT_OF_FACE = 0.1  # component of an axis of a form along the normal: its cosine is within 0.5 % of 1
 _TOUCHING = 1e-9  # a distance along N below this fraction of the face is no gap
 _CLOSABLE = 1.0  # gap = "closed" spans distances up to this share of the spacing of points
 _APART = 0.55  # of the distance between facets and curved surfaces; meshes of one radius are seldom farther apart
@@ -660,6 +661,17 @@ def _gap(
 def _formed(name: str, form: FaceForm, pair: FacePair, gap: Array, length: str, problems: Problems) -> Array | None:
     """The gap (n_point,) with the form of the faces added; None where a table does not reach all points."""
     centre = pair.areas @ pair.points / pair.areas.sum() if form.centre is None else np.asarray(form.centre)
+    mean = pair.areas @ pair.normals
+    out = max((abs(float(d @ mean)) for d in form.directions), default=0.0) / float(np.linalg.norm(mean))
+    if out > _OUT_OF_FACE:
+        problems.add(
+            f"interface.{name}.form",
+            "an axis of the form does not lie in the face",
+            f"it has {out:.2g} of its length along the normal",
+            f"{_OUT_OF_FACE:g} at most",
+            "give axes along the face",
+        )
+        return None
     rise = form.sample(pair.points, pair.normals, centre)
     outside = np.flatnonzero(np.isnan(rise))
     if not len(outside):

@@ -51,7 +51,7 @@ def register(add: AddParser) -> None:
     text = (
         "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what each"
     )
-    switch(parser, "--run", f"{text} costs and changes (20 runs at most, or 20 s more than that)")
+    switch(parser, "--run", f"{text} costs and changes (the time of 40 runs and 20 s at most)")
     text = "with --run: CPU seconds that all runs may take; where they are reached the command stops (exit code"
     add_max_cpu(parser, f"{text} {LIMITED}), what is found until then is printed and marked")
     text = "also print the size of a compiled FMU of the scene; with N: of one whose bodies are reduced to N modes"

@@ -37,7 +37,8 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
         if ops.damping is not None:
             operator = operator + weights[1] * ops.damping
         gain = assembly.scheme.interface_gain(assembly.dt) * assembly.scheme.traction_weight
-        known += getattr(ops.factor, "panels", NONE).size + ops.factor.schur.size
+        # of every member: alike bodies share a factor, the tied one has each of them
+        known += channels.shape[1] * (getattr(ops.factor, "panels", NONE).size + ops.factor.schur.size)
         for member in channels.T:
             blocks.append(sp.csr_array(operator / gain))
             # rows of its channels, columns of its dofs

@@ -106,7 +106,8 @@ class TimeAxis:
     def set(self, axis: Axes, first: float, last: float) -> None:
         """Label and limits (s) of the horizontal axis."""
         axis.set_xlabel(f"time ({self.unit})")
-        axis.set_xlim(first / self.divisor, last / self.divisor)
+        if last > first:
+            axis.set_xlim(first / self.divisor, last / self.divisor)
 
 
 def check_figure_path(path: str | Path, formats: tuple[str, ...] = FORMATS) -> None:

@@ -64,11 +64,13 @@ def history_panel(
     scale.set(axis, time[0], time[-1])
     if len(curves) <= FEW:
         axis.legend(fontsize="small")
+    elif what != "force":  # interfaces have one legend for all their panels
+        axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 
 
 def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
     """Tension of bolts over time, without the line of 0: what they lose is a small part of it."""
-    history_panel(axis, time, curves, scale, unit=unit)
+    history_panel(axis, time, curves, scale, unit=unit, what="tension")
     low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
     size = prefix_for(max(abs(low), abs(high)), unit)[0]
     margin = 0.05 * (high - low) or 0.05 * abs(high) or size
@@ -181,7 +183,9 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     groups = {name: node.to_dataset() for name, node in nodes.items()}
     # bonded faces carry what their bodies carry: they are drawn where nothing may open
     groups = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
-    end = max((float(dataset["time"].values[-1]) for dataset in groups.values()), default=1.0)
+    others = (n for kind in ("sensors", "bolts") if kind in tree.children for n in tree[kind].children.values())
+    timed = [*groups.values(), *(node.to_dataset() for node in others)]
+    end = max((float(dataset["time"].values[-1]) for dataset in timed), default=1.0)
     scale = TimeAxis(*prefix_for(end, "s", figure=True))
     forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
     rest = _sensor_panels(tree, scale) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)
@@ -193,6 +197,8 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     figure = Figure(figsize=(6.2 * max(1, len(columns)), height), layout="constrained")
     unfinished = not tree.attrs.get("trustworthy", converged)
     mark = "" if not unfinished else " (NOT TRUSTWORTHY)" if converged else " (NOT CONVERGED)"
+    if tree.attrs.get("interrupted"):
+        mark = " (STOPPED BEFORE ITS END)"
     title = f"{tree.attrs.get('scene_name', 'run')}{mark}"
     figure.suptitle(title, fontweight="bold", color=BAD if unfinished else "black")
     parts: list[SubFigure] = list(figure.subfigures(1, max(1, len(columns)), squeeze=False).flat)
@@ -259,7 +265,8 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
     size, label = prefix_for(peak, unit, figure=True)
     error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
     known = f" ± {percent(error)}" if np.isfinite(error) else ""
-    return f"{name}: {peak / size:.3g} {label}{known} over {duration / scale.divisor:.2g} {scale.unit}"
+    over = f" over {duration / scale.divisor:.2g} {scale.unit}" if duration > 0.0 else ""
+    return f"{name}: {peak / size:.3g} {label}{known}{over}"
 
 
 def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:

@@ -355,13 +355,14 @@ class InterfaceFields:
         return cls(time, history.areas, history.normals, history.traction, status, duration, *moved)
 
     @classmethod
-    def of_dataset(cls, dataset: xr.Dataset) -> InterfaceFields:
-        """Fields of a stored group ``interfaces/<name>``."""
+    def of_dataset(cls, dataset: xr.Dataset, motion: bool = False) -> InterfaceFields:
+        """Fields of a stored group ``interfaces/<name>``; gap and velocity, which are large, where ``motion``."""
         status = dataset["contact_status"].values if "contact_status" in dataset else None
         columns = (dataset[name].values for name in ("time", "area", "normal", "traction"))
         time, areas, normals, traction = (np.asarray(values, dtype=float) for values in columns)
         duration = dataset["peak_force"].attrs["peak_duration"] if "peak_force" in dataset else None
-        moved = (dataset[name].values if name in dataset else None for name in ("gap", "velocity"))
+        wanted = ("gap", "velocity") if motion else ()
+        moved = (dataset[name].values if name in dataset else None for name in wanted)
         return cls(time, areas, normals, traction, status, duration, *moved)
 
     @cached_property

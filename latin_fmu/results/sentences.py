@@ -85,6 +85,8 @@ def _error(errors: Errors, owner: str, definition: QuantityOfInterest) -> str:
         return ""
     if not np.isfinite(found.error):
         return " (error unknown)"
+    if found.error >= 1.0:
+        return " (error as large as the value)"
     if found.bound_only and found.error > FLOOR:
         return f" (error at most {error_text(found.error)})"
     return f" +- {percent(found.relative_error)}"
@@ -99,25 +101,29 @@ def _instant(errors: Errors, owner: str, definition: QuantityOfInterest, value: 
 def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
     """Peak and when, contact from when to when, slip, what opens, what friction takes, the impulse."""
     fields = InterfaceFields.of_history(history, time)
+    joined = float(history.initial_gap.min(initial=np.inf)) <= 0.0
     name, force = history.name, Force(time, history.normal_resultant())
     first = first_contact_time(fields)
     if history.contact_status is None:
         size = np.linalg.norm(history.force(), axis=1)
         return [f"carries up to {readable(float(size.max()), units.label('N'))} at {_at(time, size)}"]
     if first is None:
-        return [f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"]
+        apart = f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"
+        return ["carries no force" if joined else apart]
     duration = force.peak_duration(history.peak_duration)
     peak, begin = force.peak_mean(duration)
     text = f"peak {readable(peak, units.label('N'))}{_error(errors, name, PEAK_FORCE)}"
-    text += f" at {readable(begin + 0.5 * duration, 's', 3)} (mean of {readable(duration, 's', 3)})"
-    clauses = [text, _contact(history, time, first, separation_time(fields), errors)]
+    text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
+    clauses = [f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text]
+    clauses.append(_contact(history, time, first, separation_time(fields), errors, joined))
     clauses += [*_slipping(history, fields, time, units), *_opening(history)]
     if history.friction_power is not None and history.has_friction and f"{name}.{FRICTION_WORK.key}" in errors:
         work = errors[f"{name}.{FRICTION_WORK.key}"].value
         if work > 0.0:
             taken = readable(work, units.label("J"), 3)
             clauses.append(f"friction takes {taken}{_error(errors, name, FRICTION_WORK)}")
-    if (found := errors.get(f"{name}.{IMPULSE.key}")) is not None and not _pressed(history):
+    transient = not history.quasi_static and not _pressed(history)
+    if transient and (found := errors.get(f"{name}.{IMPULSE.key}")) is not None:
         clauses.append(f"impulse {readable(found.value, units.label('N s'))}{_error(errors, name, IMPULSE)}")
     return clauses
 
@@ -137,10 +143,14 @@ def _pressed(history: InterfaceHistory) -> bool:
     return bool(size.min() > CONTACT_SHARE * size.max())
 
 
-def _contact(history: InterfaceHistory, time: Array, first: float, last: float | None, errors: Errors) -> str:
+def _contact(
+    history: InterfaceHistory, time: Array, first: float, last: float | None, errors: Errors, joined: bool
+) -> str:
+    """From when to when it carries a force; ``joined``: its sides touch at the start, loaded or not."""
     if _pressed(history):
         return "pressed throughout"
-    begin = "touches from the start" if first <= time[0] else "touches from "
+    does = "carries a force" if joined else "touches"
+    begin = f"{does} from the start" if first <= time[0] else f"{does} from "
     begin += "" if first <= time[0] else _instant(errors, history.name, FIRST_CONTACT, first)
     if last is None or last >= time[-1]:
         return f"{begin}, still at the end"
@@ -169,10 +179,13 @@ def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, u
 def _opening(history: InterfaceHistory) -> Iterator[str]:
     """Share of the area that is closed at the start and opens later."""
     status = np.asarray(history.contact_status)
-    closed = status[0] != _OPEN
+    # a joint that touches without a force has the status of separation
+    closed = (status[0] != _OPEN) | (history.initial_gap <= 0.0)
+    closed &= (status != _OPEN).any(axis=0)
+    carried = np.maximum.accumulate(status != _OPEN, axis=0)  # it opens after it has carried something
     area = float(history.areas[closed].sum())
     if area > 0.0:
-        opened = float(((status[:, closed] == _OPEN) @ history.areas[closed]).max()) / area
+        opened = float((((status == _OPEN) & carried)[:, closed] @ history.areas[closed]).max()) / area
         if opened > _LITTLE:
             yield f"up to {100 * opened:.0f} % of what is closed at the start opens"
 
@@ -204,7 +217,7 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
         ("displacement", history.displacement, DISPLACEMENT_PEAK),
     )
     for motion, values, definition in motions:
-        if values is None:
+        if values is None or (motion == "velocity" and history.acceleration is None):
             continue
         size = np.linalg.norm(values, axis=1)
         found = errors.get(f"{history.name}.{definition.key}")
@@ -213,7 +226,10 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
         text += _error(errors, history.name, definition)
-        clauses.append(text if found is not None else f"{text} at {_at(time, size)}")
+        banded = definition is not DISPLACEMENT_PEAK and found is not None
+        text += " in the band of its filter, or of the mesh" if banded else ""
+        bare = definition is not DISPLACEMENT_PEAK and found is None
+        clauses.append(text if found is not None else f"{text} at {_at(time, size)}{', unfiltered' if bare else ''}")
     return clauses
 
 

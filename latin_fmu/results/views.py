@@ -8,7 +8,7 @@ Maps and skins are UGRID meshes that ``xugrid.UgridDataset`` opens and plots.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
+
+_WEAK: Final = 0.05  # of the largest amplitude of a vibration
 
 
 def resultant(tree: xr.DataTree, interface: str) -> xr.Dataset:
@@ -218,7 +220,8 @@ def ring_down(
         zeta omega / omega_d = zeta / sqrt(1 - zeta^2),    omega = omega_d / sqrt(1 - zeta^2).
 
     The errors are those of the slopes for one independent residual a period. Both ends of the record, for as long as
-    the filter remembers (3 / width of the band), are left out.
+    the filter remembers (3 / width of the band), are left out, and what follows after the amplitude has fallen below a
+    twentieth of its largest.
 
     Parameters
     ----------
@@ -244,6 +247,13 @@ def ring_down(
     import xarray as xr
 
     history = _history(tree, sensor, quantity)
+    problems = [] if periods >= 3 else [Problem("periods", "too few for an error", str(periods), "3 or more")]
+    if direction is not None and (
+        np.shape(direction) != (3,) or not 0 < np.linalg.norm(np.asarray(direction)) < np.inf
+    ):
+        problems.append(Problem("direction", "no direction", str(direction), "three numbers, not all 0"))
+    if problems:
+        raise InputError(problems, "no ring-down")
     time = np.asarray(history["time"].values, dtype=float)
     motion = _in_band(sensor, history.values, time, band)
     remembered = 3 / (band[1] - band[0])
@@ -253,12 +263,16 @@ def ring_down(
     else:
         axis = np.asarray(direction, dtype=float) / np.linalg.norm(np.asarray(direction, dtype=float))
     signal = _analytic(motion @ axis)[inside]
-    theta, size, time = np.unwrap(np.angle(signal)), np.abs(signal), time[inside]
-    period = 2 * np.pi * (time[-1] - time[0]) / (theta[-1] - theta[0]) if len(time) > 2 else np.inf
+    # from there on what filter and transform remember of the large start counts
+    weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
+    signal, time = signal[: weak[0] if weak.size else None], time[inside][: weak[0] if weak.size else None]
+    theta, size = np.unwrap(np.angle(signal)), np.abs(signal)
+    period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta))) if len(time) > 2 else np.inf
     length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
     if not 2 < length <= len(time):
         what, wanted = "is too short for a window", f"{periods} periods behind the ends, where the filter sees none"
-        raise InputError([Problem(f"sensor {sensor}", what, f"{time[-1] - time[0]:.4g} s", wanted)], "no ring-down")
+        span = f"{time[-1] - time[0]:.4g} s" if len(time) else "0 s"
+        raise InputError([Problem(f"sensor {sensor}", what, span, wanted)], "no ring-down")
     rows = []
     for start in range(0, len(time) - length + 1, max(length // 2, 1)):
         t = time[start : start + length]
@@ -311,10 +325,10 @@ def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float])
 
 
 def _analytic(values: Array) -> NDArray[np.complex128]:
-    """Analytic signal (n,) of real values."""
+    """Analytic signal (n,) of real values, zeros behind their end: the transform is periodic."""
     from scipy.signal import hilbert
 
-    return np.asarray(hilbert(values))
+    return np.asarray(hilbert(values, 2 * len(values)))[: len(values)]
 
 
 def _line(t: Array, y: Array, independent: int) -> tuple[float, float]:

@@ -53,14 +53,18 @@ class Crown(SceneTable):
             raise refusal("radius_along without an axis", value=self.radius_along, remedy="give the axis")
         return self
 
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (n, 3) that lie in the face."""
+        return np.zeros((0, 3)) if self.axis is None else np.array([self.axis]) / np.linalg.norm(self.axis)
+
     def sample(self, points: Array, normals: Array, centre: Array) -> Array:
         """Form at points (n, 3) with unit normals (n, 3), (n,), m; ``centre`` (3,) where the table names none."""
         r = _on_face(points, normals, centre)
         squares: Array = np.einsum("pi,pi->p", r, r)
         if self.axis is None:
             return squares / (2 * self.radius)
-        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
-        along: Array = (r @ axis) ** 2
+        along: Array = (r @ self.directions[0]) ** 2
         rise = (squares - along) / (2 * self.radius)
         return rise if self.radius_along is None else rise + along / (2 * self.radius_along)
 
@@ -82,9 +86,14 @@ class Polynomial(SceneTable):
             raise refusal("too few or too many powers", value=max(lengths), allowed=f"1 to {_MOST} rows and columns")
         return self
 
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (2, 3) of x and y, which lie in the face."""
+        return np.array(self.axes.rows[:2])
+
     def sample(self, points: Array, normals: Array, centre: Array) -> Array:
         """Form at points (n, 3) with unit normals (n, 3), (n,), m; ``centre`` (3,) where the table names none."""
-        x, y = (_on_face(points, normals, centre) @ np.array(self.axes.rows[:2]).T).T
+        x, y = (_on_face(points, normals, centre) @ self.directions.T).T
         rise = np.zeros(len(points))
         for i, row in enumerate(self.coefficients):
             for j, c in enumerate(row):
@@ -154,10 +163,15 @@ class FaceTable(SceneTable):
             )
         return self
 
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (2, 3) of x and y, which lie in the face."""
+        return np.array(self.axes.rows[:2])
+
     def sample(self, points: Array, normals: Array, centre: Array) -> Array:
         """Form at points (n, 3) with unit normals (n, 3), (n,), m, NaN outside the grid; ``centre`` (3,) where the
         table names none."""
-        at = _on_face(points, normals, centre) @ np.array(self.axes.rows[:2]).T
+        at = _on_face(points, normals, centre) @ self.directions.T
         place, inside = [], np.ones(len(points), dtype=bool)
         for along, knots in zip(at.T, (np.asarray(self.x), np.asarray(self.y)), strict=True):
             beyond = _BEYOND * (knots[-1] - knots[0])

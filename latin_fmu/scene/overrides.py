@@ -34,10 +34,17 @@ def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str], named: Co
 
 def with_value(data: Mapping[str, Any], path: str, value: Any, named: Collection[str]) -> dict[str, Any]:
     """A copy of the scene data with the value of one key, ``a.b.c``; errors as for ``apply_overrides``."""
-    changed = _copied(data)
+    changed: dict[str, Any] = _lists(_copied(data))
     if problem := _set(changed, path.split("."), value, named):
         raise SceneError([problem], _HEADING)
     return changed
+
+
+def _lists(value: Any) -> Any:
+    """Tables with lists in the place of tuples, so that items can be set."""
+    if isinstance(value, dict):
+        return {key: _lists(item) for key, item in value.items()}
+    return [_lists(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _copied(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,9 +101,16 @@ def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | 
     return (here[key],)
 
 
+_READING = ("file", "columns", "column", "time_column", "unit", "value_unit", "time_unit", "length_unit")
+_FILLED = ("times", "values", "points", "x", "y")
+"""Keys that say how a file is read, and those that are filled from it."""
+
+
 def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
     if isinstance(here, dict):
         here[key] = value
+        for filled in _FILLED if "file" in here and key in _READING else ():  # in a scene that has been read
+            here.pop(filled, None)
         return None
     if isinstance(here, list):
         index = _index(here, key)

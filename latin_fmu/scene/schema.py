@@ -268,7 +268,8 @@ class Scene(SceneTable):
         Parameters
         ----------
         key : as in the file, tables and names joined by dots; a number picks an item of a list. value : as in the file,
-            or a table of ``latin_fmu.tables``.
+            or a table of ``latin_fmu.tables``. Files of parts and of an initial state are read already: what belongs to
+            ``mesh`` and ``initial_state`` is set by ``load_scene(path, ["mesh.joint.scale=2e-3"])``.
 
         Raises
         ------
@@ -280,6 +281,10 @@ class Scene(SceneTable):
         >>> scene.replace("time.instants", 800).replace("output.energy", True).time.instants
         800
         """
+        if (first := key.partition(".")[0]) in ("mesh", "initial_state"):
+            remedy = 'set it when the scene is read: load_scene(path, ["mesh.joint.scale=2e-3"])'
+            problem = Problem(key, f"the files of {first!r} are read already", remedy=remedy)
+            raise SceneError([problem], "the scene cannot be changed")
         return self.model_validate(with_value(self.tables(), key, value, NAMED), context=self._context)
 
     def __eq__(self, other: object) -> bool:

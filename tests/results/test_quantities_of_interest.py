@@ -96,7 +96,7 @@ def test_an_interface_that_cannot_open_has_no_shares() -> None:
 
 def test_history_and_dataset_give_the_same_numbers() -> None:
     history = synthetic.contact("c", TIME, 2.0, 6.0, 1e6)
-    stored = InterfaceFields.of_dataset(interface_group(history, TIME).dataset())
+    stored = InterfaceFields.of_dataset(interface_group(history, TIME).dataset(), motion=True)
     direct = InterfaceFields.of_history(history, TIME)
     for measure in (measures.first_contact_time, measures.separation_time):
         assert measure(stored) == measure(direct)

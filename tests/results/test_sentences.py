@@ -6,7 +6,9 @@ import html
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+import latin_fmu
 from latin_fmu.latin.outcome import BoltHistory, InterfaceHistory, ReactionHistory, SensorHistory
 from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
 from latin_fmu.results.sentences import WIDTH, sentences
@@ -32,7 +34,7 @@ def one(history: InterfaceHistory) -> dict[str, object]:
 
 def test_a_contact_says_peak_instants_and_slip(crushing: Solution) -> None:
     pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
-    text = said(crushing, **one(pulse))
+    text = said(crushing, **one(replace(pulse, initial_gap=np.full(16, 1e-6))))
     assert text.startswith("crush peak ")
     assert "at 5.00 us" in text  # the pulse is symmetric about it
     assert "touches from 2.0" in text
@@ -60,7 +62,8 @@ def test_what_opens_counts_by_area(crushing: Solution) -> None:
 
 def test_a_contact_never_touched_says_how_near_it_came(crushing: Solution) -> None:
     pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
-    apart = replace(pulse, traction=np.zeros_like(pulse.traction), gap=np.full_like(pulse.gap, 3e-6))
+    still, gap = np.zeros_like(pulse.traction), np.full_like(pulse.gap, 3e-6)
+    apart = replace(pulse, traction=still, gap=gap, initial_gap=gap[0])
     assert said(crushing, **one(apart)) == "crush never touches, 3.00 um apart at least"
 
 
@@ -80,7 +83,7 @@ def test_errors_and_instants_are_those_of_the_estimate(crushing: Solution) -> No
             QuantityEstimate("crush.impulse", 0.3, 1e-5, bound_only=False),
         )
     )
-    text = said(crushing, estimate, **one(pulse))
+    text = said(crushing, estimate, **one(replace(pulse, initial_gap=np.full(16, 1e-6))))
     assert "touches from 1.99 us +- 2 % to 8.00 us (error unknown)" in text
     assert "kN (error at most 50 %)" in text
     assert "impulse 300.0 mN s +- 0.1 %" in text  # no error is said to be below the floor
@@ -122,3 +125,49 @@ def test_details_are_on_request(crushing: Solution) -> None:
         assert crushing.status in text
         assert "impulse 0.2 % too small" in text
     assert crushing._repr_html_() == f"<pre>{html.escape(crushing.summary())}</pre>"
+
+
+def test_statics_have_no_mean_no_impulse_and_no_velocity() -> None:
+    """A ramp to 20 kN: the peak is the last force, not a mean over the time that orders the increments."""
+    box = {"size": [2e-2, 2e-2, 2e-2], "elements": [2, 2, 2]}
+    scene = latin_fmu.scene_from_dict(
+        {
+            "name": "ramp",
+            "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.0, "density": 7800.0}},
+            "substructure": {
+                "low": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 0.0]}},
+                "high": {"material": "steel", "box": box | {"origin": [0.0, 0.0, 2e-2]}},
+            },
+            "interface": {
+                "meet": {"sides": ["low.zmax", "high.zmin"], "behaviour": "contact", "friction_coefficient": 0.2}
+            },
+            "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+            "load": {
+                "press": {
+                    "face": "high.zmax",
+                    "pressure": 50e6,
+                    "law": {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]},
+                }
+            },
+            "sensor": {"top": {"face": "high.zmax"}},
+            "time": {"quasi_static": True, "end": 1.0, "instants": 40},
+        }
+    )
+    solution = latin_fmu.solve(scene)
+    text = replace(solution, estimate=latin_fmu.estimate_error(scene, solution)).summary()
+    assert "peak 20.00 kN +- 0.1 % at 1.00 s; carries a force from " in text
+    for word in ("mean of", "impulse", "velocity", "touches", "opens"):
+        assert word not in text, word
+    assert solution.report()["interfaces"]["meet"]["peak_force"] == pytest.approx(20e3, rel=1e-3)
+
+
+def test_faces_that_touch_without_a_force_carry_none(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
+    idle = replace(pulse, traction=np.zeros_like(pulse.traction))
+    assert said(crushing, **one(idle)) == "crush carries no force"
+
+
+def test_an_error_beyond_the_value_is_no_number(crushing: Solution) -> None:
+    pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
+    estimate = ErrorEstimate((QuantityEstimate("crush.peak_force", 1.0, 11.0, bound_only=False),))
+    assert "kN (error as large as the value)" in said(crushing, estimate, **one(pulse))

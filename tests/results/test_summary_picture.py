@@ -64,6 +64,19 @@ def test_sensors_and_bolts_have_panels(crushing: Solution) -> None:
     assert " ± 2 % over " in str(axes["Normal resultant (compression > 0)"].lines[1].get_label())
 
 
+def test_many_sensors_are_named_and_a_stopped_run_says_so(crushing: Solution) -> None:
+    motion = np.zeros((crushing.time.size, 3))
+    motion[:, 1] = 1.0
+    sensors = {f"s{i}": SensorHistory(f"s{i}", "beam", None, np.zeros(3), motion, motion, i * motion) for i in range(7)}
+    outcome = replace(crushing.outcome, sensors=sensors, interrupted="its limit", interfaces={})
+    figure = summary_figure(replace(crushing, outcome=outcome).to_datatree())
+    assert "STOPPED BEFORE ITS END" in figure.get_suptitle()
+    axes = {axis.get_title(): axis for part in figure.subfigs for axis in part.axes}
+    axis = axes["Acceleration of the sensors"]
+    assert len(axis.get_legend().get_texts()) == 7
+    assert axis.get_xlabel() == "time (µs)"  # without interfaces, too
+
+
 def test_force_curve_in_readable_units(crushing: Solution) -> None:
     axis = summary_figure(crushing.to_datatree()).subfigs[0].axes[0]
     curve = next(line for line in axis.lines if str(line.get_label()).startswith("crush: "))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,6 +186,33 @@ def test_ring_down_of_a_known_vibration() -> None:
         "frequency_error": "Hz",
         "damping_error": "1",
     }
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.02, 0.05])
+def test_a_ring_down_ends_where_the_vibration_has_died(damping: float) -> None:
+    """A record that goes on: what the start leaves in filter and transform is no vibration."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    omega = 100 * np.pi
+    moved = 1e-3 * np.exp(-damping * omega * time) * np.cos(omega * np.sqrt(1 - damping**2) * time)
+    history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
+    sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
+    tree = xr.DataTree.from_dict({"/sensors/tip": sensor})
+    if damping == 0.05:  # three periods from the end of what the filter remembers to a twentieth
+        with pytest.raises(InputError, match="too short for a window"):
+            latin_fmu.ring_down(tree, "tip", (30.0, 80.0), periods=20)
+    made = latin_fmu.ring_down(tree, "tip", (30.0, 80.0), periods=4)
+    assert made["damping"].values == pytest.approx(damping, rel=0.05)
+    assert made["frequency"].values == pytest.approx(50.0, rel=0.01)
+    assert made["amplitude"].values.min() > 0.03 * made["amplitude"].values.max()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [({"direction": [1.0, 1.0]}, "direction"), ({"direction": [0.0] * 3}, "direction"), ({"periods": 2}, "periods")],
+)
+def test_a_ring_down_needs_a_direction_and_periods(options: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        latin_fmu.ring_down(decaying(1.0), "tip", (60.0, 110.0), **options)
 
 
 def test_ring_downs_that_cannot_be_read() -> None:

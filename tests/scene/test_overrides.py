@@ -159,3 +159,33 @@ def test_problems_of_a_file_have_its_lines(tmp_path: Path) -> None:
     assert found["end"] == time
     assert found["tolerance"] is None
     assert f"(line {density})" in str(caught.value)
+
+
+def test_items_of_lists_and_files_are_replaced(tmp_path: Path) -> None:
+    lap = load_scene(MODELS / "lap_joint" / "scene.toml")
+    assert lap.replace("interface.shank.sides.1", "nut.nut_cut") == lap
+    with pytest.raises(SceneError, match="are read already"):
+        lap.replace("mesh.joint.scale", 2e-3)
+    for name, last in (("one", 1.0), ("two", 2.0)):
+        (tmp_path / f"{name}.csv").write_text(f"0, 0\n1, {last}\n")
+    small = MODELS / "impact_bar" / "scene.toml"
+    tables_of = tomllib.loads(small.read_text())
+    tables_of["load"] = {"push": {"face": "bar.zmin", "pressure": 1.0, "law": {"type": "csv", "file": "one.csv"}}}
+    scene = scene_from_dict(tables_of, tmp_path)
+    assert scene.replace("load.push.law.file", "two.csv").load["push"].law.values == (0.0, 2.0)
+    with pytest.raises(SceneError, match=r"three\.csv"):
+        scene.replace("load.push.law.file", "three.csv")
+
+
+def test_lines_are_those_of_the_tables(tmp_path: Path) -> None:
+    """Texts of several lines and names in quotes are no tables of the scene."""
+    text = (MODELS / "impact_bar" / "scene.toml").read_text()
+    odd = 'description = """\n[time]\nend = 3\n"""\n'
+    changed = odd + "\n".join(line for line in text.splitlines() if not line.startswith("description"))
+    place = max(i for i, line in enumerate(changed.splitlines(), 1) if line.startswith("end ="))
+    lines = changed.splitlines()
+    lines[place - 1] = "end = -1.0"
+    (tmp_path / "a.toml").write_text("\n".join(lines))
+    with pytest.raises(SceneError) as caught:
+        load_scene(tmp_path / "a.toml")
+    assert [p.line for p in caught.value.problems if p.where == "time.end"] == [place]

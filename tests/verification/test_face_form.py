@@ -198,3 +198,15 @@ def test_drawn_with_its_gap() -> None:
         for f in (figure, plain)
     ]
     assert len(colours[0]) > len(colours[1]) + 4
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        {"type": "crown", "radius": 1.0, "axis": [1.0, 0.0, 1.0]},
+        {"type": "polynomial", "coefficients": [[0.0], [1e-3]], "axes": {"x": [0.0, 0.0, 1.0], "y": [0.0, 1.0, 0.0]}},
+    ],
+)
+def test_axes_out_of_the_face_are_refused(form: dict[str, Any]) -> None:
+    with pytest.raises(SceneError, match="does not lie in the face"):
+        gaps(form)
