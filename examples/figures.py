@@ -52,7 +52,7 @@ def _script(name: str, *shows: str) -> Drawing:
 DRAWINGS = {
     "lap_joint": Drawing(
         "latin-fmu run models/lap_joint/scene.toml -o lap_joint.nc --set output.fields=true "
-        "&& latin-fmu plot lap_joint.nc --bodies -o lap_joint.png",
+        "&& latin-fmu plot lap_joint.nc --bodies --interface lower_upper --time 1 -o lap_joint.png",
         (*RUN, "pictures"),
     ),
     "hammer_on_plate": Drawing(

@@ -179,9 +179,9 @@ def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, u
 def _opening(history: InterfaceHistory) -> Iterator[str]:
     """Share of the area that is closed at the start and opens later."""
     status = np.asarray(history.contact_status)
-    # a joint that touches without a force has the status of separation
-    closed = (status[0] != _OPEN) | (history.initial_gap <= 0.0)
-    closed &= (status != _OPEN).any(axis=0)
+    closed = status[0] != _OPEN
+    if not closed.any():  # faces that touch without a force have the status of separation
+        closed = (history.initial_gap <= 0.0) & (status != _OPEN).any(axis=0)
     carried = np.maximum.accumulate(status != _OPEN, axis=0)  # it opens after it has carried something
     area = float(history.areas[closed].sum())
     if area > 0.0:
