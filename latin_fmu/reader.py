@@ -17,6 +17,7 @@ from .file_digest import is_damaged
 from .mesh_files.content import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
+from .scene.overrides import key_lines
 from .scene.raw_scene import chosen_type, given, named_tables, single_table
 from .scene.schema import Scene, with_settings
 from .scene.substructures import ALL, MeshParts, part_name
@@ -80,27 +81,10 @@ def scene_from_dict(data: Any, base_dir: str | Path | None = None) -> Scene:
         raise SceneError([Problem("scene", "nested too deeply")], "the scene cannot be used") from None
 
 
-_HEADER = re.compile(r"\[([\w.\s-]+)\]\s*(?:#.*)?$")  # at the margin: rows of a list are indented
-_ASSIGNED = re.compile(r"\s*([\w-]+(?:\s*\.\s*[\w-]+)*)\s*=")
-
-
 def _with_lines(problems: Sequence[Problem], text: str, overrides: Sequence[str]) -> list[Problem]:
     """Problems with the line of the file that the key, or else the table around it, is on; none where a setting on top
     of the file gives the key."""
-    lines: dict[str, int] = {}
-    table, within = "", False
-    for number, line in enumerate(text.splitlines(), 1):
-        if sum(line.count(quotes) for quotes in ('"""', "'''")) % 2:  # a text of several lines begins or ends
-            within = not within
-        elif within:
-            continue
-        elif header := _HEADER.match(line):
-            table = "".join(header[1].split())
-            lines.setdefault(table, number)
-        elif line.startswith("["):
-            table = "[]"  # a name in quotes, or a list of tables: no path of a problem
-        elif key := _ASSIGNED.match(line):
-            lines.setdefault(f"{table}.{''.join(key[1].split())}".lstrip("."), number)
+    lines = key_lines(text)
     given = [setting.partition("=")[0].strip() for setting in overrides]
     placed = []
     for problem in problems:

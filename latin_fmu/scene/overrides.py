@@ -25,7 +25,10 @@ def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str], named: Co
 
     named : keys whose tables have names. Raises SceneError with every setting that cannot be applied.
     """
-    changed = _copied(data) if overrides else dict(data)
+    try:
+        changed = copy.deepcopy(dict(data)) if overrides else dict(data)
+    except RecursionError:
+        raise SceneError([Problem("scene", "nested too deeply")], _HEADING) from None
     problems = [problem for setting in overrides if (problem := _apply(changed, setting, named)) is not None]
     if problems:
         raise SceneError(problems, _HEADING)
@@ -34,24 +37,17 @@ def apply_overrides(data: Mapping[str, Any], overrides: Sequence[str], named: Co
 
 def with_value(data: Mapping[str, Any], path: str, value: Any, named: Collection[str]) -> dict[str, Any]:
     """A copy of the scene data with the value of one key, ``a.b.c``; errors as for ``apply_overrides``."""
-    changed: dict[str, Any] = _lists(_copied(data))
+    changed: dict[str, Any] = _lists(data)
     if problem := _set(changed, path.split("."), value, named):
         raise SceneError([problem], _HEADING)
     return changed
 
 
 def _lists(value: Any) -> Any:
-    """Tables with lists in the place of tuples, so that items can be set."""
+    """A copy of tables, with lists in the place of tuples, so that items can be set."""
     if isinstance(value, dict):
         return {key: _lists(item) for key, item in value.items()}
     return [_lists(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def _copied(data: Mapping[str, Any]) -> dict[str, Any]:
-    try:
-        return copy.deepcopy(dict(data))
-    except RecursionError:
-        raise SceneError([Problem("scene", "nested too deeply")], _HEADING) from None
 
 
 def _apply(data: dict[str, Any], setting: str, named: Collection[str]) -> Problem | None:
@@ -149,22 +145,30 @@ def parse_value(text: str) -> Any:
     return parsed["value"]
 
 
-_HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
-_KEY = re.compile(r"\s*([A-Za-z0-9_.\"'-]+)\s*=")
+_PART = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
+_PATH = rf"({_PART}(?:\s*\.\s*{_PART})*)"
+_HEADER = re.compile(rf"(?:\s+(?=\[\s*[A-Za-z_]))?\[\s*{_PATH}\s*\]\s*(?:#.*)?$")  # rows of a list are indented, too
+_KEY = re.compile(rf"\s*{_PATH}\s*=")
 
 
 def key_lines(text: str) -> dict[str, int]:
     """Line number, from 1, of every table header and key of a TOML text, by dotted path; keys inside inline tables
-    stand on the line of the key that holds them and are not listed."""
+    stand on the line of the key that holds them, and lists of tables have no path: they are not listed."""
     numbers: dict[str, int] = {}
-    table = ""
+    table: str | None = ""
+    within = False
     for number, line in enumerate(text.splitlines(), 1):
+        in_text, odd = within, sum(line.count(quotes) for quotes in ('"""', "'''")) % 2 == 1
+        within = within != odd  # a text of several lines begins or ends
+        if in_text:
+            continue
         if header := _HEADER.match(line):
-            table = _plain(header.group(1))
+            table = _plain(header[1])
             numbers.setdefault(table, number)
-        elif key := _KEY.match(line):
-            path = _plain(key.group(1))
-            numbers.setdefault(f"{table}.{path}" if table else path, number)
+        elif line.startswith("["):
+            table = None
+        elif table is not None and (key := _KEY.match(line)):
+            numbers.setdefault(f"{table}.{_plain(key[1])}".lstrip("."), number)
     return numbers
 
 
