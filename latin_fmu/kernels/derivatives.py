@@ -28,13 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from ..laws.dispatch import add_tangent
 from .communication import begin_rows, conclude, given_of
 from .inputs import N_MEMORY, rate_over
 from .instants import end_instant, first_guess, guess_from_reference, march_instants
 from .krylov import combine, length_of, orthogonalise
 from .linear_stage import linear_stage
-from .local_stage import finish, open_window, outgoing, prepare
+from .local_stage import POINT, add_tangent_at, finish, open_window, outgoing, prepare
 from .outputs import BEGIN, END, OF_GROUP, SMALLEST, summary_of
 from .sparse_response import squared_defect
 from .tasks import END as END_CLASS
@@ -56,7 +55,7 @@ _SMALL, _ENOUGH = 1e-14, 1e-9
 """Residual over q at which they end, and above which there is no derivative."""
 _CORRECTIONS = 12
 """Corrections of an instant with tables of Y at most."""
-_RULES, _SCRATCH = 4, 27
+_RULES = 4
 
 
 @kernel
@@ -85,7 +84,7 @@ def place_of_rows(pools: Any) -> int:
 def place_of_system(pools: Any) -> int:
     """Numbers before the linear system."""
     run = pools.run[0]
-    return int(place_of_rows(pools) + 3 * run.n_output + run.n_interface + _RULES + _SCRATCH)
+    return int(place_of_rows(pools) + 3 * run.n_output + run.n_interface + _RULES + POINT)
 
 
 @kernel
@@ -140,7 +139,7 @@ def derive(pools: Any, which: int, rule: int, n: int, whole: int) -> int:
 def keep_rules(pools: Any, at: int) -> None:
     """Keep what the variants change of the rules of the run; no solve is reused and no thread but this one works."""
     run = pools.run[0]
-    kept = pools.moving[at + place_of_system(pools) - _RULES - _SCRATCH :]
+    kept = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
     kept[0], kept[1], kept[2] = run.deepest, run.rest_traction, run.make_up
     # a solve for another q would leave the variants not affine
     run.reuse = -1.0
@@ -151,7 +150,7 @@ def keep_rules(pools: Any, at: int) -> None:
 def set_rules(pools: Any, at: int, variant: int) -> None:
     """Rules of the base, or of variants: a penetrated point has a gap, no class rests, no drift is made up."""
     run = pools.run[0]
-    kept = pools.moving[at + place_of_system(pools) - _RULES - _SCRATCH :]
+    kept = pools.moving[at + place_of_system(pools) - _RULES - POINT :]
     run.deepest = kept[0] if variant == BASE else -np.inf
     run.rest_traction = kept[1] if variant == BASE else -1.0
     run.make_up = kept[2] if variant == BASE else 0.0
@@ -199,7 +198,7 @@ def end_time_step(pools: Any, at: int, variant: int, rule: int, step: int, whole
     elif march_instants(pools, 1, 1) < 1:
         return UNSOLVED
     else:
-        linearise(pools, laws, at + place_of_system(pools) - _SCRATCH)
+        linearise(pools, laws, at + place_of_system(pools) - POINT)
     conclude(pools, 1, step, whole, rule)
     return 0
 
@@ -212,13 +211,8 @@ def linearise(pools: Any, at: int, scratch: int) -> None:
     run, moving = pools.run[0], pools.moving
     for g in range(len(pools.groups)):
         group = pools.groups[g]
-        h, n_parameter = group.n_component, group.n_parameter
-        width = h if group.elastic == 1 else 1
-        size, wide, rate = (
-            group.n_point * h,
-            group.n_point * width,
-            run.layer_rate if group.elastic == 1 else 1 / run.dt,
-        )
+        h = group.n_component
+        size, wide = group.n_point * h, group.n_point * (h if group.elastic == 1 else 1)
         # gaps that the law takes: the last row of ``opened``
         start = group.opened + 3 * wide
         for j in range(size):
@@ -233,16 +227,7 @@ def linearise(pools: Any, at: int, scratch: int) -> None:
         for p in range(group.n_point):
             tangent = moving[at + p * h * h : at + (p + 1) * h * h]
             tangent[:] = 0.0
-            add_tangent(
-                group.law,
-                moving[group.jump + p * h : group.jump + (p + 1) * h],
-                pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
-                moving[group.reach + p * width : group.reach + (p + 1) * width],
-                rate,
-                pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
-                moving[scratch : scratch + _SCRATCH],
-                tangent,
-            )
+            add_tangent_at(pools, g, p, moving[scratch : scratch + POINT], tangent)
         at += size * h
 
 

@@ -24,18 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from ..laws.dispatch import add_tangent
 from .callouts import TANGENTS, call_out
 from .krylov import SMALL, VECTORS, combine, turn
 from .linear_stage import respond_to_change
+from .local_stage import POINT, add_tangent_at
 from .sums import add_parts, exchange_parts
 
 Array = NDArray[np.float64]
 
 AT_FIRST, LEAST, LARGEST = 0.03, 0.01, 0.1
 """Residual over that at the start of a step which ends it: at the first one, least and largest."""
-POINT = 27
-"""Numbers of scratch for the tangent of a law at one point."""
 
 
 @kernel
@@ -66,21 +64,9 @@ def take_tangents(pools: Any) -> None:
         if group.law < 0:
             call_out(pools, TANGENTS, g, 0, 0)
             continue
-        h, n_parameter = group.n_component, group.n_parameter
-        width = h if group.elastic == 1 else 1
-        rate = run.layer_rate if group.elastic == 1 else 1.0 / run.dt
         work[group.tangent : group.tangent + 9 * group.n_point] = 0.0
         for p in range(group.n_point):
-            add_tangent(
-                group.law,
-                work[group.jump + p * h : group.jump + (p + 1) * h],
-                pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
-                work[group.reach + p * width : group.reach + (p + 1) * width],
-                rate,
-                pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
-                scratch,
-                work[group.tangent + 9 * p : group.tangent + 9 * p + 9],
-            )
+            add_tangent_at(pools, g, p, scratch, work[group.tangent + 9 * p : group.tangent + 9 * p + 9])
 
 
 @kernel

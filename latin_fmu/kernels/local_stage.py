@@ -31,13 +31,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
-from ..laws.dispatch import NO_SLIP, apply
+from ..laws.dispatch import NO_SLIP, add_tangent, apply
 from .callouts import LAW, call_out
 from .energy_parts import OF_DRIFT
 from .matrices import read_channels
 from .sums import exchange
 
 Array = NDArray[np.float64]
+
+POINT = 27
+"""Numbers of scratch for the tangent of a law at one point."""
 
 
 @kernel
@@ -131,6 +134,25 @@ def solve_points(pools: Any, g: int, low: int, high: int) -> None:
             parameters[p * n_parameter : (p + 1) * n_parameter],
             traction[p * h : (p + 1) * h],
         )
+
+
+@kernel
+def add_tangent_at(pools: Any, g: int, p: int, scratch: Array, out: Array) -> None:
+    """Add J = dF_hat / djump of a point of a group, at the arguments that its law had last, to ``out`` (h * h,); the
+    ``scratch`` has POINT numbers."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    h, n_parameter = group.n_component, group.n_parameter
+    width = h if group.elastic == 1 else 1
+    add_tangent(
+        group.law,
+        work[group.jump + p * h : group.jump + (p + 1) * h],
+        pools.fixed[group.z_sum + 2 * p : group.z_sum + 2 * p + 2],
+        work[group.reach + p * width : group.reach + (p + 1) * width],
+        run.layer_rate if group.elastic == 1 else 1.0 / run.dt,
+        pools.fixed[group.parameters + p * n_parameter : group.parameters + (p + 1) * n_parameter],
+        scratch,
+        out,
+    )
 
 
 @kernel

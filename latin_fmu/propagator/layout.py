@@ -18,8 +18,8 @@ from ..kernels import records
 from ..kernels.active_points import SCRATCH
 from ..kernels.energy import FIELDS
 from ..kernels.energy_parts import N_TERM, N_WORK
-from ..kernels.iteration_step import POINT
 from ..kernels.krylov import SMALL, VECTORS
+from ..kernels.local_stage import POINT
 from ..kernels.newton import N_COURSE, N_FINISH
 from ..kernels.products import padded
 from ..kernels.tasks import CHUNK
