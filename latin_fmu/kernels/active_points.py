@@ -28,6 +28,15 @@ SCRATCH = PANEL * (TILE + 1) + 2
 
 
 @kernel
+def channels_of(pools: Any, p: int) -> tuple[int, int]:
+    """First channels of the two sides of a point."""
+    run = pools.run[0]
+    group = pools.groups[pools.fixed_int[run.point_group + p]]
+    first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
+    return first, first + group.n_point * group.n_component
+
+
+@kernel
 def coupling(pools: Any, p: int, q: int, block: Array) -> bool:
     """block (3, 3) = entries of A between the components of the points p and q; False where they share no body."""
     run, fixed_int = pools.run[0], pools.fixed_int
@@ -112,8 +121,7 @@ def activate(pools: Any) -> int:
             rows,
             softness,
         )
-        first = group.start + at * h
-        second = first + group.n_point * h
+        first, second = channels_of(pools, p)
         for i in range(made):
             total = 0.0
             for a in range(h):
@@ -137,12 +145,9 @@ def add_relative(pools: Any, v: Array) -> None:
     for p in range(run.n_place):
         if pools.fixed_int[run.point_group + p] < 0:
             continue
-        group = pools.groups[pools.fixed_int[run.point_group + p]]
-        h = group.n_component
-        first = group.start + pools.fixed_int[run.point_number + p] * h
-        second = first + group.n_point * h
+        first, second = channels_of(pools, p)
         for i in range(unknown_of[p], unknown_of[p + 1]):
-            for a in range(h):
+            for a in range(pools.groups[pools.fixed_int[run.point_group + p]].n_component):
                 work[run.unknowns + i] += work[run.rows + 3 * i + a] * (v[second + a] - v[first + a])
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..laws.dispatch import apply
+from .active_points import channels_of
 from .half_solves import face_response, gain_of
 from .products import product, symmetric_size
 from .splits import tile_of
@@ -115,12 +116,9 @@ def add_columns(pools: Any, y: Array, x: Array) -> None:
     for p in range(run.n_place):
         if pools.fixed_int[run.point_group + p] < 0:  # of an interface between other processes
             continue
-        group = pools.groups[pools.fixed_int[run.point_group + p]]
-        h = group.n_component
-        first = group.start + pools.fixed_int[run.point_number + p] * h
-        second = first + group.n_point * h
+        first, second = channels_of(pools, p)
         for i in range(unknown_of[p], unknown_of[p + 1]):
-            for a in range(h):
+            for a in range(pools.groups[pools.fixed_int[run.point_group + p]].n_component):
                 change = work[run.columns + 3 * i + a] * y[i]
                 x[first + a] += change
                 x[second + a] -= change
@@ -137,8 +135,7 @@ def multiply(pools: Any, y: Array, out: Array) -> None:
     unknown_of = pools.moving_int[run.unknown_of : run.unknown_of + run.n_place + 1]
     for p in range(run.n_place):
         group = pools.groups[pools.fixed_int[run.point_group + p]]
-        first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
-        second = first + group.n_point * group.n_component
+        first, second = channels_of(pools, p)
         for i in range(unknown_of[p], unknown_of[p + 1]):
             total = 0.0
             for a in range(group.n_component):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..cholesky.substitution import backward_one, forward_one
 from ..compiled import kernel
+from .active_points import channels_of
 from .matrices import add_matrix
 
 Array = NDArray[np.float64]
@@ -61,8 +62,7 @@ def precondition(pools: Any, y: Array, inverse: Array, out: Array) -> None:
     x[:], v[:], nodal[:] = 0.0, 0.0, 0.0
     for p in range(run.n_place):
         group = pools.groups[pools.fixed_int[run.point_group + p]]
-        first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
-        second = first + group.n_point * group.n_component
+        first, second = channels_of(pools, p)
         for i in range(unknown_of[p], unknown_of[p + 1]):
             for a in range(group.n_component if inverse[i] == 0.0 else 0):
                 x[first + a] += work[run.rows + 3 * i + a] * y[i]
@@ -75,8 +75,7 @@ def precondition(pools: Any, y: Array, inverse: Array, out: Array) -> None:
     add_matrix(pools, n, run.tied_starts, run.tied_columns, run.tied_values, 1, nodal, v)
     for p in range(run.n_place):
         group = pools.groups[pools.fixed_int[run.point_group + p]]
-        first = group.start + pools.fixed_int[run.point_number + p] * group.n_component
-        second = first + group.n_point * group.n_component
+        first, second = channels_of(pools, p)
         for i in range(unknown_of[p], unknown_of[p + 1]):
             for a in range(group.n_component if inverse[i] == 0.0 else 0):
                 # 1/e of the jump given, and of that of the tied bodies
