@@ -27,12 +27,12 @@ from .newton import (
     MADE,
     N_COURSE,
     PHASE,
-    UNCERTAIN,
     advance_iterate,
     keep_end,
     leave,
     propose,
     search,
+    share_to_meet,
     steps_made,
 )
 from .sums import exchange_parts
@@ -46,9 +46,8 @@ STALL_ACCELERATED, STALL_PLAIN = 0.7, 0.99
 """Fraction of the best merit before that the recent ones have to fall below, with acceleration and without."""
 AT_REST = 1e-2
 """Fraction of the tolerances up to which the first iterate of an instant is accepted."""
-CLOSER, EXACT = 0.1, 1e-9
-"""Share of the tolerances that ends an instant of UNCERTAIN iterations without a Newton step; tolerance from which on
-that is round-off."""
+EXACT = 1e-9
+"""Tolerance from which on the CLOSER one of many iterations is round-off."""
 PRECISE, IDLE = 0.03, 1e-7
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
 iterate. Tolerance up to which it never does: of bodies at rest it is round-off there."""
@@ -149,8 +148,8 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
     allowed = 1.0
-    if window == 1 and iteration >= UNCERTAIN and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
-        allowed = CLOSER
+    if window == 1 and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
+        allowed = share_to_meet(float(iteration + 1))
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
     if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error

@@ -70,9 +70,9 @@ row without decrease, 1 where the method was left, iteration from which on the a
 distance from the tolerances at the first step, of several processes the defect of tables, and its power, 1 where the
 iteration has stalled and a step is due whatever it costs, sum of the tangents of the last step, number of the last
 iteration, products of the steps where they are made by these."""
-UNCERTAIN = 12
+UNCERTAIN, CLOSER = 12, 0.1
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
-by up to ten times: it goes on to a tenth of the tolerances then."""
+by up to ten times; share of the tolerances that ends it then."""
 EXPECTED = 2
 """Steps that end an instant, as their price is reckoned with."""
 SOME, MANY, BESIDE = 6.0, 50.0, 3.0
@@ -342,24 +342,29 @@ def continues(pools: Any, iteration: int) -> bool:
     # at the rate of the last two iterations two more do: now (now / past) <= 1
     if now * now <= past:
         return False
-    span = min(RECENT, iteration) if run.static == 1 else 2
-    cost = price_of_products(pools) if run.krylov == 1 else float(EXPECTED * run.newton_price)
     if course[DUE] == 1.0:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
-    past, target = _merit(pools, iteration - span), 1.0
-    if run.static == 1 and count + _left(now, past, span, target) > UNCERTAIN:
-        target = 0.1
-    left = _left(now, past, span, target)
-    pays = _pays(cost, count, left)
-    if run.krylov == 1 and finish[4] == 0.0:
-        pays = _pays(cost, count, SLOWER * left)
-    elif run.krylov == 1:  # what the last instant without steps took is known
+    cost = price_of_products(pools) if run.krylov == 1 else float(EXPECTED * run.newton_price)
+    span = min(RECENT, iteration) if run.static == 1 else 2
+    past = _merit(pools, iteration - span)
+    left = _left(now, past, span, 1.0)
+    if run.static == 1:
+        left = _left(now, past, span, share_to_meet(count + left))
+    if run.krylov == 1 and finish[4] > 0.0:  # what the last instant without steps took is known
         pays = finish[4] - count > cost or count >= max(cost, finish[4])
+    else:
+        pays = _pays(cost, count, SLOWER * left if run.krylov == 1 else left)
     if not pays:
         return False
     course[ACTIVE], course[BEGUN] = 1.0, now
     return True
+
+
+@kernel
+def share_to_meet(count: float) -> float:
+    """Share of the tolerances that ends an instant after so many iterations without a Newton step."""
+    return CLOSER if count > UNCERTAIN else 1.0
 
 
 @kernel

@@ -10,8 +10,7 @@ from typing import Any, Final, NamedTuple, overload
 import numpy as np
 
 from ..interface.laws import coulomb_coefficient
-from ..kernels.iteration import CLOSER
-from ..kernels.newton import UNCERTAIN
+from ..kernels.newton import CLOSER, UNCERTAIN
 from .assembly import Array, Assembly, Index, NoEquilibrium
 from .outcome import WindowRecord
 from .settings import SolverSettings
@@ -147,7 +146,7 @@ def _no_equilibrium(assembly: Assembly, lost: NoEquilibrium) -> str:
 
 def _excess(settings: SolverSettings, window: WindowRecord) -> str:
     """The measure of the accepted iterate that exceeds what is allowed: the indicator, the force residual, the work."""
-    # the rule of ``kernels.iteration``: slow windows go on to a tenth
+    # the rule of ``kernels.newton.share_to_meet``
     slow = window.first_instant == window.last_instant and window.iterations > UNCERTAIN and not window.newton_steps
     share = CLOSER if slow else 1.0
     error, forces = share * settings.tolerance, share * settings.force_tolerance
