@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import latin_fmu
-from latin_fmu.stability.scenes import Box, Description, column, half_sine
+from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine, placed, rubbing
 
 MODELS = Path(__file__).parents[1] / "models"
 MINUTES = ("bolted_beam", "electronics_box")
@@ -75,6 +75,37 @@ def pressed_stack(
     )
     tables["interface"] = {"floor": {"sides": ["b0.zmin", "ground"], **joint}, **tables["interface"]}
     return tables
+
+
+def clamp(**tables: Any) -> Description:
+    """Two plates between the jaws of a clamp whose shank is tightened beside them, and pressed by a load."""
+    places = {  # origin and size in mm, elements of 5 mm
+        "lower": ((0, 0, -10), (60, 20, 10)),
+        "upper": ((0, 0, 0), (60, 20, 10)),
+        "head": ((20, 10, 10), (20, 15, 10)),
+        "nut": ((20, 10, -20), (20, 15, 10)),
+        "shank": ((25, 20, -10), (10, 5, 20)),
+    }
+    touching = {"joint": ("lower.zmax", "upper.zmin"), "over": ("upper.zmax", "head.zmin")}
+    touching["under"] = ("nut.zmax", "lower.zmin")
+    bonded = {"top": ("shank.zmax", "head.zmin"), "thread": ("nut.zmax", "shank.zmin")}
+    bodies = {
+        name: (Box(STEEL, [1e-3 * x for x in size], [x // 5 for x in size]), [1e-3 * x for x in origin])
+        for name, (origin, size) in places.items()
+    }
+    return placed(
+        bodies,
+        {"end": 1e-4, "instants": 10},
+        **{
+            "interface": {name: rubbing(*sides, 0.2) for name, sides in touching.items()}
+            | {name: {"sides": list(sides), "behaviour": "perfect"} for name, sides in bonded.items()},
+            "boundary": {"wall": {"type": "fixed", "face": "lower.xmin"}},
+            "bolt": {"b": {"substructure": "shank", "axis": [0.0, 0.0, 1.0], "force": 5e3}},
+            "load": {"press": {"face": "upper.zmax", "pressure": 8e6}},
+            "sensor": {"tip": {"face": "upper.xmax"}},
+            **tables,
+        },
+    )
 
 
 def rayleigh(tables: Description) -> None:

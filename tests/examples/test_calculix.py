@@ -20,6 +20,7 @@ from latin_fmu.assembly.modes import JoinedAssembly, pressed_points
 from latin_fmu.assembly.problem import DiscretisedProblem
 from latin_fmu.propagator.base import full_displacement
 from tests.alone import alone_of, started_alone
+from tests.scenes import clamp
 from tests.verification.test_equivalence import bonded
 
 
@@ -156,49 +157,12 @@ def test_unknown_condition_is_refused(modules: dict[str, ModuleType]) -> None:
         _deck(modules, discretise(latin_fmu.scene_from_dict(scene)))
 
 
-def _clamped() -> dict[str, Any]:
-    """Two plates in a clamp of three parts, which is tightened beside them and tilts, and pressed by a load."""
-    places = {
-        "lower": ((0, 0, -10), (60, 20, 10)),
-        "upper": ((0, 0, 0), (60, 20, 10)),
-        "head": ((20, 10, 10), (20, 15, 10)),
-        "nut": ((20, 10, -20), (20, 15, 10)),
-        "shank": ((25, 20, -10), (10, 5, 20)),
-    }
-    touching = {"joint": ("lower.zmax", "upper.zmin"), "over": ("upper.zmax", "head.zmin")}
-    bonded = {"top": ("shank.zmax", "head.zmin"), "thread": ("nut.zmax", "shank.zmin")}
-    return {
-        "name": "clamped",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            name: {
-                "material": "steel",
-                "box": {
-                    "origin": [1e-3 * x for x in origin],
-                    "size": [1e-3 * x for x in size],
-                    "elements": [x // 5 for x in size],
-                },
-            }
-            for name, (origin, size) in places.items()
-        },
-        "interface": {
-            **{n: {"sides": s, "friction_coefficient": 0.2} for n, s in touching.items()},
-            "under": {"sides": ["nut.zmax", "lower.zmin"], "friction_coefficient": 0.2},
-            **{n: {"sides": s, "behaviour": "perfect"} for n, s in bonded.items()},
-        },
-        "boundary": {"wall": {"type": "fixed", "face": "lower.xmin"}},
-        "bolt": {"b": {"substructure": "shank", "axis": [0.0, 0.0, 1.0], "force": 5e3}},
-        "load": {"press": {"face": "upper.zmax", "pressure": 8e6}},
-        "time": {"end": 1e-4, "instants": 10},
-    }
-
-
 def test_clamped_modes_are_those_of_calculix(modules: dict[str, ModuleType], tmp_path: Path) -> None:
     """Frequencies and effective masses of five parts joined where bolt and load press them, against another code whose
     parts share the nodes that are closed."""
     if not modules["calculix"].installed():
         pytest.skip(modules["calculix"].MISSING)
-    scene = latin_fmu.scene_from_dict(_clamped())
+    scene = latin_fmu.scene_from_dict(clamp())
     ready, count = discretise(scene), 8
     closed = pressed_points(scene)
     deck = modules["calculix"].Deck(ready, modules["calculix"].Choices())

@@ -25,6 +25,7 @@ import latin_fmu
 from latin_fmu.assembly.backbone import LOOPS, Backbone, Loop
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError
+from tests.scenes import clamp
 
 SIDE, K = 0.02, 2e6
 MASS = 7800.0 * SIDE**3
@@ -163,52 +164,14 @@ def test_ring_down_of_jenkins_elements() -> None:
     assert np.abs(found["damping"].values[sizes < 9.9e-6][:-3]).max(initial=0.0) < 1e-4
 
 
-def clamp(**tables: Any) -> latin_fmu.Scene:
-    """Two plates between the jaws of a clamp whose shank is tightened beside them, and pressed by a load."""
-    places = {
-        "lower": ((0, 0, -10), (60, 20, 10)),
-        "upper": ((0, 0, 0), (60, 20, 10)),
-        "head": ((20, 10, 10), (20, 15, 10)),
-        "nut": ((20, 10, -20), (20, 15, 10)),
-        "shank": ((25, 20, -10), (10, 5, 20)),
-    }
-    rubbing = {"joint": "lower.zmax upper.zmin", "over": "upper.zmax head.zmin", "under": "nut.zmax lower.zmin"}
-    bonded = {"top": "shank.zmax head.zmin", "thread": "nut.zmax shank.zmin"}
-    data = {
-        "name": "clamp",
-        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
-        "substructure": {
-            name: {
-                "material": "steel",
-                "box": {
-                    "origin": [1e-3 * x for x in origin],
-                    "size": [1e-3 * x for x in size],
-                    "elements": [x // 5 for x in size],
-                },
-            }
-            for name, (origin, size) in places.items()
-        },
-        "interface": {
-            **{n: {"sides": s.split(), "friction_coefficient": 0.2} for n, s in rubbing.items()},
-            **{n: {"sides": s.split(), "behaviour": "perfect"} for n, s in bonded.items()},
-        },
-        "boundary": {"wall": {"type": "fixed", "face": "lower.xmin"}},
-        "bolt": {"b": {"substructure": "shank", "axis": [0.0, 0.0, 1.0], "force": 5e3}},
-        "load": {"press": {"face": "upper.zmax", "pressure": 8e6}},
-        "time": {"end": 1e-4, "instants": 10},
-        "sensor": {"tip": {"face": "upper.xmax"}},
-    }
-    return latin_fmu.scene_from_dict(data | tables)
-
-
 @pytest.fixture(scope="module")
 def clamped() -> Backbone:
-    return latin_fmu.backbone(clamp(), 1, [1e-6, 1e-5, 1e-4], "tip")
+    return latin_fmu.backbone(latin_fmu.scene_from_dict(clamp()), 1, [1e-6, 1e-5, 1e-4], "tip")
 
 
 def test_small_amplitudes_are_linear(clamped: Backbone) -> None:
     """Nothing slides at 1 um: the frequency of the linear mode, no loss; more amplitude, lower and more damped."""
-    linear = latin_fmu.vibration_modes(clamp(), count=1).frequency[0]
+    linear = latin_fmu.vibration_modes(latin_fmu.scene_from_dict(clamp()), count=1).frequency[0]
     assert clamped.linear_frequency == pytest.approx(linear, rel=1e-12)
     assert clamped.frequency[0] == pytest.approx(linear, rel=1e-7)
     assert clamped.damping[0] < 1e-8
@@ -219,14 +182,14 @@ def test_small_amplitudes_are_linear(clamped: Backbone) -> None:
 
 
 def test_increments_hardly_count(clamped: Backbone) -> None:
-    twice = latin_fmu.backbone(clamp(), 1, [1e-6, 1e-5, 1e-4], "tip", increments=8)
+    twice = latin_fmu.backbone(latin_fmu.scene_from_dict(clamp()), 1, [1e-6, 1e-5, 1e-4], "tip", increments=8)
     assert twice.frequency == pytest.approx(clamped.frequency, rel=2e-4)
     assert twice.damping == pytest.approx(clamped.damping, rel=0.1, abs=1e-9)
 
 
 def test_a_free_assembly_in_balance() -> None:
     """Nothing holds the clamp: rigid motions have no part in amplitude and frequency."""
-    free = clamp(boundary={}, load={})
+    free = latin_fmu.scene_from_dict(clamp(boundary={}, load={}))
     curve = latin_fmu.backbone(free, 1, [1e-8])
     modes = latin_fmu.vibration_modes(free, count=1)
     assert modes.n_rigid == 7  # a plate may turn about the edge at which the jaws hold it, too
