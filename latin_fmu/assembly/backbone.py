@@ -31,13 +31,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, Problem, SolverError, did_you_mean, listed
@@ -46,12 +44,11 @@ from ..latin.outcome import InterfaceHistory, Timings
 from ..latin.probes import SensorPlace
 from ..latin.recorder import Recorder
 from ..latin.windows import Run, RunControl
-from ..machine import one_thread, provenance
+from ..machine import one_thread
 from ..propagator.model import LoadTerm, with_load
 from ..reader import scene_from_dict
-from ..results.dataset import datatree
-from ..results.files import write_groups
-from ..results.groups import CONVENTIONS, SCHEMA_VERSION, StoredGroup, in_units
+from ..results.dataset import Stored
+from ..results.groups import StoredGroup, in_units, root_attributes
 from ..results.quantities import columns, rows
 from ..results.summary import aligned, readable
 from ..scene.schema import Scene
@@ -372,7 +369,7 @@ _LOOPS: Final = rows(
 
 
 @dataclass(frozen=True)
-class Backbone:
+class Backbone(Stored):
     """Frequency and damping of a mode of the clamped assembly against the amplitude.
 
     Attributes
@@ -420,41 +417,18 @@ class Backbone:
     def groups(self) -> dict[str, StoredGroup]:
         """Groups by path: ``backbone`` and, with all increments, ``loops``."""
         about: dict[str, object] = {"mode": self.mode, "loop": self.loop, "tolerance": self.tolerance}
-        root = {
-            **provenance(),
-            "Conventions": CONVENTIONS,
-            "schema_version": SCHEMA_VERSION,
-            "title": f"{self.name}: frequency and damping of mode {self.mode} against the amplitude",
-            "scene_name": self.name,
-            "scene": self.scene,
-        }
+        about["linear_frequency"] = self.linear_frequency
+        title = f"frequency and damping of mode {self.mode} against the amplitude"
         groups = {
-            "/": StoredGroup({}, attrs=root),
-            "/backbone": StoredGroup.of(
-                columns(_CURVE, self), attrs=about | {"linear_frequency": self.linear_frequency}
-            ),
+            "/": StoredGroup({}, attrs=root_attributes(title, self.name, self.scene)),
+            "/backbone": StoredGroup.of(columns(_CURVE, self), attrs=about),
             "/loops": StoredGroup.of(columns(_LOOPS, self)),
         }
         return in_units(groups, self.units)
 
-    def to_datatree(self) -> xr.DataTree:
-        """Everything as an xarray DataTree."""
-        return datatree(self.groups(), self.name)
-
-    def save(self, path: str | Path) -> None:
-        """Write a netCDF-4 file, complete or not at all.
-
-        Raises
-        ------
-        ResultsError : the file cannot be written.
-        """
-        write_groups(self.groups(), path)
-
     def as_csv(self) -> str:
         """The table, in the units of the scene."""
-        table = np.stack([self.amplitude, self.frequency, self.damping, self.loss], axis=1)
-        names = [f"{name} [{self.units.label(unit)}]" for name, unit in _COLUMNS]
+        stored = columns(_CURVE, self)[:4]  # without the numbers of points
+        names = [f"{row.name} [{self.units.label(str(row.unit))}]" for row, _ in stored]
+        table = zip(*(values for _, values in stored), strict=True)
         return "\n".join([",".join(names), *(",".join(f"{x:.9g}" for x in row) for row in table)]) + "\n"
-
-
-_COLUMNS: Final = (("amplitude", "m"), ("frequency", "Hz"), ("damping", "1"), ("loss", "J"))

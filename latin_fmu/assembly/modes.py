@@ -49,12 +49,10 @@ from ..interface import Rods
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
-from ..machine import provenance
 from ..propagator import SubstructureModel
 from ..propagator.reduction import Vibration
-from ..results.dataset import datatree
-from ..results.files import write_groups
-from ..results.groups import CONVENTIONS, SCHEMA_VERSION, StoredGroup, describe_mesh, in_units
+from ..results.dataset import Stored
+from ..results.groups import StoredGroup, describe_mesh, in_units, root_attributes
 from ..results.quantities import AXES, LABELS, MESH, NODES, columns, named, rows
 from ..results.summary import aligned, readable
 from ..results.vtk import export_vtu
@@ -141,9 +139,8 @@ class JoinedAssembly:
         rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
-            remark += (
-                " when the bolts are tight" if unit.name in pressed and unit.behaviour.opens and scene.bolt else ""
-            )
+            if unit.name in pressed and unit.behaviour.opens and scene.bolt:
+                remark += " when the bolts are tight"
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
@@ -162,7 +159,7 @@ class JoinedAssembly:
 
     def modes(self, count: int) -> Modes:
         """Rigid motions and at least ``count`` elastic modes where there are as many."""
-        values, vectors, n_rigid = _lowest(self.vibration, self.vibration.stiffness, count)
+        values, vectors, n_rigid = _lowest(self.vibration, count)
         omega = np.sqrt(np.maximum(values, 0.0))  # round-off of rigid motions may be negative
         return Modes(self.vibration, self.expansion, vectors, omega, n_rigid)
 
@@ -291,10 +288,10 @@ def _shift(discretised: DiscretisedProblem, parts: Parts) -> float:
     return float(own * (2 * np.pi * _SLOWEST * slowest / np.ptp(places, axis=0).max()) ** 2)
 
 
-def _lowest(vibration: Vibration, stiffness: sp.csr_array, count: int) -> tuple[Array, Array, int]:
+def _lowest(vibration: Vibration, count: int) -> tuple[Array, Array, int]:
     """Eigenvalues and vectors, rigid motions first, at least ``count`` elastic ones where there are as many; number of
     rigid motions."""
-    separate = connected_components(stiffness, directed=False)[0]
+    separate = connected_components(vibration.stiffness, directed=False)[0]
     wanted = count + 6 * min(separate, 50)  # each separate part may have six rigid motions
     while True:
         # Lanczos finds n - 1 at most
@@ -369,7 +366,7 @@ _SHAPE: Final = rows(
 
 
 @dataclass(frozen=True)
-class VibrationModes:
+class VibrationModes(Stored):
     """Modes of an assembly, undamped, and the damping ratio of each in a run.
 
     Attributes
@@ -465,36 +462,11 @@ class VibrationModes:
             stored += columns(_DAMPING, self.damping)
             attrs |= {"time_scheme": self.damping.time_scheme, "time_step": self.damping.step}
         along = named(LABELS, {"mode": number, "component": AXES})
-        groups = {"/": self._root(), "/modes": StoredGroup.of(stored, along, attrs)}
+        root = root_attributes("natural frequencies and shapes", self.name, self.scene)
+        groups = {"/": StoredGroup({}, attrs=root), "/modes": StoredGroup.of(stored, along, attrs)}
         for name, shape in self.shapes.items():
             groups[f"/substructures/{name}"] = _shapes(shape, number, self.meshes[name])
         return in_units(groups, self.units)
-
-    def _root(self) -> StoredGroup:
-        return StoredGroup(
-            {},
-            attrs={
-                **provenance(),
-                "Conventions": CONVENTIONS,
-                "schema_version": SCHEMA_VERSION,
-                "title": f"{self.name}: natural frequencies and shapes",
-                "scene_name": self.name,
-                "scene": self.scene,
-            },
-        )
-
-    def to_datatree(self) -> xr.DataTree:
-        """Everything as an xarray DataTree."""
-        return datatree(self.groups(), self.name)
-
-    def save(self, path: str | Path) -> None:
-        """Write a netCDF-4 file, complete or not at all.
-
-        Raises
-        ------
-        ResultsError : the file cannot be written.
-        """
-        write_groups(self.groups(), path)
 
     def export(self, folder: str | Path) -> Path:
         """Write files for ParaView, in which the number of the mode stands in the place of the time; the .pvd file.

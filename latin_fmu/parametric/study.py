@@ -39,11 +39,11 @@ from ..assembly.build import discretise
 from ..effects.cost import Prediction, amount, memory_need
 from ..errors import InputError, LatinError, SceneError, SolverError
 from ..latin.state_serialization import decode, encode, opened, sealed
-from ..machine import memory_room, provenance
+from ..machine import memory_room
 from ..reader import read_tables
 from ..results.checkpoint import scene_digest
 from ..results.files import write_netcdf
-from ..results.groups import CONVENTIONS, SCHEMA_VERSION, UNITS
+from ..results.groups import UNITS, root_attributes
 from ..results.quantities import AXES
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.schema import Scene, with_settings
@@ -292,16 +292,7 @@ def _coordinate(parameter: Parameter) -> Any:
 
 
 def _attributes(scene: Scene) -> dict[str, Any]:
-    return {
-        **provenance(),
-        "Conventions": CONVENTIONS,
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "title": f"{scene.name}: parametric study",
-        "scene_name": scene.name,
-        "scene": scene.text(),
-        UNITS: scene.units,
-    }
+    return {**root_attributes("parametric study", scene.name, scene.text()), "kind": KIND, UNITS: scene.units}
 
 
 def _add_quantity(study: xr.Dataset, records: Mapping[Index, Record], quantity: Quantity) -> None:

@@ -24,8 +24,10 @@ has. What a run does not have (the gap of a perfect connection, fields not reque
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -34,7 +36,8 @@ from ..fem.elements import Recovery, principal
 from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, SubstructureHistory, WindowRecord
 from ..latin.status import WindowList
 from ..scene.sensors import Sensor
-from .groups import CONVENTIONS, SCHEMA_VERSION, StoredGroup, describe_mesh
+from .files import write_groups
+from .groups import StoredGroup, describe_mesh, root_attributes
 from .quantities import (
     AXES,
     CONVERGENCE,
@@ -101,16 +104,34 @@ def datatree(groups: Mapping[str, StoredGroup], scene_name: str) -> xr.DataTree:
     return xr.DataTree.from_dict({path: group.dataset() for path, group in groups.items()}, name=scene_name)
 
 
+class Stored(ABC):
+    """Results of an analysis beside a run, which are stored as groups; ``name`` : of the scene."""
+
+    name: str
+
+    @abstractmethod
+    def groups(self) -> dict[str, StoredGroup]:
+        """Groups by path."""
+
+    def to_datatree(self) -> xr.DataTree:
+        """Everything as an xarray DataTree."""
+        return datatree(self.groups(), self.name)
+
+    def save(self, path: str | Path) -> None:
+        """Write a netCDF-4 file, complete or not at all.
+
+        Raises
+        ------
+        ResultsError : the file cannot be written.
+        """
+        write_groups(self.groups(), path)
+
+
 def root_group(outcome: Outcome, scene_name: str, scene_text: str, provenance: Mapping[str, str]) -> StoredGroup:
     """Group of the root, with the status and the whole scene: the run can be repeated from its file."""
     timings = outcome.timings
     attrs: dict[str, object] = {
-        **provenance,
-        "Conventions": CONVENTIONS,
-        "schema_version": SCHEMA_VERSION,
-        "title": f"{scene_name}: impact with frictional contact",
-        "scene_name": scene_name,
-        "scene": scene_text,
+        **root_attributes("impact with frictional contact", scene_name, scene_text, provenance),
         "status": outcome.status,
         "converged": np.int8(outcome.converged),
         "complete": np.int8(outcome.complete),

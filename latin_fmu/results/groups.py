@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..machine import provenance
 from ..scene.units import UnitSystem, system_named
 from .quantities import Columns
 
@@ -111,6 +112,19 @@ UNITS: Final = "unit_system"
 CONVENTIONS = "CF-1.11 UGRID-1.0"
 SCHEMA_VERSION = "1.5"
 """Changes its first number when a name or meaning changes, the second when something is added."""
+
+
+def root_attributes(title: str, scene_name: str, scene: str, made: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Attributes of the root of a file: versions and time of creation, conventions, what it holds, and the scene;
+    ``made`` : the first two, now where None."""
+    return {
+        **(provenance() if made is None else made),
+        "Conventions": CONVENTIONS,
+        "schema_version": SCHEMA_VERSION,
+        "title": f"{scene_name}: {title}",
+        "scene_name": scene_name,
+        "scene": scene,
+    }
 
 
 def in_units(groups: dict[str, StoredGroup], units: UnitSystem) -> dict[str, StoredGroup]:
