@@ -245,6 +245,8 @@ def test_lines_of_keys() -> None:
     assert line_of(lines, "a.b.d.e.f") == 5
     assert line_of(lines, "a.b.missing") is None
     assert line_of(lines, "nothing") is None
+    odd = 'text = """\n[b]\nc = 1\n"""\n  [x.y]\n  z = [\n  ["q"],\n  ["r"]\n  ]\n  w = 1\n[[list]]\nc = 3\n'
+    assert key_lines(odd) == {"text": 1, "x.y": 5, "x.y.z": 6, "x.y.w": 10}
 
 
 @pytest.mark.parametrize(
