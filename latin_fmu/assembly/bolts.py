@@ -671,9 +671,8 @@ class Yielding:
             new[name] = lost.elongation(force + lost.of(q), limit, hardening)
             self._change = max(self._change, float((lost.kappa * np.abs(new[name] - q)).max() / limit))
             if not self._still and name not in self._before and (yields := np.flatnonzero(new[name])).size:
-                new[name] = np.where(
-                    np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max()
-                )  # a step, for its loss
+                # a step, for its loss
+                new[name] = np.where(np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max())
             self._before[name] = q, force
         if self._change <= self._stays or self._runs == _RUNS:
             return False
@@ -682,7 +681,7 @@ class Yielding:
 
     def _loss_of(self, bolt: BoltHistory, q: Array) -> TensionLoss:
         """The loss by q as far as the runs so far give it."""
-        first = bolt.tightening[bolt.orders.index(bolt.order)] / bolt.shortening
+        first = bolt.tight / bolt.shortening
         if bolt.name not in self._before:
             return self._losses.setdefault(bolt.name, TensionLoss(np.full(len(q), first), np.zeros(0)))
         step, loss = q - self._before[bolt.name][0], self._before[bolt.name][1] - bolt.force

@@ -252,6 +252,11 @@ class BoltHistory:
     tightening: tuple[float, ...]
     plastic_elongation: Array | None = None
 
+    @property
+    def tight(self) -> float:
+        """Tension when the bolts of its order were tight, N."""
+        return self.tightening[self.orders.index(self.order)]
+
 
 @dataclass(slots=True)
 class WindowRecord:

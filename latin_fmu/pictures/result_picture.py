@@ -14,7 +14,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..fem.mesh import Array, Mesh, cell_blocks, nearest
-from ..results.groups import unit_of, units_of
+from ..results.groups import datasets_of, unit_of, units_of
 from ..results.quantities_of_interest import InterfaceFields, normal_resultant
 from ..results.summary import prefix_for, readable
 from ..results.writing import write_whole
@@ -370,8 +370,7 @@ def _surface(tree: xr.DataTree, interface: str | None) -> xr.Dataset:
     ------
     ResultsError : there is none.
     """
-    nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
-    groups = {name: node.to_dataset() for name, node in nodes.items()}
+    groups = datasets_of(tree, "interfaces")
     meshed = {name: dataset for name, dataset in groups.items() if "cells" in dataset}
     if interface is None and meshed:
         interface = max(meshed, key=lambda name: float(np.abs(meshed[name]["force"].values).max(initial=0.0)))

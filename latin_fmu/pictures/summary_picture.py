@@ -13,7 +13,7 @@ import xarray as xr
 
 from ..latin.outcome import Array
 from ..results.dataset import has_friction
-from ..results.groups import unit_of
+from ..results.groups import datasets_of, unit_of
 from ..results.quantities_of_interest import (
     PEAK_FORCE,
     InterfaceFields,
@@ -21,6 +21,7 @@ from ..results.quantities_of_interest import (
     normal_resultant,
     status_shares,
 )
+from ..results.sensors import share_lost
 from ..results.spectra import ShockSpectrum
 from ..results.summary import percent, prefix_for
 from ..scene.units import SI, UnitSystem, unit_text
@@ -179,12 +180,10 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    nodes = tree["interfaces"].children if "interfaces" in tree.children else {}
-    groups = {name: node.to_dataset() for name, node in nodes.items()}
+    groups = datasets_of(tree, "interfaces")
     # bonded faces carry what their bodies carry: they are drawn where nothing may open
     groups = {name: dataset for name, dataset in groups.items() if "contact_status" in dataset} or groups
-    others = (n for kind in ("sensors", "bolts") if kind in tree.children for n in tree[kind].children.values())
-    timed = [*groups.values(), *(node.to_dataset() for node in others)]
+    timed = [*groups.values(), *(d for kind in ("sensors", "bolts") for d in datasets_of(tree, kind).values())]
     end = max((float(dataset["time"].values[-1]) for dataset in timed), default=1.0)
     scale = TimeAxis(*prefix_for(end, "s", figure=True))
     forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
@@ -272,12 +271,10 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
 def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     """Accelerations of the sensors (behind their filter where they have one), displacements where there are none: of
     each the component with the largest value."""
-    nodes = tree["sensors"].children if "sensors" in tree.children else {}
-    panels = []
+    sensors, panels = datasets_of(tree, "sensors"), []
     for motion, choices in (("acceleration", ("acceleration_filtered", "acceleration")), ("displacement", None)):
         curves, unit, time = {}, "", np.zeros(0)
-        for name, node in nodes.items():
-            dataset = node.to_dataset()
+        for name, dataset in sensors.items():
             stored = [choice for choice in choices or ("displacement",) if choice in dataset]
             if not stored or (choices is None and "acceleration" in dataset):
                 continue
@@ -292,14 +289,12 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
 
 def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     """Tension of the bolts, with what each has lost at the end."""
-    nodes = tree["bolts"].children if "bolts" in tree.children else {}
-    if not nodes:
+    if not (bolts := datasets_of(tree, "bolts")):
         return []
     curves, unit, time = {}, "N", np.zeros(0)
-    for name, node in nodes.items():
-        dataset = node.to_dataset()
+    for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
-        lost = 1.0 - tension[-1] / tension[0] if tension[0] else 0.0
+        lost = share_lost(tension)
         curves[f"{name}: {100 * abs(lost):.2g} % {'lost' if lost >= 0.0 else 'gained'} at the end"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]

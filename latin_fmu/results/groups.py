@@ -148,6 +148,11 @@ def unit_of(variable: xr.DataArray, si: str) -> str:
     return str(variable.attrs.get("units", si))
 
 
+def datasets_of(tree: xr.DataTree, kind: str) -> dict[str, xr.Dataset]:
+    """Datasets by name of the groups below ``kind`` (interfaces, sensors, ...), none where there is no such group."""
+    return {name: node.to_dataset() for name, node in tree[kind].children.items()} if kind in tree.children else {}
+
+
 # -- volume meshes by UGRID ------------------------------------------------------------
 _FEWEST: Final = np.array([4, 5, 6, 8])  # corners
 _CORNERS: Final = np.zeros(28, dtype=np.int64)  # by number of nodes

@@ -11,7 +11,7 @@ from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
-from .quantities import AXES, BOLT, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, columns, named
+from .quantities import AXES, BOLT, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, StoredQuantity, columns, named
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, readable, readable_vector
 
@@ -106,10 +106,9 @@ def reaction_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest reactions."""
     rows: list[tuple[str, ...]] = [("boundary", "on", "largest reaction", "at", "last (x, y, z)")]
     for name, history in outcome.reactions.items():
-        largest = _largest(history.force, outcome.time)
+        largest, when = largest_of(history.force, outcome.time)
         last = readable_vector([float(x) for x in history.force[-1]], units.label("N"))
-        assert largest is not None
-        rows.append((name, history.face, readable(largest[0], units.label("N")), readable(largest[1], "s"), last))
+        rows.append((name, history.face, readable(largest, units.label("N")), readable(when, "s"), last))
     return aligned(rows) if len(rows) > 1 else []
 
 
@@ -141,8 +140,7 @@ def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "mean stress", "shortening"
     rows: list[tuple[str, ...]] = [head]
     for name, bolt in outcome.bolts.items():
-        tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
-        forces = tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
+        forces = bolt.tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
         stress, shortening = forces[-1] / bolt.area, readable(bolt.shortening, units.label("m"))
         tensions = (readable(force, units.label("N")) for force in forces)
         numbers = (*tensions, readable(stress, units.label("Pa")), shortening)
@@ -171,20 +169,29 @@ def bolt_report(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _largest(values: Array | None, time: Array) -> tuple[float, float] | None:
+def largest_of(values: Array, time: Array) -> tuple[float, float]:
     """Largest magnitude over time of vectors (n_time, 3), and when."""
-    if values is None:
-        return None
     size = np.linalg.norm(values, axis=1)
     i = int(np.argmax(size))
     return float(size[i]), float(time[i])
+
+
+def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[float, float] | None:
+    """``largest_of`` a motion of a sensor, None where it has none."""
+    values = row.of(history)
+    return None if values is None else largest_of(values, time)
+
+
+def share_lost(tension: Array) -> float:
+    """Share of the tension (n_time,) of a bolt at the start that is lost at the end; < 0 where it has gained."""
+    return float((tension[0] - tension[-1]) / tension[0]) if tension[0] else 0.0
 
 
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
     rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in SENSOR), "at")]
     for name, history in outcome.sensors.items():
-        largest = [_largest(row.of(history), outcome.time) for row in SENSOR.values()]
+        largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
             readable(None if pair is None else pair[0], units.label(str(row.unit)))
             for pair, row in zip(largest, SENSOR.values(), strict=True)
@@ -214,7 +221,7 @@ def sensor_report(outcome: Outcome) -> dict[str, Any]:
         | {
             f"largest_{motion}": None if pair is None else finite(pair[0])
             for motion, row in SENSOR.items()
-            for pair in [_largest(row.of(history), outcome.time)]
+            for pair in [_largest(history, row, outcome.time)]
         }
         for name, history in outcome.sensors.items()
     }

@@ -33,6 +33,7 @@ from .quantities_of_interest import (
     slip_in_contact,
     status_shares,
 )
+from .sensors import largest_of, share_lost
 from .spectra import ShockSpectrum
 from .summary import percent, readable
 
@@ -105,8 +106,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     name, force = history.name, Force(time, history.normal_resultant())
     first = first_contact_time(fields)
     if history.contact_status is None:
-        size = np.linalg.norm(history.force(), axis=1)
-        return [f"carries up to {readable(float(size.max()), units.label('N'))} at {_at(time, size)}"]
+        return [f"carries up to {_up_to(history.force(), time, units)}"]
     if first is None:
         apart = f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"
         return ["carries no force" if joined else apart]
@@ -128,8 +128,10 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     return clauses
 
 
-def _at(time: Array, values: Array) -> str:
-    return readable(float(time[values.argmax()]), "s", 3)
+def _up_to(forces: Array, time: Array, units: UnitSystem) -> str:
+    """The largest of forces (n_time, 3), and when."""
+    largest, when = largest_of(forces, time)
+    return f"{readable(largest, units.label('N'))} at {readable(when, 's', 3)}"
 
 
 def _nearest(history: InterfaceHistory) -> float | None:
@@ -193,12 +195,11 @@ def _opening(history: InterfaceHistory) -> Iterator[str]:
 def _bolt(bolt: BoltHistory, units: UnitSystem, errors: Errors) -> list[str]:
     """Clamp force when tight, what is lost of it, the range, the stress, the plastic elongation."""
     unit = units.label("N")
-    tight = dict(zip(bolt.orders, bolt.tightening, strict=True))[bolt.order]
     first, last, low, high = (float(x) for x in (bolt.force[0], bolt.force[-1], bolt.force.min(), bolt.force.max()))
-    clauses = [f"tightened to {readable(tight, unit)}"]
-    if abs(first - tight) > _LITTLE * abs(tight):
+    clauses = [f"tightened to {readable(bolt.tight, unit)}"]
+    if abs(first - bolt.tight) > _LITTLE * abs(bolt.tight):
         clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
-    lost = (first - last) / first if first else 0.0
+    lost = share_lost(bolt.force)
     kept = f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}" if abs(lost) >= FLOOR else "nothing lost"
     clauses.append(f"{readable(last, unit)} at the end ({kept})")
     text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, BOLT_FORCE)} on the way"
@@ -219,9 +220,9 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
     for motion, values, definition in motions:
         if values is None or (motion == "velocity" and history.acceleration is None):
             continue
-        size = np.linalg.norm(values, axis=1)
+        largest, when = largest_of(values, time)
         found = errors.get(f"{history.name}.{definition.key}")
-        value = float(size.max()) if found is None else found.value
+        value = largest if found is None else found.value
         text = f"{motion} up to {readable(value, units.label(definition.unit), 3)}"
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
@@ -229,7 +230,8 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
         banded = definition is not DISPLACEMENT_PEAK and found is not None
         text += " in the band of its filter, or of the mesh" if banded else ""
         bare = definition is not DISPLACEMENT_PEAK and found is None
-        clauses.append(text if found is not None else f"{text} at {_at(time, size)}{', unfiltered' if bare else ''}")
+        seen = f" at {readable(when, 's', 3)}{', unfiltered' if bare else ''}"
+        clauses.append(text if found is not None else f"{text}{seen}")
     return clauses
 
 
@@ -251,5 +253,4 @@ def _spectrum(spectrum: ShockSpectrum, units: UnitSystem) -> str:
 
 
 def _support(history: ReactionHistory, time: Array, units: UnitSystem) -> list[str]:
-    size = np.linalg.norm(history.force, axis=1)
-    return [f"reaction up to {readable(float(size.max()), units.label('N'))} at {_at(time, size)}"]
+    return [f"reaction up to {_up_to(history.force, time, units)}"]
