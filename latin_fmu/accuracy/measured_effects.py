@@ -19,10 +19,10 @@ from typing import Any, Final
 import numpy as np
 
 from .. import api
+from ..effects.scene_effects import scene_with
 from ..errors import InputError, LatinError
 from ..interface.laws import SEPARATION, SLIP
 from ..latin.outcome import InterfaceHistory
-from ..reader import scene_from_dict
 from ..results.quantities_of_interest import ACCELERATION_PEAK
 from ..results.solution import Solution
 from ..results.summary import aligned
@@ -50,6 +50,8 @@ GROUPS: Final = ("forces", "motions", "accelerations")
 """What an answer consists of, see ``changes``."""
 
 Tables = dict[str, Any]
+Edit = Callable[[Tables], Tables | None]
+"""Changes the tables of a scene, or gives others."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Switch:
 
     effect: str
     what: str
-    edit: Callable[[Tables], object]
+    edit: Edit
 
     def changed(self, scene: Scene) -> Scene:
         """The scene without the effect.
@@ -72,11 +74,7 @@ class Switch:
         ------
         SceneError : it is none.
         """
-        tables = scene.tables()
-        if "scheme" not in scene.time.model_fields_set:  # a default that may depend on the rest
-            tables["time"].pop("scheme", None)
-        made = self.edit(tables)
-        return scene_from_dict(made if isinstance(made, dict) else tables, scene.base_dir)
+        return scene_with(scene, self.edit)
 
 
 @dataclass
@@ -391,7 +389,7 @@ def _followed(settings: tuple[str, ...]) -> Switch:
     return _set("what is suggested above", *settings)
 
 
-def _without(*paths: str) -> Callable[[Tables], object]:
+def _without(*paths: str) -> Edit:
     """Takes keys away; ``*`` is every table."""
 
     def edit(tables: Tables) -> None:
@@ -406,7 +404,7 @@ def _without(*paths: str) -> Callable[[Tables], object]:
     return edit
 
 
-def _bonded(table: str, name: str) -> Callable[[Tables], object]:
+def _bonded(table: str, name: str) -> Edit:
     kept = ("sides", "bodies", "search", "except", "points_from", "ground", "ground_velocity")
 
     def edit(tables: Tables) -> None:
@@ -416,7 +414,7 @@ def _bonded(table: str, name: str) -> Callable[[Tables], object]:
     return edit
 
 
-def _rigid(name: str) -> Callable[[Tables], object]:
+def _rigid(name: str) -> Edit:
     def edit(tables: Tables) -> None:
         body = tables["substructure"][name]
         tables["substructure"][name] = {k: v for k, v in body.items() if k not in ("bending_modes", "modal_damping")}
@@ -425,7 +423,7 @@ def _rigid(name: str) -> Callable[[Tables], object]:
     return edit
 
 
-def _light(name: str) -> Callable[[Tables], object]:
+def _light(name: str) -> Edit:
     def edit(tables: Tables) -> None:
         body = tables["substructure"][name]
         own = dict(tables["material"][body["material"]])
@@ -443,7 +441,7 @@ def _static(tables: Tables) -> None:
     _without("time.scheme", "time.start", "sensor.*.spectrum", "sensor.*.filter", *rates)(tables)
 
 
-def _left_out(name: str) -> Callable[[Tables], object]:
+def _left_out(name: str) -> Edit:
     """Takes a body away with all that is attached to it."""
 
     def attached(value: object) -> bool:

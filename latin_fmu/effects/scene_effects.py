@@ -15,7 +15,7 @@ from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
-from ..scene.schema import GRAVITY, with_settings
+from ..scene.schema import GRAVITY, Scene, with_settings
 from ..scene.settings import StaticStart
 from .cost import CONTACT, Prediction, RunSize, expected_iterations, march_counts, numbers, seconds
 
@@ -67,13 +67,24 @@ def _off(name: str, why: Sequence[str], reason: str, switch: str) -> Effect:
     return Effect(name, False, tuple(why), reason, switch)
 
 
+def scene_with(scene: Scene, edit: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Scene:
+    """The scene whose tables are edited in place, or are those that ``edit`` returns.
+
+    Raises
+    ------
+    SceneError : it is none.
+    """
+    tables = scene.tables()
+    if "scheme" not in scene.time.model_fields_set:  # a default that may depend on the rest
+        tables["time"].pop("scheme", None)
+    made = edit(tables)
+    return scene_from_dict(tables if made is None else made, scene.base_dir)
+
+
 def changed(p: Prediction, settings: Sequence[str]) -> DiscretisedProblem | None:
     """The scene with other settings (as for ``--set``), discretised; None where it is refused."""
-    tables = p.scene.tables()
-    if "scheme" not in p.scene.time.model_fields_set:  # a default that may depend on the settings
-        tables["time"].pop("scheme", None)
     try:
-        return discretise(scene_from_dict(with_settings(tables, settings), p.scene.base_dir))
+        return discretise(scene_with(p.scene, lambda tables: with_settings(tables, settings)))
     except InputError:
         return None
 
