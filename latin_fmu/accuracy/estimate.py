@@ -254,9 +254,8 @@ def quantity_estimate(
         quarter, one_way = relative(quantity, fine, half, coarsest), same_way(quantity, fine, half, coarsest)
     if definition in (FIRST_CONTACT, SEPARATION):
         sampling = 0.0
-    beside = (
-        relative(f"{owner}.{definition.of}", fine, fine, half) if f"{owner}.{definition.of}" in fine.values else 0.0
-    )
+    history = f"{owner}.{definition.of}"
+    beside = relative(history, fine, fine, half) if history in fine.values else 0.0
     changes = Changes(
         half=relative(quantity, fine, fine, half),
         quarter=quarter,

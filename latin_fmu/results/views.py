@@ -266,7 +266,7 @@ def ring_down(
     # from there on what filter and transform remember of the large start counts
     weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
     signal, time = signal[: weak[0] if weak.size else None], time[inside][: weak[0] if weak.size else None]
-    theta, size = np.unwrap(np.angle(signal)), np.abs(signal)
+    theta, log_size = np.unwrap(np.angle(signal)), np.log(np.abs(signal))
     period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta))) if len(time) > 2 else np.inf
     length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
     if not 2 < length <= len(time):
@@ -275,12 +275,9 @@ def ring_down(
         raise InputError([Problem(f"sensor {sensor}", what, span, wanted)], "no ring-down")
     rows = []
     for start in range(0, len(time) - length + 1, max(length // 2, 1)):
-        t = time[start : start + length]
-        (turn, turn_off), (fall, fall_off), a = (
-            *(_line(t, y[start : start + length], periods) for y in (theta, np.log(size))),
-            float(np.exp(np.log(size[start : start + length]).mean())),
-        )
-        omega = float(np.hypot(turn, fall))
+        t, angle, decay = (values[start : start + length] for values in (time, theta, log_size))
+        (turn, turn_off), (fall, fall_off) = _line(t, angle, periods), _line(t, decay, periods)
+        omega, a = float(np.hypot(turn, fall)), float(np.exp(decay.mean()))
         off = turn_off / (2 * np.pi), fall_off / omega
         rows.append((t.mean(), a, omega / (2 * np.pi), -fall / omega, *off))
     at, amplitude, frequency, damping, *errors = np.array(rows).T
