@@ -21,9 +21,9 @@ DOCS = ROOT / "docs"
 TERM = 15  # columns of the terms in the conventions of the reference
 LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 MADE = "<!-- Written by docs/pages.py; do not edit. -->"
-# Modules beside the package itself whose public names the page of the API lists.
 WIDTH = 88
 """Columns of code that a page shows without scrolling."""
+# Modules beside the package itself whose public names the page of the API lists.
 MODULES = {
     "latin_fmu": "The package",
     "latin_fmu.interface": "Interface laws of your own",

@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture(scope="session", autouse=True)
 def _imports_followed_once() -> Iterator[None]:
-    """Every FMU that is built needs which sources the library of kernels was made from, which takes as long as the rest
-    of a small one: the answer for this package does not change while the tests run."""
+    """Finding the sources of the library of kernels takes as long as the rest of a small FMU: for this package they are
+    found once, since they do not change while the tests run."""
     follow = library.sources_of
     known = cache(lambda: tuple(follow(library.PACKAGE)))
 

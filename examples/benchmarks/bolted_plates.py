@@ -9,8 +9,8 @@ Element sizes come in SIZE, in mm (12: 51,000 unknowns). The deck is written by 
 
 Each size runs in a process of its own, which prints the seconds of the processor of its steps (read, discretise, static
 start, operators of the march, an instant of it), its peak memory, the iterations and the force of the joint.
-``--former`` runs the same with the package of another folder in turn; ``--profile`` prints where the set-up spends its
-time.
+``--former`` runs the same with the package of another folder in turn; ``--profile`` prints a profile of
+the set-up.
 """
 
 from __future__ import annotations

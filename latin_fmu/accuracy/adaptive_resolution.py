@@ -366,8 +366,8 @@ class _Search:
         """Whether a quantity is past its pre-asymptotic regime.
 
         On meshes that do not resolve where a face slips the work of friction changes by as much from one refinement to
-        the next, and told errors can be half the true ones: it is promised where its changes decrease at an observed
-        order of at least half the expected one.
+        the next, and estimated errors can be half the true ones: it is promised where its changes decrease at an
+        observed order of at least half the expected one.
         """
         if definition_of(estimate.quantity) is not FRICTION_WORK:
             return True

@@ -1,9 +1,9 @@
 """The error of a run, estimated from coarser runs of the same scene.
 
 Mesh and time step are coarsened at one ratio: (h, dt), (2 h, 2 dt), (4 h, 4 dt), finest first; the third run only where
-it costs little beside the first. One estimator serves all callers: the estimate of a plain run or of a session
-(``estimate_error``), the search for a target accuracy (``adaptive_resolution``) and the reference of a study. Its
-constants are those of the quantities of interest (``results.quantities_of_interest``).
+it costs little beside the first (``LONG``). The same estimator gives the error of a plain run or of a session
+(``estimate_error``), that of each run in the search for a target accuracy (``adaptive_resolution``) and that of the
+reference of a study. Its factors are those of the quantities of interest (``results.quantities_of_interest``).
 """
 
 from __future__ import annotations
@@ -282,7 +282,7 @@ class CoarserRuns:
     Attributes
     ----------
     half : mesh and time step about twice as coarse, at one ratio. quarter : about four times; None where the scene
-        is too coarse for it, or none is wanted.
+        is too coarse for it, or without a third run.
     remarks : what the estimate does not cover.
     """
 
@@ -355,9 +355,9 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Estimated relative error of every quantity of a finished run of ``scene``.
 
-    Costs a coarser run with half the mesh and the steps (1/32 of the march of the run in 3-D, a quarter in bars), which
-    is set up like any run; where the march of the run takes more than a second another one, with a quarter of both,
-    which tells whether the changes decrease, and at which order.
+    Costs a coarser run with half the elements per length and half the steps (1/32 of the march of the run in 3-D, a
+    quarter in bars), which is set up like any run. Where the march of the run is predicted to take more than a
+    second there is a third run, with a quarter of both: it gives the observed order, and whether the changes decrease.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 
 An effect is what a user may leave out: friction, opening and slip of a contact, inertia and elasticity of a body,
 bending modes, damping, bodies that are never touched, stored fields, sensors, spectra. So is every setting that
-``effects.explanation`` suggests. Price: CPU time that a run takes less without the effect. Influence: how far
-forces and motions are then from those of the scene (``changes``).
+``effects.explanation`` suggests. Price: CPU time that a run takes less without the effect. Influence: distance of
+forces and motions from those of the scene then (``changes``).
 
-A change is worth while where the changed run costs clearly less and gives nearly the same answer; both are measured.
+A change is suggested where it saves ``CHEAPER`` of the CPU time or more and changes the results by ``SMALL`` or less.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .runs import FEWEST_STEPS, Resolution, at_resolution, coarsens_mesh, mesh_f
 CHEAPER: Final = 0.05
 """Share of the CPU time of a run that a suggested change saves at least."""
 SMALL: Final = 0.01
-"""Relative change of the answer that a suggested change makes at most."""
+"""Largest relative change of the results by a suggested change."""
 LONG: Final = 60.0
 """CPU time of a run beyond which the effects are measured at half its resolution, s."""
 MOST_RUNS: Final = 40.0
@@ -47,7 +47,7 @@ MOST_ROUNDS: Final = 8
 _EACH: Final = 4  # interfaces or bodies that are switched one at a time, more are named; runs between two as written
 _LIGHT: Final = 1e-3  # factor on the density of a body without inertia
 GROUPS: Final = ("forces", "motions", "accelerations")
-"""What an answer consists of, see ``changes``."""
+"""Kinds of results that are compared, see ``changes``."""
 
 Tables = dict[str, Any]
 Edit = Callable[[Tables], Tables | None]
@@ -131,7 +131,8 @@ class MeasuredEffects:
 
     @property
     def suggested(self) -> list[MeasuredEffect]:
-        """Changes that answer nearly the same and cost clearly less, by more than what runs differ; cheapest first."""
+        """Changes that save ``CHEAPER`` or more, beyond the scatter of runs, and whose influence is ``SMALL`` or less;
+        cheapest first."""
         most = (1.0 - max(CHEAPER, self.plain.scatter)) * self.plain.cpu
         worth = [e for e in self.effects if e.cpu < most and max(e.changes.values(), default=math.inf) <= SMALL]
         return sorted(worth, key=lambda e: e.cpu)
@@ -160,14 +161,14 @@ class MeasuredEffects:
         }
 
     def text(self) -> str:
-        """Table of the effects, and the changes that are worth while."""
+        """Table of the effects, and the suggested changes."""
         rows = [e.cells(self.plain.cpu) for e in self.effects]
         table = aligned([("without", "saves", *GROUPS), *(row[:-1] for row in rows)])
-        lines = [f"Effects measured, {self.description}: CPU time saved without each, change of the answer"]
+        lines = [f"Effects measured, {self.description}: CPU time saved without each, change of the results"]
         lines += [f"{line}   {last}" for line, last in zip(table, ("by", *(row[-1] for row in rows)), strict=True)]
         lines += [f"  not measured: {text}" for text in self.unmeasured]
         found = [f"  * {e.what} (saves {100 * (1 - e.cpu / self.plain.cpu):.0f} %)" for e in self.suggested]
-        lines.append(f"Saves {100 * CHEAPER:.0f} % or more, changes the answer by {100 * SMALL:.0f} % or less:")
+        lines.append(f"Saves {100 * CHEAPER:.0f} % or more, changes the results by {100 * SMALL:.0f} % or less:")
         return "\n".join([*lines, *(found or ["  nothing"])])
 
 
@@ -252,7 +253,7 @@ def _repeated(
     plain: MeasuredEffect, rows: Sequence[MeasuredEffect], ends: float, report: Callable[[float], None]
 ) -> None:
     """Repeat runs in turn, as long as there is time until ``ends``: a machine with other work is slow for some seconds
-    at a time. That of the scene as written comes after every few others: the savings of all are told from it."""
+    at a time. That of the scene as written comes after every few others: the savings of all are relative to it."""
     turns = [row for i, other in enumerate(rows) for row in ([plain, other] if i % _EACH == 0 else [other])]
     for count in range(1, MOST_ROUNDS):
         for i, row in enumerate(turns):
@@ -264,7 +265,7 @@ def _repeated(
 
 
 def changes(scene: Scene, plain: Solution, other: Solution) -> dict[str, float]:
-    """Relative changes of an answer: ``forces``, the resultants of the interfaces over time; ``motions``, the
+    """Relative changes of the results: ``forces``, the resultants of the interfaces over time; ``motions``, the
     displacements of their sides and of the sensors over time; ``accelerations``, the largest of the sensors, in a band
     that the mesh resolves.
 
@@ -300,7 +301,7 @@ def _histories(solution: Solution) -> tuple[dict[str, Signal], dict[str, Signal]
 
 # -- what can be switched ---------------------------------------------------------------------------------------------
 def _switches(scene: Scene, solution: Solution) -> Iterator[Switch]:
-    """Changes of a scene, with what its run tells about contacts."""
+    """Changes of a scene, by the contacts in its run."""
     yield from _of_interfaces(scene, solution)
     yield from _of_bodies(scene, solution)
     lossy = {n: [k for k in DAMPING_KEYS if getattr(m, k)] for n, m in scene.material.items()}

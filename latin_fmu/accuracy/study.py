@@ -336,7 +336,7 @@ class Searched:
     ----------
     target : relative error of the target quantity; None of the run as written. reached : whether it was promised.
     cpu : of the search, or of the run and its estimate, s. resolution, quantities : of the run that it ends with.
-    told : estimated errors of that by quantity.
+    told : its estimated errors by quantity.
     """
 
     target: float | None
@@ -693,9 +693,9 @@ def as_text(study: Study) -> str:
 
 
 def _searches(study: Study) -> list[tuple[str, ...]]:
-    """One row a search: target, CPU time, told and true error of the target quantity, the largest of its owners."""
+    """One row a search: target, CPU time, estimated and true error of the target quantity, largest of its owners."""
     key = study.scene.accuracy.quantity
-    rows: list[tuple[str, ...]] = [("target", "CPU s", "mesh", f"told, {key}", "true")]
+    rows: list[tuple[str, ...]] = [("target", "CPU s", "mesh", f"estimated, {key}", "true")]
     for search in study.searches:
         names = [q for q in search.told if is_target(study.scene, q)]
         told = max((search.told[q] for q in names), default=math.nan)

@@ -155,8 +155,8 @@ def quantities_shown(study: Study) -> list[str]:
 
 def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     """Error against CPU seconds, log-log, one curve per scheme or propagator, that of the scene thick; stars: searches
-    for an accuracy of this quantity, at their whole cost; a line from the run as written to its told error, as long as
-    the estimate costs."""
+    for an accuracy of this quantity, at their whole cost; a horizontal line at the estimated error of
+    the run as written, from its CPU time to that with the estimate."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     names = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
@@ -191,7 +191,7 @@ def _searches(axes: Axes, study: Study, quantity: str) -> None:
             plain = [r.run.cpu for r in study.of(TOGETHER) if r.factor == 1.0]
             told = 100 * max(search.told[quantity], FLOOR)
             if plain:
-                axes.plot([plain[0], search.cpu], [told, told], color="0.25", marker="|", label="estimate: told error")
+                axes.plot([plain[0], search.cpu], [told, told], color="0.25", marker="|", label="estimated error")
     found = [(s, e) for s, e in zip(study.searches, errors, strict=True) if s.target is not None and np.isfinite(e)]
     if found and is_target(study.scene, quantity):
         places = [s.cpu for s, _ in found], [100 * max(e, 1e-5) for _, e in found]

@@ -14,7 +14,7 @@ and the loss D of a whole loop,
 (the secant, and the loss over that of an oscillator with zeta = 1 of the same secant). D is the work of friction, slip
 by slip, which has no difference of large numbers.
 
-The amplitudes are met from the largest one down, as in a ring-down, after a loop of the largest one that is not
+The amplitudes are taken from the largest one down, as in a ring-down, after a loop of the largest one that is not
 counted: tightening leaves points at the limit of friction, whose tractions relax in the first loops and would count as
 damping.
 
@@ -86,8 +86,8 @@ def backbone(
 
     Parameters
     ----------
-    mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) aimed at, > 0, m; those met are
-        in the result. sensor : whose amplitude is meant; None for the point that moves most in the mode.
+    mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) aimed at, > 0, m; the result
+        has those reached. sensor : whose amplitude is meant; None for the point that moves most in the mode.
     loop : half, full or masing. increments : of load from 0 to an amplitude, a half loop has twice as many; all are cut
         in two, again and again, where one does not converge.
     tolerance : of the static iteration, whose residuals are the floor of the losses. progress : called with the number
@@ -234,7 +234,7 @@ def _largest(moved: Mapping[str, Array], whole: DiscretisedProblem) -> SensorPla
 
 @dataclass(frozen=True)
 class _Path:
-    """Loads of a run, and where each amplitude is met.
+    """Loads of a run, and where each amplitude is reached.
 
     Attributes
     ----------

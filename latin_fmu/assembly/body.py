@@ -197,7 +197,7 @@ class Body:
 
     @cached_property
     def _faces(self) -> dict[str, Face]:
-        """Faces that were asked for: each is by several checks, and by every point of a study."""
+        """Faces found before: several checks need the same one, and every point of a study."""
         return {}
 
     def face(self, name: str) -> Face:

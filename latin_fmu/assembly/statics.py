@@ -58,7 +58,7 @@ from .initial_state import InitialState, TightBolts
 from .models import Kept
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
-_UNSEEN = 1e-7  # vibrations that residual forces up to this share of the largest excite are told by no measurement
+_UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
 _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment

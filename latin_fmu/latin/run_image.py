@@ -232,7 +232,7 @@ def continuation(assembly: Assembly) -> Array:
     ground = np.zeros(n_time, dtype=bool)
     for velocity in assembly.ground.velocity.values():
         ground[1:] |= np.einsum("ti,ti->t", velocity[1:], velocity[:-1]) > 0.0
-    # loads that stay: the ground decides, by whether it moves on as it did
+    # loads that stay: by whether the ground moves on as it did
     part = np.divide(along, size, out=ground.astype(float), where=(size > 0) & (change > 0))
     part[:2] = 1.0  # at the start of a run there are no velocities; a segment continues the one before
     share: Array = np.clip(part, 0.0, 1.0)

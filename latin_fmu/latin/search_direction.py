@@ -37,7 +37,7 @@ from .tied_bodies import tied_fields, tied_size
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
-_ROUGHLY: Final = 0.03  # residual of resistances that are told with two digits
+_ROUGHLY: Final = 0.03  # residual of resistances that are printed with two digits
 LARGEST: Final = 2100**2
 """Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
 more in chains. Large interfaces in long steps take it by products of D (``kernels.krylov``), those without inertia by

@@ -29,7 +29,7 @@ class QuantityOfInterest:
     """Definition of a quantity and the constants of its error estimate (``accuracy.estimate.estimated_error``).
 
     The factors are chosen so that the estimates of 95 % (with a third run) and 96 % (without) of the cases of random
-    chains of unlike bars with exact answers are not below the true error (``tests/verification/strangers.py``, even
+    chains of unlike bars with exact solutions are not below the true error (``tests/verification/strangers.py``, even
     seeds); those of friction work and tension of bolts with the same on random 3-D scenes
     (``tests/verification/solid_strangers.py``).
 

@@ -1,4 +1,4 @@
-"""A run in sentences: what each interface, bolt, sensor and support does, with estimated errors and instants."""
+"""Summary of a run in sentences, one for each interface, bolt, sensor and support, with errors and instants."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from .spectra import ShockSpectrum
 from .summary import percent, readable
 
 _OPEN, _SLIP = 0, 2
-_LITTLE: Final = 5e-3  # of an area or a force: a smaller share is not worth a clause
+_LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out
 WIDTH: Final = 110
 """Columns of the text."""
 STANDARD_GRAVITY: Final = 9.80665  # m s-2
@@ -50,7 +50,7 @@ def sentences(
     estimate: ErrorEstimate | None = None,
     spectra: Mapping[str, ShockSpectrum] | None = None,
 ) -> list[str]:
-    """One line an interface, bolt, sensor and support of a run, each beginning with its name.
+    """Lines of text on each interface, bolt, sensor and support of a run, beginning with its name.
 
     Errors are relative estimates; ``at most`` where they are only a bound. Instants are those of the estimate where
     there is one, so that one instant has one value everywhere.

@@ -219,9 +219,9 @@ def ring_down(
 
         zeta omega / omega_d = zeta / sqrt(1 - zeta^2),    omega = omega_d / sqrt(1 - zeta^2).
 
-    The errors are those of the slopes for one independent residual a period. Both ends of the record, for as long as
-    the filter remembers (3 / width of the band), are left out, and what follows after the amplitude has fallen below a
-    twentieth of its largest.
+    The errors are those of the slopes for one independent residual a period. Left out are both ends of the record, over
+    the memory of the filter (3 / width of the band), and what follows after the amplitude has fallen below a twentieth
+    of its largest.
 
     Parameters
     ----------
@@ -263,14 +263,14 @@ def ring_down(
     else:
         axis = np.asarray(direction, dtype=float) / np.linalg.norm(np.asarray(direction, dtype=float))
     signal = _analytic(motion @ axis)[inside]
-    # from there on what filter and transform remember of the large start counts
+    # from there on the transient of filter and transform after the large start counts
     weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
     signal, time = signal[: weak[0] if weak.size else None], time[inside][: weak[0] if weak.size else None]
     theta, log_size = np.unwrap(np.angle(signal)), np.log(np.abs(signal))
     period = 2 * np.pi * (time[1] - time[0]) / float(np.median(np.diff(theta))) if len(time) > 2 else np.inf
     length = round(periods * period / (time[1] - time[0])) if np.isfinite(period) else len(time)
     if not 2 < length <= len(time):
-        what, wanted = "is too short for a window", f"{periods} periods behind the ends, where the filter sees none"
+        what, wanted = "is too short for a window", f"{periods} periods without both ends, which the filter distorts"
         span = f"{time[-1] - time[0]:.4g} s" if len(time) else "0 s"
         raise InputError([Problem(f"sensor {sensor}", what, span, wanted)], "no ring-down")
     rows = []

@@ -1,4 +1,4 @@
-"""The stability report: a page of families and a figure for people, all cases for programs, time schemes compared."""
+"""The stability report: a page of families and a figure, all cases as JSON, time schemes compared."""
 
 from __future__ import annotations
 

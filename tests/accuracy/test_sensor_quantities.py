@@ -134,7 +134,7 @@ def test_every_sensor_has_its_estimates(run: tuple[latin_fmu.Scene, latin_fmu.So
     assert all(np.isfinite(estimate[f"foot.{key}"].error) for key in keys)
     assert "unfiltered acceleration grows without limit" in "\n".join(estimate.remarks)
     assert set(estimate.spectra) == {"foot", "tip"}
-    for key in ("velocity_history", "displacement_history"):  # norms, told over true narrow
+    for key in ("velocity_history", "displacement_history"):  # norms, estimated over true narrow
         true = fine.error(f"foot.{key}", exact)
         assert true <= 1.5 * estimate[f"foot.{key}"].error <= 8.0 * true
 

@@ -65,7 +65,7 @@ def test_a_point_in_a_curved_cell() -> None:
 
 
 def test_points_outside_strongly_curved_cells_are_in_none() -> None:
-    """Tetrahedra with middle nodes off by up to 15 %: where a cell is said to hold a point, it maps to the point."""
+    """Tetrahedra with middle nodes off by up to 15 %: where a cell is found for a point, it maps to the point."""
     rng, corners, found = np.random.default_rng(1), np.vstack([np.zeros(3), np.eye(3)]), 0
     middles = corners[np.array(TET_EDGES)].mean(axis=1)
     for _ in range(40):

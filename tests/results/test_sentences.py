@@ -86,7 +86,7 @@ def test_errors_and_instants_are_those_of_the_estimate(crushing: Solution) -> No
     text = said(crushing, estimate, **one(replace(pulse, initial_gap=np.full(16, 1e-6))))
     assert "touches from 1.99 us +- 2 % to 8.00 us (error unknown)" in text
     assert "kN (error at most 50 %)" in text
-    assert "impulse 300.0 mN s +- 0.1 %" in text  # no error is said to be below the floor
+    assert "impulse 300.0 mN s +- 0.1 %" in text  # no error is printed below the floor
 
 
 def test_a_bolt_says_its_clamp_force_and_what_is_lost(crushing: Solution) -> None:

@@ -192,7 +192,7 @@ def test_group_of_the_results(solved: latin_fmu.Solution, tmp_path: Path) -> Non
 
 
 def test_error_of_a_spectrum_is_that_of_first_order() -> None:
-    """Amplitudes 1 + e and 1 + 2 e: the error of the finer one is e, of which 85 % are told, also where the curves
+    """Amplitudes 1 + e and 1 + 2 e: the error of the finer one is e, of which 85 % are estimated, also where the curves
     cross."""
     f = np.geomspace(10.0, 1000.0, 60)
     fine = shock_response_spectrum(np.stack([1.01 * half_sine()] * 3, axis=1), STEP, f)

@@ -197,7 +197,7 @@ def test_a_ring_down_ends_where_the_vibration_has_died(damping: float) -> None:
     history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
     sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
     tree = xr.DataTree.from_dict({"/sensors/tip": sensor})
-    if damping == 0.05:  # three periods from the end of what the filter remembers to a twentieth
+    if damping == 0.05:  # three periods from the end of the transient of the filter to a twentieth
         with pytest.raises(InputError, match="too short for a window"):
             latin_fmu.ring_down(tree, "tip", (30.0, 80.0), periods=20)
     made = latin_fmu.ring_down(tree, "tip", (30.0, 80.0), periods=4)

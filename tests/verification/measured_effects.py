@@ -1,10 +1,10 @@
-"""The table of effects of ``explain --run`` judged: the price of every switch by runs of another process, its influence
-by runs on a mesh half as fine again, with half as many steps again.
+"""The table of effects of ``explain --run`` tested: the price of every switch by runs of another process, its influence
+by runs on a mesh 1.5 times as fine, with 1.5 times as many steps.
 
     python -m tests.verification.measured_effects two_specimen_crushing hammer_on_plate stacked_blocks/n04 gripped_bar
 
-A price holds where the CPU time of the changed run over that of the scene is within 15 % of that told. An influence
-holds where it is within a factor two; below a thousandth both count as nothing.
+A price holds where the CPU time of the changed run over that of the scene is within 15 % of that in the table. An
+influence holds where it is within a factor two; influences below a thousandth count as a thousandth.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ SHORT = 1.5  # s of pairs of runs that settle a price
 
 @dataclass(frozen=True)
 class Judged:
-    """A switch of a scene: its cost over that of the scene, told and measured; the change of the answer likewise, by
-    kind."""
+    """A switch of a scene: its cost over that of the scene, in the table and measured again; the change of the results
+    likewise, by kind."""
 
     scene: str
     effect: str
@@ -94,11 +94,11 @@ def judged(name: str) -> Iterator[Judged]:
 
 
 def main() -> None:
-    """Print every switch with the costs and changes told and measured (``!``: beyond the limit), and the sums."""
+    """Print every switch with costs and changes, of the table and again (``!``: beyond the limit), and the sums."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("models", nargs="+", help="MODEL or MODEL/FILE below models/")
     rows = [row for name in parser.parse_args().models for row in judged(name)]
-    print("scene                  without                        cost told, measured  changes told, measured")  # noqa: T201
+    print("scene                  without                        cost listed, again   changes listed, again")  # noqa: T201
     print("\n".join(row.line() for row in rows))  # noqa: T201
     held = [holds for row in rows for holds in row.influences()]
     priced = sum(row.priced for row in rows)

@@ -1,12 +1,12 @@
-"""Random scenes of solid bodies with references from refined runs: the error estimate judged in three dimensions.
+"""Random scenes of solid bodies with references from refined runs: the error estimate tested in three dimensions.
 
     python -m tests.verification.solid_strangers --seeds 0:44 --half odd
 
 prints the table of ``strangers``. A seed takes one of eleven families in turn and draws its sizes, materials, friction,
 loads and speeds. The reference of a scene is its run on a mesh and with steps ``FINEST`` times as fine; how far a run
-``FINER`` times as fine is from it, extrapolated with the order of the quantity, is its own error. A quantity is judged
-where that is less than a third of the told error or of the distance between run and reference, else left out and
-counted; a smaller distance counts as that error. The even seeds may set constants, the odd ones judge them.
+``FINER`` times as fine is from it, extrapolated with the order of the quantity, is its own error. A quantity counts
+where that is less than a third of the estimated error or of the distance between run and reference, else left out and
+counted; a smaller distance counts as that error. The even seeds may set factors, the odd ones test them.
 """
 
 from __future__ import annotations

@@ -176,10 +176,10 @@ def run_with_spectra(scene: latin_fmu.Scene) -> tuple[latin_fmu.Solution, float]
 
 
 def table(cases: list[Case], worst: int = 0) -> str:
-    """Coverage by quantity, told over true, the worst true over told, how often it is only a bound, and how often the
-    error is unknown (left out of the other columns); the cost of the estimates; the worst cases."""
+    """Coverage by quantity, estimated over true, the worst true over estimated, how often it is only a bound, and how
+    often the error is unknown (left out of the other columns); the cost of the estimates; the worst cases."""
     lines = [
-        "quantity                 n   told >= true   told/true 50 %, 90 %   worst true/told   only a bound   unknown"
+        "quantity                 n   est. >= true   est./true 50 %, 90 %   worst true/est.   only a bound   unknown"
     ]
     by_key = {case.quantity.rpartition(".")[2]: None for case in cases}
     for key in [*by_key, "all"]:
@@ -197,7 +197,7 @@ def table(cases: list[Case], worst: int = 0) -> str:
     median, most = np.quantile(costs, [0.5, 0.9])
     lines.append(f"cost of an estimate over the run, {len(costs)} scenes: median {median:.2f}, 90 % {most:.2f}")
     lines += [
-        f"{case.scene} {case.quantity}: true {100 * case.true:.2f} %, told {100 * case.told:.2f} %"
+        f"{case.scene} {case.quantity}: true {100 * case.true:.2f} %, estimated {100 * case.told:.2f} %"
         for case in sorted(cases, key=lambda c: c.told / c.true)[:worst]
     ]
     return "\n".join(lines)
@@ -216,7 +216,7 @@ TARGETS = {
 
 @dataclass(frozen=True)
 class Promise:
-    """A search: whether the target was promised, told and true error, and its cost over the run it ends with."""
+    """A search: whether the target was promised, estimated and true error, and its cost over the run it ends with."""
 
     scene: str
     key: str
@@ -279,7 +279,7 @@ def promises_table(promises: list[Promise], targets: Mapping[str, float]) -> str
     made = [p for p in promises if p.made]
     lines.append(f"{len(made)} of {len(promises)} promised, {sum(p.true > targets[p.key] for p in made)} false")
     lines += [
-        f"{p.scene} {p.key}: promised {100 * targets[p.key]:g} %, true {100 * p.true:.2f} %, told {100 * p.told:.2f} %"
+        f"{p.scene} {p.key}: target {100 * targets[p.key]:g} %, true {100 * p.true:.2f} %, est. {100 * p.told:.2f} %"
         for p in made
         if p.true > targets[p.key]
     ]

@@ -37,8 +37,8 @@ def test_parts_and_joints_are_those_of_the_drawing() -> None:
 
 
 def test_bolt_forces_and_spectrum_at_the_tolerance_of_the_scene() -> None:
-    """Against a tolerance of 1e-6: bolt forces to 0.5 %, the spectrum along the shock to 2 %; iterations met within a
-    factor of 1.5 of those that ``explain`` tells."""
+    """Against a tolerance of 1e-6: bolt forces to 0.5 %, the spectrum along the shock to 2 %; iterations within a
+    factor of 1.5 of those that ``explain`` predicts."""
     runs = {t: solved("electronics_box/scene", SHORT, f"solver.tolerance={t}") for t in (1e-3, 1e-6)}
     for screw in SCREWS:
         loose, strict = (run.outcome.bolts[screw].force for run in runs.values())

@@ -1,4 +1,4 @@
-"""Bodies that are never touched are left out of a run: its results stay those with them, and a wrong guess is found."""
+"""Bodies that are never touched are left out of a run with the same results; where one is touched it is repeated."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def test_an_overloaded_joint_loses_clamp_force(tmp_path: Path) -> None:
 
 
 def test_elongations_that_still_change_are_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With two runs where more are needed; the status says by how much."""
+    """With two runs where more are needed; the status has the number."""
     monkeypatch.setattr(bolts, "_RUNS", 2)
     time = {"end": 1.0, "instants": 20, "quasi_static": True}
     solution = solve(scene_from_dict(pulled(write_joint(tmp_path), time=time)))
