@@ -227,7 +227,7 @@ def test_steps_without_inertia_leave_a_share(form: str, monkeypatch: pytest.Monk
     window = solve(tables).windows[0]
     errors = np.array(window.error_indicator[-window.newton_steps - 1 :])
     assert window.newton_steps >= 3
-    assert (errors[1:] < 0.2 * errors[:-1]).all()
+    assert (errors[1:] < 0.1 * errors[:-1]).all()
 
 
 def test_error_falls_quadratically(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,15 +188,20 @@ def test_ring_down_of_a_known_vibration() -> None:
     }
 
 
+def of_one(moved: np.ndarray, time: np.ndarray) -> xr.DataTree:
+    """Results with a sensor that moves along z."""
+    history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
+    sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
+    return xr.DataTree.from_dict({"/sensors/tip": sensor})
+
+
 @pytest.mark.parametrize("damping", [0.01, 0.02, 0.05])
 def test_a_ring_down_ends_where_the_vibration_has_died(damping: float) -> None:
     """A record that goes on: what the start leaves in filter and transform is no vibration."""
     time = np.arange(0.0, 2.0, 1e-3)
     omega = 100 * np.pi
     moved = 1e-3 * np.exp(-damping * omega * time) * np.cos(omega * np.sqrt(1 - damping**2) * time)
-    history = (("time", "component"), moved[:, None] * [0.0, 0.0, 1.0])
-    sensor = xr.Dataset({"displacement": history}, {"time": time, "component": list("xyz")})
-    tree = xr.DataTree.from_dict({"/sensors/tip": sensor})
+    tree = of_one(moved, time)
     if damping == 0.05:  # three periods from the end of the transient of the filter to a twentieth
         with pytest.raises(InputError, match="too short for a window"):
             latin_fmu.ring_down(tree, "tip", (30.0, 80.0), periods=20)
@@ -204,6 +209,19 @@ def test_a_ring_down_ends_where_the_vibration_has_died(damping: float) -> None:
     assert made["damping"].values == pytest.approx(damping, rel=0.05)
     assert made["frequency"].values == pytest.approx(50.0, rel=0.01)
     assert made["amplitude"].values.min() > 0.03 * made["amplitude"].values.max()
+
+
+def test_errors_of_a_ring_down_are_those_of_noise() -> None:
+    """White noise of 2 % of the first amplitude: root mean squares of what is off and of what is said to be."""
+    random, time, omega, off = np.random.default_rng(1), np.arange(0.0, 4.0, 1e-3), 100 * np.pi, []
+    for _ in range(6):
+        moved = np.exp(-0.002 * omega * time) * np.cos(omega * np.sqrt(1 - 0.002**2) * time)
+        tree = of_one(moved + 0.02 * random.standard_normal(len(time)), time)
+        made = latin_fmu.ring_down(tree, "tip", (30.0, 80.0))
+        apart = made["frequency"] - 50.0, made["damping"] - 0.002
+        off.append([v.values for v in (apart[0], made["frequency_error"], apart[1], made["damping_error"])])
+    size = np.sqrt((np.concatenate(off, axis=1) ** 2).mean(axis=1))
+    assert size[0::2] == pytest.approx(size[1::2], rel=0.3)
 
 
 @pytest.mark.parametrize(

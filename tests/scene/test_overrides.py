@@ -153,11 +153,12 @@ def test_problems_of_a_file_have_its_lines(tmp_path: Path) -> None:
     time = lines.index("[time]") + 1
     (tmp_path / "a.toml").write_text(text.replace(lines[density - 1], "density = -1.0").replace("\nend =", "\nent ="))
     with pytest.raises(SceneError) as caught:
-        load_scene(tmp_path / "a.toml", ["solver.tolerance=-1.0"])
+        load_scene(tmp_path / "a.toml", ["solver.tolerance=-1.0", "time.instants=-1"])
     found = {problem.where.partition(".")[2].rpartition(".")[2]: problem.line for problem in caught.value.problems}
     assert found["density"] == density
     assert found["end"] == time
     assert found["tolerance"] is None
+    assert found["instants"] is None
     assert f"(line {density})" in str(caught.value)
 
 

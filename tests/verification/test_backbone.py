@@ -130,11 +130,12 @@ def of_lap() -> Backbone:
 
 
 def test_a_lap_that_slides_from_its_edge(of_lap: Backbone) -> None:
-    """Frequency within .25 %; damping within the share of an element in the length that slides."""
+    """Frequency to half an element in the free length, whose share in omega is half of that in the compliance; damping
+    to that in the length that slides."""
     for u, frequency, damping in zip(of_lap.amplitude, of_lap.frequency, of_lap.damping, strict=True):
         wanted = of_bar(u)
         sliding = 2 * np.pi * wanted[0] * 2 * np.pi * wanted[0] * TIP * u / ROUGH
-        assert frequency == pytest.approx(wanted[0], rel=2.5e-3)
+        assert frequency == pytest.approx(wanted[0], rel=0.5 * (0.5 * LAP / 40) / FREE)
         assert damping == pytest.approx(wanted[1], rel=0.5 * (LAP / 40) / sliding + 0.01)
     assert of_lap.slipping[-1] > 40
 
@@ -161,7 +162,9 @@ def test_ring_down_of_jenkins_elements() -> None:
         rule = np.log(sizes[at]), np.log(curve.amplitude)
         assert float(found["frequency"][at]) == pytest.approx(np.interp(*rule, curve.frequency), rel=2e-3)
         assert float(found["damping"][at]) == pytest.approx(np.interp(*rule, curve.damping), rel=0.1)
-    assert np.abs(found["damping"].values[sizes < 9.9e-6][:-3]).max(initial=0.0) < 1e-4
+    held = sizes < 9.99e-6  # no element slides
+    assert held.sum() > 5
+    assert np.abs(found["damping"].values[held]).max() < 1e-4
 
 
 @pytest.fixture(scope="module")

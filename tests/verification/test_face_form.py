@@ -55,7 +55,8 @@ def blocks(folder: Path, per_width: int) -> dict[str, Any]:
 
 
 def pressed(folder: Path, per_width: int) -> np.ndarray:
-    """Area by the pressure, largest pressure and area counted by points, in shares of Hertz, of each increment."""
+    """Of each increment: area by the pressure and largest pressure, relative to Hertz, less one; radius of the area
+    counted by points less that of Hertz, in elements."""
     solution = latin_fmu.solve(latin_fmu.scene_from_dict(blocks(folder, per_width), folder))
     assert solution.converged, solution.status
     history, shares = solution.interfaces["touch"], []
@@ -69,17 +70,17 @@ def pressed(folder: Path, per_width: int) -> np.ndarray:
         table = np.stack([np.ones(inside.sum()), r[inside] ** 2], axis=1)
         height = np.sqrt(np.linalg.lstsq(table, pressure[inside] ** 2, rcond=None)[0][0])
         by_pressure = 9 * force**2 / (8 * float(area @ pressure**2))
-        shares.append((by_pressure / exact, height / p0, float(area[pressure > 0].sum()) / exact))
+        counted = np.sqrt(float(area[pressure > 0].sum()) / np.pi)
+        shares.append((by_pressure / exact - 1, height / p0 - 1, (counted - a) * per_width / WIDTH))
     return np.array(shares)
 
 
 def test_crown_pressed_as_hertz(tmp_path: Path) -> None:
-    """Area and largest pressure within 2 % at every force; the area counted by points to an edge of one element."""
-    coarse, fine = (np.abs(pressed(tmp_path, n) - 1) for n in (4, 8))
+    """Area and largest pressure within 2 % at every force; the area counted by points to half an element around."""
+    coarse, fine = (np.abs(pressed(tmp_path, n)) for n in (4, 8))
     assert fine[:, :2].max() < 0.02
     assert fine[:, 0].max() < 0.5 * coarse[:, 0].max()
-    assert (fine[:, 2] < 0.7 * coarse[:, 2]).all()
-    assert fine[:, 2].max() < 0.1
+    assert max(coarse[:, 2].max(), fine[:, 2].max()) < 0.5
 
 
 def two_blocks(form: dict[str, Any] | None, **keys: Any) -> dict[str, Any]:
@@ -164,8 +165,9 @@ def test_refused(form: dict[str, Any], keys: dict[str, Any], where: str, words: 
         assert word in text
 
 
-def test_a_grid_with_a_hole_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "faces.csv").write_text("0,0,1\n0,1,2\n1,0,3\n")
+@pytest.mark.parametrize("rows", ["0,0,1\n0,1,2\n1,0,3\n", "0,0,1\n0,1,2\n1,0,3\n1,1,4\n1,1,5\n"])
+def test_a_grid_with_a_hole_or_a_point_twice_is_refused(rows: str, tmp_path: Path) -> None:
+    (tmp_path / "faces.csv").write_text(rows)
     with pytest.raises(SceneError, match="no grid"):
         gaps({"type": "table", "axes": AXES, "file": "faces.csv"}, tmp_path)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly import build as problems
 from latin_fmu.assembly.build import discretise
+from latin_fmu.assembly.untouched import touched
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import ALUMINIUM, EDGE, STEEL, Box, column, half_sine
+from tests.results import synthetic
 from tests.scenes import solve
 
 GAP = 2e-3
@@ -117,6 +120,21 @@ def test_the_results_are_those_with_all_bodies(side: int, scheme: str) -> None:
     assert len(ours) == 1
     assert ours == theirs
     assert few.outcome.interface_indicator["top"] == 0.0
+
+
+def test_a_gap_that_a_step_would_close_has_touched() -> None:
+    """1 um wide at every instant, closing at 1 m/s at the last one: in steps beyond 1 us."""
+    made = synthetic.contact("top", np.linspace(0.0, 1.0, 3), 2.0, 3.0, 1e8)
+    velocity = np.zeros_like(made.velocity)
+    velocity[2, 1, :, 2] = -1.0
+    open_ = replace(made, gap=np.full(made.gap.shape, 1e-6), velocity=velocity)
+    assert not touched([open_], 0.99e-6)
+    assert touched([open_], 1.01e-6)
+    assert not touched([replace(open_, velocity=-velocity)], 1.0)
+    assert not touched([replace(open_, velocity=velocity[:, ::-1])], 1.0)
+    last = velocity[:, 1, :, 2] < 0.0
+    assert touched([replace(open_, gap=np.where(last, np.nan, 1e-6))], 0.99e-6)
+    assert touched([replace(open_, gap=np.where(last, -1e-7, 1e-6), velocity=-velocity)], 1.0)  # closed, if opening
 
 
 @pytest.mark.usefixtures("guess_lid")
