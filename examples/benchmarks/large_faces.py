@@ -1,6 +1,6 @@
 """Cost of contact against the number of points of a face: two plates of m x m x h elements with friction.
 
-    python examples/benchmarks/large_faces.py [--quick] [-o FOLDER] [--dense] [--landing]
+    python examples/benchmarks/large_faces.py [--quick] [-o FOLDER] [--dense] [--landing | --long]
 
 Aluminium on steel, elements of 1 mm, mu = 0.3, steps of 0.15 us (a wave passes 0.95 element), a half sine of pressure
 on top. Printed for every case, CPU time of one thread and peak memory of a process of its own:
@@ -12,7 +12,8 @@ on top. Printed for every case, CPU time of one thread and peak memory of a proc
 
 By sparse tables and exactly; with ``--dense`` also with dense matrices of the interfaces. Figure: cost against points.
 With ``--landing`` the march of plates that close a gap of 2 um, by the scheme for bodies that land (generalized_alpha)
-over that by hht, in turn in one process, and nothing else.
+over that by hht, in turn in one process, and nothing else. With ``--long`` ten instants in steps of 10 and 100 us with
+friction 0.6 and 0.1, over the instants without contact, and nothing else: the sides slip, and Newton steps are made.
 """
 
 from __future__ import annotations
@@ -44,6 +45,19 @@ INSTANTS = 60
 ROUNDS = 2
 SCHEMES = ("hht", "generalized_alpha")
 GAP = 2e-6  # m, of plates that land
+LONG = tuple((step, friction) for step in (1e-5, 1e-4) for friction in (0.6, 0.1))  # s
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Steps (s) and their number, duration of the pulse (s), friction, gap (m) and time scheme of a march."""
+
+    step: float = 1.5e-7
+    instants: int = INSTANTS
+    pulse: float = 1e-5
+    friction: float = 0.3
+    gap: float = 0.0
+    scheme: str = SCHEMES[0]
 
 
 @dataclass(frozen=True)
@@ -66,16 +80,14 @@ class Cost:
         return self.march / self.free
 
 
-def plates(
-    m: int, h: int, form: str, contact: bool = True, scheme: str = SCHEMES[0], gap: float = 0.0
-) -> latin_fmu.Scene:
+def plates(m: int, h: int, form: str, contact: bool = True, motion: Motion = Motion()) -> latin_fmu.Scene:
     """Two plates of m x m x h elements; without ``contact`` they do not meet, and both are loaded."""
     size, elements = (1e-3 * m, 1e-3 * m, 1e-3 * h), (m, m, h)
     tables: Description = column(
         {"lower": Box(ALUMINIUM, size, elements), "upper": Box(STEEL, size, elements)},
-        {"crush": {"friction_coefficient": 0.3, "gap": gap}},
-        {"end": 1.5e-7 * INSTANTS, "step": 1.5e-7, "scheme": scheme},
-        load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(1e-5)}},
+        {"crush": {"friction_coefficient": motion.friction, "gap": motion.gap}},
+        {"end": motion.step * motion.instants, "step": motion.step, "scheme": motion.scheme},
+        load={"press": {"face": "upper.zmax", "pressure": 2e8, "law": half_sine(motion.pulse)}},
         solver={"share_identical": False, "interface_operator": form},
         output={"fields": False},
     )
@@ -133,12 +145,31 @@ def landing(m: int, h: int, form: str) -> str:
     passes: dict[str, float] = {}
     for _ in range(ROUNDS):
         for scheme, own in marches.items():
-            outcome = solved(plates(m, h, form, scheme=scheme, gap=GAP))
+            outcome = solved(plates(m, h, form, motion=Motion(scheme=scheme, gap=GAP)))
             own.append(outcome.timings.march / INSTANTS)
             passes[scheme] = float(np.mean([w.iterations for w in outcome.windows]))
     hht, other = (min(own) for own in marches.values())
     numbers = "".join(f"{1e3 * min(marches[scheme]):9.2f} {passes[scheme]:5.2f}" for scheme in SCHEMES)
     return f"{f'{m} x {m} x {h} {form}':>20} {(m + 1) ** 2:6d} {numbers} {other / hht:6.2f}"
+
+
+def long_steps(m: int, h: int) -> None:
+    """Print lines on marches in long steps over the instants without contact: the better of ``ROUNDS``, in turn."""
+    for step, friction in LONG:
+        motion = Motion(step, 10, 10 * step / 1.5, friction)
+        runs: dict[bool, list[Outcome]] = {True: [], False: []}
+        for _ in range(ROUNDS):
+            for contact, own in runs.items():
+                own.append(solved(plates(m, h, "automatic", contact, motion)))
+        march, free = (1e3 * min(o.timings.march for o in runs[c]) / motion.instants for c in (True, False))
+        windows = runs[True][0].windows
+        iterations, steps = (float(np.mean([getattr(w, n) for w in windows])) for n in ("iterations", "newton_steps"))
+        peak = 1024e-9 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        print(
+            f"{f'{m} x {m} x {h}':>14} {(m + 1) ** 2:6d} {1e6 * step:6.0f} {friction:5.2f} {march:8.1f} {free:7.1f} "
+            f"{march / free:6.1f} {iterations:6.1f} {steps:6.1f} {all(w.converged for w in windows)!s:>9} {peak:7.2f}",
+            flush=True,
+        )
 
 
 def line(cost: Cost, name: str, before: Cost | None) -> str:
@@ -182,9 +213,14 @@ def main(argv: list[str] | None = None) -> dict[str, list[Cost]]:
     if arguments[:1] == ["--case"]:
         print(json.dumps(asdict(measured(int(arguments[1]), int(arguments[2]), arguments[3]))))
         return {}
-    chosen = tools.options([a for a in arguments if a not in ("--dense", "--landing")], __doc__)
+    chosen = tools.options([a for a in arguments if a not in ("--dense", "--landing", "--long")], __doc__)
     cases = QUICK if chosen.quick else CASES
     forms = ("sparse", "exact", "dense") if "--dense" in arguments else ("sparse", "exact")
+    if "--long" in arguments:
+        print(f"{'case':>14} points   us    mu  ms/inst    free  ratio   iter  steps converged peak GB")
+        for m, h in QUICK[:1] if chosen.quick else ((40, 2),):
+            long_steps(m, h)
+        return {}
     if "--landing" in arguments:
         print(f"{'case':>20} points  hht, ms  iter landing, ms iter  ratio")
         for form in forms:

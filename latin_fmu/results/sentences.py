@@ -65,13 +65,14 @@ def sentences(
         lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors) + more))
     lines += [(f"support {name}", _support(h, outcome.time, units)) for name, h in outcome.reactions.items()]
     width = max((len(name) for name, _ in lines), default=0)
-    return [line for name, clauses in lines for line in _wrapped(name.ljust(width), "; ".join(clauses))]
+    return [line for name, clauses in lines for line in wrapped(name.ljust(width), "; ".join(clauses))]
 
 
-def _wrapped(name: str, text: str) -> list[str]:
+def wrapped(name: str, text: str) -> list[str]:
+    """Lines of a text behind a name, none of them longer than ``WIDTH``."""
     head = f"  {name}  "
     # a number stays with its unit, an error with its sign: textwrap does not break at this space
-    held = re.sub(r"(?<=\d) |(?<=\+-) ", "\N{NO-BREAK SPACE}", text)
+    held = re.sub(r"(?<=\d) | (?=\+-)|(?<=\+-) ", "\N{NO-BREAK SPACE}", text)
     lines = textwrap.wrap(held, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
@@ -227,11 +228,10 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
         text += _error(errors, history.name, definition)
-        banded = definition is not DISPLACEMENT_PEAK and found is not None
-        text += " in the band of its filter, or of the mesh" if banded else ""
-        bare = definition is not DISPLACEMENT_PEAK and found is None
-        seen = f" at {readable(when, 's', 3)}{', unfiltered' if bare else ''}"
-        clauses.append(text if found is not None else f"{text}{seen}")
+        # with an estimate in the band of the filter or of the mesh, which a note gives in hertz
+        limited = "" if definition is DISPLACEMENT_PEAK else " (band-limited)" if found is not None else " (unfiltered)"
+        seen = "" if found is not None else f" at {readable(when, 's', 3)}"
+        clauses.append(f"{text}{seen}{limited}")
     return clauses
 
 

@@ -28,7 +28,7 @@ from .sensors import (
     spectra_of,
     spectrum_lines,
 )
-from .sentences import sentences
+from .sentences import sentences, wrapped
 from .spectra import ShockSpectrum
 from .summary import details as details_of
 from .summary import report
@@ -174,8 +174,9 @@ class Solution:
         text = f"  cost  {self.timings.total:.3g} s of CPU"
         if self.estimate is not None and self.estimate.quantities:
             text += f", estimate of the errors by coarser runs {self.estimate.cpu:.2g} s more"
-        remarks = [] if self.estimate is None else [f"  note  {remark}" for remark in self.estimate.remarks]
-        return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *remarks]
+        remarks = () if self.estimate is None else self.estimate.remarks
+        notes = (line for remark in remarks for line in wrapped("note", remark))
+        return [f"{text}; peak memory {self.timings.peak_memory / 1e6:.0f} MB", *notes]
 
     def _sensor_lines(self) -> list[str]:
         outcome, units = self.outcome, self.units
