@@ -61,7 +61,7 @@ DRAWINGS = {
     "friction_force": Drawing("-", RUN),
     "work_precision": Drawing(
         "latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml "
-        "models/hammer_on_plate/scene.toml --budget 12 -o .",
+        "models/hammer_on_plate/scene.toml --budget 60 -o .",
         (*RUN, "accuracy"),
     ),
     "waves_in_bars": _script("waves_in_bars.py"),
