@@ -38,6 +38,7 @@ COMMANDS: Final = MappingProxyType(
         "srs": "analyses",
         "export": "analyses",
         "modes": "analyses",
+        "frf": "analyses",
         "backbone": "analyses",
     }
 )
@@ -63,6 +64,7 @@ examples:
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
   latin-fmu modes scene.toml --joints open
+  latin-fmu frf scene.toml --damping 0.02
   latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm
   latin-fmu reference
 
