@@ -1,0 +1,426 @@
+"""HistoryChanges of a run by parameters of its scene: static start, tightening and march (``kernels.tangent_march``).
+
+What a parameter changes in the data of the problem (loads, motions, initial values, gaps, parameters of laws) is the
+central difference of two discretised scenes, exact where the data is linear in it. The derivative of the solution then
+follows stage by stage from the solution itself: the bolts of each order, the static equilibrium, the motion; each stage
+hands displacements, tractions, closures and shortenings to the next one, as the run does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from ..errors import Problem, SceneError
+from ..interface.laws import coulomb_coefficient
+from ..latin.assembly import Array, Assembly, Index, InterfaceUnit, Layout
+from ..latin.probes import OutputRequest
+from ..latin.recorder import Recorder
+from ..latin.search_direction import inertial_impedance
+from ..latin.tangent_run import SolvedFields, TangentRun
+from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator.model import share_operators
+from ..results.sensitivities import HistoryChanges
+from ..scene.fields import GROUND
+from ..scene.schema import Scene
+from ..time_scheme import QuasiStatic
+from .bolts import Yielding, load_name
+from .build import discretise
+from .models import KeptOperators
+from .problem import DiscretisedProblem, SolverReadyProblem
+from .propagator_choice import chosen_propagators, made_propagators
+from .statics import Stage
+
+_STEP: Final = 1e-4
+"""Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""
+_BALANCED: Final = 1e30
+"""Traction beside which the unbalanced forces of a start in equilibrium count as balanced, Pa."""
+_COPY: Final = "|"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class VariedParameter:
+    """A parameter of a scene, and the problems with it a little larger and a little smaller; ``span`` : difference."""
+
+    name: str
+    value: float
+    span: float
+    more: DiscretisedProblem
+    less: DiscretisedProblem
+
+    def of(self, more: Array, less: Array) -> Array:
+        """Derivative of data from its two values."""
+        return np.asarray((more - less) / self.span)
+
+
+def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
+    """Refuse runs whose derivatives are not known. Raises SceneError."""
+    scene, solver = problem.scene, problem.scene.solver
+    refused = {
+        "on several processes, or with laws of the caller": elsewhere,
+        "with output.interfaces_every above 1": scene.output.interfaces_every > 1,
+        "with windows of several instants": solver.window != 1 and problem.scene.time.n_step > 1,
+        "with an explicit scheme": problem.scheme.explicit,
+        "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct"),
+        "with bolts that may yield": bool(Yielding(scene).tables),
+    }
+    if reasons := [reason for reason, found in refused.items() if found]:
+        remedy = "leave output.sensitivities out, or change that"
+        problems = [Problem("output.sensitivities", f"not known {reason}", None, None, remedy) for reason in reasons]
+        raise SceneError(problems, "the scene cannot be built")
+
+
+def value_of(scene: Scene, name: str) -> float:
+    """Value of a parameter of a scene, by its dotted name.
+
+    Raises
+    ------
+    SceneError : there is no number under this name.
+    """
+    here: object = scene.tables()
+    for key in name.split("."):
+        if isinstance(here, dict):
+            here = here.get(key)
+        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
+            here = here[int(key)]
+        else:
+            here = None
+    if isinstance(here, bool) or not isinstance(here, int | float):
+        allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
+        problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
+        raise SceneError([problem], "the scene cannot be built")
+    return float(here)
+
+
+def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
+    """The parameters that a scene asks derivatives by; ``problem`` : of this scene.
+
+    Raises
+    ------
+    SceneError : one that is no number, or that changes what the derivatives take as given.
+    """
+    made = []
+    for name in whole.output.sensitivities:
+        value = value_of(whole, name)
+        step = _STEP * abs(value) or _STEP
+        ends = []
+        for sign in (1.0, -1.0):
+            scene = whole.replace(name, value + sign * step)
+            kept = KeptOperators(bodies={**problem.bodies}, models=[c.members[0] for c in problem.classes])
+            other = discretise(scene, None, kept)
+            if reason := _differs(problem, other):
+                raise _refused(name, reason)
+            ends.append(other)
+        made.append(VariedParameter(name, value, 2.0 * step, *ends))
+    return made
+
+
+def _refused(name: str, reason: str) -> SceneError:
+    remedy = "derivatives are known by friction, gaps, preloads, bolts, loads, motions and initial values; leave it out"
+    return SceneError([Problem("output.sensitivities", reason, name, None, remedy)], "the scene cannot be built")
+
+
+def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
+    """What a parameter changes beside loads, motions, initial values, gaps and laws; empty where nothing."""
+    own, its = (
+        [(u.name, type(u.behaviour), u.behaviour.n_component, u.geometry.n_point) for u in p.units]
+        for p in (problem, other)
+    )
+    if own != its or len(problem.time) != len(other.time) or problem.dt != other.dt or problem.scheme != other.scheme:
+        return "changes interfaces, instants or the time scheme"
+    models, others = _models(problem), _models(other)
+    for name, model in models.items():
+        for matrix in ("stiffness", "mass", "damping", "expansion", "trace"):
+            a, b = getattr(model, matrix), getattr(others[name], matrix)
+            if (a is None) != (b is None) or (a is not None and (a.shape != b.shape or abs(a - b).max() > 0.0)):
+                return f"changes the {matrix} matrix of {name}"
+    return ""
+
+
+def _models(problem: DiscretisedProblem) -> dict[str, SubstructureModel]:
+    return {m.name: m for c in problem.classes for m in c.members}
+
+
+@dataclass(frozen=True)
+class StateChange:
+    """Derivative of an initial state, fields as in ``InitialState``; ``tension`` of the bolts, N."""
+
+    displacement: Mapping[str, Array] = field(default_factory=dict)
+    traction: Mapping[str, Array] = field(default_factory=dict)
+    closure: Mapping[str, Array] = field(default_factory=dict)
+    shortening: Mapping[str, float] = field(default_factory=dict)
+    tension: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """HistoryChanges of a run.
+
+    Attributes
+    ----------
+    problem : of the run. parameters : of its scene. stages : static ones that it starts from, as they are solved.
+    """
+
+    problem: DiscretisedProblem
+    parameters: Sequence[VariedParameter]
+    stages: list[Stage]
+
+    @staticmethod
+    def of(scene: Scene, problem: DiscretisedProblem, elsewhere: bool) -> Tangents:
+        """Those that a scene asks for; ``elsewhere``: in a run on several processes, or with laws of the caller.
+
+        Raises
+        ------
+        SceneError : parameters, or a run, that they are not known for.
+        """
+        check_run(problem, elsewhere)
+        return Tangents(problem, parameters_of(scene, problem), [])
+
+    def march(self, ready: SolverReadyProblem, recorder: Recorder) -> list[HistoryChanges]:
+        """HistoryChanges by each parameter, from the histories of the run.
+
+        Raises
+        ------
+        SolverError : an instant has no unique derivative.
+        """
+        parameters, states = self.parameters, [StateChange() for _ in self.parameters]
+        for stage in self.stages:
+            run = _march(stage, parameters, states)
+            states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
+        run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states)
+        interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
+        bolts = run.recorder.bolt_histories()
+        return [
+            HistoryChanges(p.name, p.value, _own(interfaces, i), _own(sensors, i), _own(bolts, i), _friction_changes(p))
+            for i, p in enumerate(parameters)
+        ]
+
+
+def _own(table: Mapping[str, T], copy: int) -> dict[str, T]:
+    """Entries of a copy under their own names."""
+    head = f"{copy}{_COPY}"
+    return {name.removeprefix(head): values for name, values in table.items() if name.startswith(head)}
+
+
+def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
+    """HistoryChanges of the friction coefficients by interface."""
+    pairs = zip(parameter.more.units, parameter.less.units, strict=True)
+    return {
+        m.name: ((coulomb_coefficient(m.behaviour) or 0.0) - (coulomb_coefficient(s.behaviour) or 0.0)) / parameter.span
+        for m, s in pairs
+    }
+
+
+def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence[StateChange]) -> TangentRun:
+    """HistoryChanges of one stage from those of its initial state."""
+    problem, base, n = stage.problem, stage.ready.assembly, len(parameters)
+    ends = [(stage.likewise(p.more), stage.likewise(p.less)) for p in parameters]
+    units = [
+        _unit(copy, unit, p, (more.units[i], less.units[i]))
+        for copy, (p, (more, less)) in enumerate(zip(parameters, ends, strict=True))
+        for i, unit in enumerate(problem.units)
+    ]
+    layout = Layout(units)
+    places = _places(base.layout, layout, len(problem.units), n)
+    histories, classes = dict[str, Histories](), []
+    ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
+    for c in problem.classes:
+        members = []
+        for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+            for model in c.members:
+                made, histories[f"{copy}{_COPY}{model.name}"] = _copy(
+                    model, problem.time, parameter, pair, states[copy], ramps[copy]
+                )
+                members.append(replace(made, name=f"{copy}{_COPY}{model.name}"))
+        share_operators(c.members[0], members[0])
+        channels = np.concatenate([to[c.channels] for to in places], axis=1)
+        classes.append(replace(c, members=members, channels=channels))
+    impedance = np.zeros(layout.n_flat)
+    for to in places:
+        impedance[to] = problem.impedance
+    scene, scheme, dt = problem.scene, problem.scheme, problem.dt
+    made_with = (scheme, dt, chosen_propagators(scene, problem.classes)[0])
+    kept = KeptOperators({}, [c.members[0] for c in problem.classes], base.propagators, made_with)
+    propagators, _ = made_propagators(scene, classes, scheme, dt, impedance, kept, stage.kept)
+    # a start in equilibrium does not accelerate
+    at_rest = stage.start is not None and not any(s.motion_keys for s in scene.substructure.values())
+    level = _BALANCED if at_rest else 0.0
+    assembly = Assembly(propagators, [c.channels for c in classes], units, layout, impedance, level, scheme)
+    assembly.rest_traction = -1.0
+    if not isinstance(scheme, QuasiStatic) and any(body.rigid for body in problem.bodies.values()):
+        inertial_impedance(assembly)
+    for i, unit in enumerate(units):
+        number, _, name = unit.name.partition(_COPY)
+        state = states[int(number)]
+        if name in state.traction:
+            assembly.start_tractions[i] = state.traction[name]
+        if name in state.closure and not assembly.quasi_static:
+            group = layout.group(i)
+            group.gap[group.members[i]] = unit.geometry.gap - state.closure[name]
+    for propagator in propagators:
+        propagator.begin([histories[name] for name in propagator.names], dt)
+    assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
+    recorder = Recorder(assembly, _request(stage.ready.output, n), {})
+    changes = [_law_changes(p, *pair) for p, pair in zip(parameters, ends, strict=True)]
+    run = TangentRun(assembly, stage.ready.settings, recorder, SolvedFields(base, stage.rows, changes))
+    run.march()
+    return run
+
+
+def _unit(
+    copy: int, unit: InterfaceUnit, parameter: VariedParameter, ends: tuple[InterfaceUnit, InterfaceUnit]
+) -> InterfaceUnit:
+    """Copy of an interface for a parameter, with the derivatives of its gap and preload."""
+    more, less = ends
+    first, second = (side if side == GROUND else f"{copy}{_COPY}{side}" for side in unit.sides)
+    geometry = replace(unit.geometry, gap=parameter.of(more.geometry.gap, less.geometry.gap))
+    preload = (more.preload - less.preload) / parameter.span
+    return replace(unit, name=f"{copy}{_COPY}{unit.name}", sides=(first, second), geometry=geometry, preload=preload)
+
+
+def _places(base: Layout, layout: Layout, n_unit: int, copies: int) -> list[Index]:
+    """Of every copy the places of the channels of the run among those of the copies."""
+    made = []
+    for copy in range(copies):
+        to = np.zeros(base.n_flat, dtype=np.int64)
+        for i in range(n_unit):
+            for side in (0, 1):
+                to[base.channels(i, side)] = layout.channels(copy * n_unit + i, side)
+        made.append(to)
+    return made
+
+
+def _copy(
+    model: SubstructureModel,
+    time: Array,
+    parameter: VariedParameter,
+    ends: tuple[DiscretisedProblem, DiscretisedProblem],
+    state: StateChange,
+    ramps: Mapping[str, tuple[float, float]],
+) -> tuple[SubstructureModel, Histories]:
+    """A substructure with the derivatives of its loads, motions and initial values; ``ramps`` of the bolts."""
+    more, less = (_models(end)[model.name] for end in ends)
+    driven = [end.timeline.histories(own, time) for end, own in zip(ends, (more, less), strict=True)]
+    loads, amplitudes = list[LoadTerm](), list[Array]()
+    for own, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
+        for load, amplitude in zip(own.loads, history.amplitudes, strict=True):
+            same = next((k for k, known in enumerate(loads) if np.array_equal(known.pattern, load.pattern)), len(loads))
+            if same == len(loads):
+                loads.append(replace(load, name=f"{_COPY}{load.name}"))
+                amplitudes.append(np.zeros(len(time)))
+            amplitudes[same] = amplitudes[same] + sign / parameter.span * amplitude
+    for load in model.loads:
+        first, last = ramps.get(load.name, (0.0, 0.0))
+        if first or last:
+            loads.append(load)
+            amplitudes.append(first + (last - first) * time / time[-1])
+    made = replace(
+        model,
+        loads=loads,
+        displacement=state.displacement.get(model.name, parameter.of(more.displacement, less.displacement)),
+        velocity=parameter.of(more.velocity, less.velocity),
+        imposed_start=parameter.of(more.imposed_start, less.imposed_start),
+    )
+    motion = parameter.of(driven[0].imposed_velocity, driven[1].imposed_velocity)
+    return made, Histories(time, amplitudes, motion, driven[0].accelerated)
+
+
+def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:
+    """HistoryChanges of the first and last amplitude of the load terms of the bolts."""
+    made = {}
+    for name, cut in stage.problem.cuts.items():
+        locked = state.shortening.get(name, 0.0)
+        made[load_name(name)] = locked, locked
+        if name in stage.tightened:
+            force, shortening = _bolt_changes(parameter, name)
+            made[load_name(name)] = (state.tension.get(name, 0.0), force) if cut.loose else (0.0, shortening)
+    return made
+
+
+def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
+    """HistoryChanges of the force and of the shortening that a bolt is given."""
+    more, less = parameter.more.cuts[name].table, parameter.less.cuts[name].table
+    force = (more.tension or 0.0) - (less.tension or 0.0)
+    return force / parameter.span, ((more.shortening or 0.0) - (less.shortening or 0.0)) / parameter.span
+
+
+def _ground(
+    base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[tuple[DiscretisedProblem, DiscretisedProblem]]
+) -> dict[int, Array]:
+    """HistoryChanges of the velocities of the ground of the copies."""
+    made, n = dict[int, Array](), len(base.interfaces)
+    for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+        more, less = (end.timeline.ground(base, end.time) for end in pair)
+        made |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
+    return made
+
+
+def _request(request: OutputRequest, copies: int) -> OutputRequest:
+    """Sensors and bolts of the copies."""
+
+    def copied(places: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            f"{copy}{_COPY}{name}": replace(place, substructure=f"{copy}{_COPY}{place.substructure}")
+            for copy in range(copies)
+            for name, place in places.items()
+        }
+
+    bolts = {
+        # a temperature has another name among the derivatives of loads
+        name: replace(place, terms=dict(place.terms) | {f"{_COPY}{load}": t for load, t in place.terms.items()})
+        for name, place in copied(request.bolts).items()
+    }
+    return OutputRequest(sensors=copied(request.sensors), bolts=bolts)
+
+
+def _law_changes(
+    parameter: VariedParameter, more: DiscretisedProblem, less: DiscretisedProblem
+) -> list[tuple[Array, Array, float] | None]:
+    """Parameters of the laws of every group at both ends, None where they are equal."""
+    pairs = zip(more.layout.groups, less.layout.groups, strict=True)
+    return [
+        None if np.array_equal(m.parameters, s.parameters) else (m.parameters, s.parameters, parameter.span)
+        for m, s in pairs
+    ]
+
+
+def _state_after(
+    stage: Stage, run: TangentRun, copy: int, parameter: VariedParameter, state: StateChange
+) -> StateChange:
+    """Derivative of the state at the end of a static stage, as ``statics.state_at_end`` and ``statics._locked``."""
+    assembly, head = run.assembly, f"{copy}{_COPY}"
+    displacement, traction, closure = dict[str, Array](), dict[str, Array](), dict[str, Array]()
+    for p in assembly.propagators:
+        imposed = p.forcing.imposed_u(p.instant)
+        for j, member in enumerate(p.members):
+            if member.name.startswith(head):
+                name = member.name.removeprefix(head)
+                displacement[name] = member.expansion @ p.state.u[:, j] + imposed[:, j]
+    gaps = dict(zip(map(id, assembly.layout.groups), run.gaps(), strict=True))
+    pressed = {unit.name: i for i, unit in enumerate(stage.ready.assembly.interfaces)}
+    for i, unit in enumerate(assembly.interfaces):
+        if not unit.name.startswith(head):
+            continue
+        name, group = unit.name.removeprefix(head), assembly.layout.group(i)
+        points = group.members[i]
+        traction[name] = group.block(run.f_hat)[0, points]
+        if unit.behaviour.opens and not unit.behaviour.elastic:
+            own = stage.ready.assembly.layout
+            end = own.group(pressed[name]).block(stage.rows.f_hat[-1])[
+                0, own.group(pressed[name]).members[pressed[name]]
+            ]
+            closure[name] = np.where(end[:, 0] < 0.0, gaps[id(group)][points], 0.0)
+    shortening, tension = dict(state.shortening), dict[str, float]()
+    for name, cut in stage.problem.cuts.items():
+        u = displacement.get(cut.table.substructure)
+        if u is None:
+            continue
+        if name in stage.tightened:
+            force, given = _bolt_changes(parameter, name)
+            shortening[name] = cut.shortening(force, u) if cut.loose else given
+        tension[name] = cut.force(shortening.get(name, 0.0), u)
+    return StateChange(displacement, traction, closure, shortening, tension)
