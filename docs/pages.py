@@ -1,17 +1,20 @@
 """Pages that a program makes, and the files of the repository that the pages link to.
 
-``python docs/pages.py`` writes scene_reference.md (from the tables of the scene) and api.md (from the docstrings).
-mkdocs calls the functions ``on_...``: a page links to files of the repository by their relative path, such as
-``../models/README.md``; the site has a copy of each under ``repository/``, sources as pages of code.
+``python docs/pages.py`` writes scene_reference.md (from the tables of the scene), api.md (from the docstrings) and
+gallery.md (from the heads of the examples). mkdocs calls the functions ``on_...``: a page links to files of the
+repository by their relative path, such as ``../models/README.md``; the site has a copy of each under ``repository/``,
+sources as pages of code. That of an example has its head as text, its figures, and where its numbers stand.
 """
 
 from __future__ import annotations
 
+import ast
 import inspect
 import os
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,6 +26,10 @@ LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 MADE = "<!-- Written by docs/pages.py; do not edit. -->"
 WIDTH = 88
 """Columns of code that a page shows without scrolling."""
+WIDE = "---\nhide: [toc]\n---\n"
+"""Front matter of a page of code: its lines of 120 columns take the place of the contents."""
+SHARED = ("figures", "example_tools", "harness", "calculix")
+"""Scripts that others use, and that show nothing themselves."""
 # Modules beside the package itself whose public names the page of the API lists.
 MODULES = {
     "latin_fmu": "The package",
@@ -94,9 +101,57 @@ def _uri(target: str) -> str:
 
 
 def _code_page(target: str) -> str:
-    """A page that shows a source file."""
+    """A page that shows a source file; of an example its head, figures and numbers before the code."""
+    text = (ROOT / target).read_text(encoding="utf-8")
     language = {".py": "python", ".toml": "toml"}.get(Path(target).suffix, "text")
-    return f"# {target}\n\n````{language}\n{(ROOT / target).read_text(encoding='utf-8')}\n````\n"
+    code = f"````{language}\n{text}\n````\n"
+    if not (target.startswith("examples/") and target.endswith(".py")):
+        return f"{WIDE}# {target}\n\n{code}"
+    title, what = _head(target)
+    up = "../" * _uri(target).count("/")
+    parts = [f"{WIDE}# {title}", _doc(what)]
+    for name, drawing in _drawings().items():
+        if drawing.source() == target:
+            parts.append(f"![{title}]({up}repository/examples/figures/{name}.png)\n\n`{drawing.command}`")
+    parts += [f"**{what}**: {measured}." for what, measured in _measured(target)]
+    if places := [f"[{heading}]({up}{page}#{anchor})" for heading, page, anchor in _places(target)]:
+        parts.append(f"Numbers and text on it: {', '.join(places)}.")
+    return "\n\n".join([*parts, f"## {target}", code])
+
+
+def _head(script: str) -> tuple[str, str]:
+    """First sentence of the head of a script, without its point, and the rest."""
+    text = ast.get_docstring(ast.parse((ROOT / script).read_text(encoding="utf-8"))) or script
+    first, _, rest = text.partition("\n\n")
+    return " ".join(first.split()).rstrip("."), rest
+
+
+@cache
+def _drawings() -> dict[str, Any]:
+    """Figures of the repository by name, with their commands."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    drawings: dict[str, Any] = import_module("figures").DRAWINGS
+    return drawings
+
+
+def _measured(script: str) -> Iterator[tuple[str, str]]:
+    """Rows of tables of the pages, what and measured, that name a script."""
+    for page in sorted(DOCS.glob("*.md")):
+        for line in page.read_text(encoding="utf-8").splitlines():
+            cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+            if line.startswith("| ") and len(cells) == 3 and f"`{script}" in cells[2]:
+                yield re.sub(r" \(\[figure\]\([^)]*\)\)", "", cells[0]).strip(), cells[1]
+
+
+def _places(script: str) -> Iterator[tuple[str, str, str]]:
+    """Sections of the pages, beside the gallery, that show a figure of a script: heading, page, anchor."""
+    names = [name for name, drawing in _drawings().items() if drawing.source() == script]
+    for page in sorted(DOCS.glob("*.md")):
+        heading = ""
+        for line in page.read_text(encoding="utf-8").splitlines():
+            heading = line.lstrip("# ") if line.startswith("#") else heading
+            if page.name != "gallery.md" and any(f"figures/{name}.png" in line for name in names):
+                yield heading, page.name, re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
 
 
 # Pages from the sources -----------------------------------------------------------------------------------------------
@@ -179,6 +234,46 @@ def _escaped(text: str) -> str:
     return "`".join(parts)
 
 
+def gallery() -> str:
+    """Every figure with its command, and the scripts that draw none, as Markdown."""
+    parts = [
+        f"{MADE}\n\n# Gallery",
+        "A figure leads to its script, or to its model. It is drawn by the command beside it, and again by `python "
+        "examples/figures.py NAME`; it carries the version of the package that drew it (`--list`).",
+    ]
+    rows, shown = ["| | what to see |", "|---|---|"], set()
+    for name, drawing in _drawings().items():
+        source = drawing.source()
+        shown.add(source)
+        title, what = (drawing.says, "") if drawing.says else _head(source)
+        paragraph = "" if what.startswith(" ") else " ".join(what.split("\n\n")[0].split())
+        lead = _escaped(". ".join(paragraph.split(". ")[:2]).rstrip(".") + ".") if paragraph else ""
+        command = "" if drawing.command == "-" else f"<br>`{drawing.command}`"
+        picture = f"[![{title.split(':')[0]}](../examples/figures/{name}.png)](../{source})"
+        rows.append(f"| {picture} | **{title.rstrip('.')}.** {lead.replace('|', chr(92) + '|')}{command} |")
+    others = [
+        path.relative_to(ROOT).as_posix()
+        for folder in (ROOT / "examples", ROOT / "examples" / "benchmarks")
+        for path in sorted(folder.glob("*.py"))
+    ]
+    scripts = [
+        f"| [{script.removeprefix('examples/')}](../{script}) | {_escaped(_head(script)[0])} |"
+        for script in others
+        if script not in shown and Path(script).stem not in SHARED
+    ]
+    return (
+        "\n\n".join(
+            [
+                *parts,
+                "\n".join(rows),
+                "## Scripts without a figure here",
+                "\n".join(["| script | shows |", "|---|---|", *scripts]),
+            ]
+        )
+        + "\n"
+    )
+
+
 def api() -> str:
     """Names that the public modules export, with signatures and docstrings, as Markdown."""
     parts = [
@@ -197,7 +292,7 @@ def _entry(module: str, name: str, thing: Any) -> str:
     """Signature and docstring of one name; of a class also its public methods and properties."""
     if not callable(thing):
         return f"### {name}\n\n`{module}.{name}` = `{thing!r}`"
-    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(thing)]
+    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(inspect.getdoc(thing) or "")]
     if inspect.isclass(thing) and not issubclass(thing, Exception):
         for own, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, (staticmethod, classmethod)) else member
@@ -255,10 +350,10 @@ SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Examples")
 NAMED = re.compile(r"(?:^|(?<=[.;] ))([A-Za-z_][\w, ]*?) : ")
 
 
-def _doc(thing: Any) -> str:
+def _doc(docstring: str) -> str:
     """A docstring as Markdown: sections as lists of names, indented lines as they are, examples as code."""
     parts, section = [], ""
-    for block in (inspect.getdoc(thing) or "").split("\n\n"):
+    for block in docstring.split("\n\n"):
         lines = block.splitlines()
         if len(lines) > 1 and lines[0] in SECTIONS:
             section, lines = lines[0], lines[2:]
@@ -286,7 +381,7 @@ def _paragraph(text: str) -> str:
 
 def main() -> None:
     """Write the pages."""
-    for name, text in (("scene_reference.md", scene_reference()), ("api.md", api())):
+    for name, text in (("scene_reference.md", scene_reference()), ("api.md", api()), ("gallery.md", gallery())):
         (DOCS / name).write_text(text, encoding="utf-8")
 
 
