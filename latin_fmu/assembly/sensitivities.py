@@ -230,70 +230,92 @@ def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
 
 def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence[StateChange]) -> TangentRun:
     """Derivatives of one stage from those of its initial state."""
-    problem, base, n = stage.problem, stage.ready.assembly, len(parameters)
+    problem, base = stage.problem, stage.ready.assembly
     ends = [(stage.likewise(p.more), stage.likewise(p.less)) for p in parameters]
     units = [
         _unit(copy, unit, p, (more.units[i], less.units[i]))
         for copy, (p, (more, less)) in enumerate(zip(parameters, ends, strict=True))
         for i, unit in enumerate(problem.units)
     ]
-    layout = Layout(units)
-    places = _places(base.layout, layout, len(problem.units), n)
+    layout, scheme, dt = Layout(units), problem.scheme, problem.dt
+    places = _places(base.layout, layout, len(problem.units), len(parameters))
     operators = OperatorChanges.of(stage, parameters, ends)
-    histories, classes = dict[str, Histories](), []
-    ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
-    for c in problem.classes:
-        members = []
-        for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
-            for model in c.members:
-                made, histories[f"{copy}{_COPY}{model.name}"] = _copy(
-                    model, problem.time, parameter, pair, states[copy], ramps[copy]
-                )
-                if operators is not None and (force := operators.start(copy, model.name)) is not None:
-                    made = replace(made, loads=[*made.loads, LoadTerm(_COPY, force)])
-                    first = np.eye(1, len(problem.time))[0]
-                    own = histories[f"{copy}{_COPY}{model.name}"]
-                    histories[f"{copy}{_COPY}{model.name}"] = replace(own, amplitudes=[*own.amplitudes, first])
-                members.append(replace(made, name=f"{copy}{_COPY}{model.name}"))
-        share_operators(c.members[0], members[0])
-        channels = np.concatenate([to[c.channels] for to in places], axis=1)
-        classes.append(replace(c, members=members, channels=channels))
+    made, histories = _copies(stage, parameters, states, ends, operators)
+    classes = [
+        replace(c, members=members, channels=np.concatenate([to[c.channels] for to in places], axis=1))
+        for c, members in zip(problem.classes, made, strict=True)
+    ]
     impedance = np.zeros(layout.n_flat)
     for to in places:
         impedance[to] = problem.impedance
-    scene, scheme, dt = problem.scene, problem.scheme, problem.dt
-    made_with = (scheme, dt, chosen_propagators(scene, problem.classes)[0])
-    kept = KeptOperators({}, [c.members[0] for c in problem.classes], base.propagators, made_with)
-    propagators, _ = made_propagators(scene, classes, scheme, dt, impedance, kept, stage.kept)
+    propagators, _ = made_propagators(problem.scene, classes, scheme, dt, impedance, _twins(stage), stage.kept)
     # a start in equilibrium does not accelerate
-    at_rest = stage.start is not None and not any(s.motion_keys for s in scene.substructure.values())
+    at_rest = stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values())
     level = _BALANCED if at_rest else 0.0
     assembly = Assembly(propagators, [c.channels for c in classes], units, layout, impedance, level, scheme)
     assembly.rest_traction = -1.0
     if not isinstance(scheme, QuasiStatic) and any(body.rigid for body in problem.bodies.values()):
         inertial_impedance(assembly)
-    for i, unit in enumerate(units):
-        number, _, name = unit.name.partition(_COPY)
-        state = states[int(number)]
-        if name in state.traction:
-            assembly.start_tractions[i] = state.traction[name]
-        if name in state.closure and not assembly.quasi_static:
-            group = layout.group(i)
-            group.gap[group.members[i]] = unit.geometry.gap - state.closure[name]
+    _hand_over(states, assembly)
     for propagator in propagators:
         propagator.begin([histories[name] for name in propagator.names], dt)
     assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
-    recorder = Recorder(assembly, _request(stage.ready.output, n), {})
+    recorder = Recorder(assembly, _request(stage.ready.output, len(parameters)), {})
     changes = [_law_changes(p, *pair) for p, pair in zip(parameters, ends, strict=True)]
     run = TangentRun(assembly, stage.ready.settings, recorder, SolvedFields(base, stage.rows, changes))
     if operators is None:
         run.march()
-    else:
-        for instant in run.calls(single=True):
-            operators.act(instant, run.image)
-        for name, series in operators.tensions().items():
-            recorder.series("tension")[name][...] += series
+        return run
+    for instant in run.calls(single=True):
+        operators.act(instant, run.image)
+    for name, series in operators.tensions().items():
+        recorder.series("tension")[name][...] += series
     return run
+
+
+def _twins(stage: Stage) -> KeptOperators:
+    """Operators of a stage, for the same substructures."""
+    problem = stage.problem
+    made_with = (problem.scheme, problem.dt, chosen_propagators(problem.scene, problem.classes)[0])
+    return KeptOperators({}, [c.members[0] for c in problem.classes], stage.ready.assembly.propagators, made_with)
+
+
+def _copies(
+    stage: Stage,
+    parameters: Sequence[VariedParameter],
+    states: Sequence[StateChange],
+    ends: Sequence[_Pair],
+    operators: OperatorChanges | None,
+) -> tuple[list[list[SubstructureModel]], dict[str, Histories]]:
+    """Members of each class, those of the first parameter first, and what drives them by name."""
+    classes, histories, time = list[list[SubstructureModel]](), dict[str, Histories](), stage.problem.time
+    ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
+    for c in stage.problem.classes:
+        members = []
+        for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+            for model in c.members:
+                made, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
+                if operators is not None and (force := operators.start(copy, model.name)) is not None:
+                    made = replace(made, loads=[*made.loads, LoadTerm(_COPY, force)])
+                    driven = replace(driven, amplitudes=[*driven.amplitudes, np.eye(1, len(time))[0]])
+                members.append(replace(made, name=f"{copy}{_COPY}{model.name}"))
+                histories[members[-1].name] = driven
+        share_operators(c.members[0], members[0])
+        classes.append(members)
+    return classes, histories
+
+
+def _hand_over(states: Sequence[StateChange], assembly: Assembly) -> None:
+    """Give an assembly the derivatives of the tractions that it starts with, and of its gaps, as ``InitialState`` does
+    those themselves."""
+    for i, unit in enumerate(assembly.interfaces):
+        copy, _, name = unit.name.partition(_COPY)
+        state = states[int(copy)]
+        if name in state.traction:
+            assembly.start_tractions[i] = state.traction[name]
+        if name in state.closure and not assembly.quasi_static:
+            group = assembly.layout.group(i)
+            group.gap[group.members[i]] = unit.geometry.gap - state.closure[name]
 
 
 class OperatorChanges:
@@ -316,10 +338,7 @@ class OperatorChanges:
         self, stage: Stage, changes: Mapping[tuple[int, str], _Matrices], bolts: Mapping[str, BoltPlace], copies: int
     ) -> None:
         base, problem, self._copies = stage.ready.assembly, stage.problem, copies
-        settings = chosen_propagators(problem.scene, problem.classes)[0]
-        members = [c.members[0] for c in problem.classes]
-        kept = KeptOperators({}, members, base.propagators, (problem.scheme, problem.dt, settings))
-        ready = replace(problem, kept=kept).build(stage.start, stage.kept)
+        ready = replace(problem, kept=_twins(stage)).build(stage.start, stage.kept)
         ready.assembly.rest_traction = -1.0
         recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
         solved = SolvedFields(base, stage.rows, [None])
