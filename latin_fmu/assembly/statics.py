@@ -75,7 +75,7 @@ class Stage:
     ----------
     problem, ready : of the stage. rows : its fields at the interfaces. start : initial state, None where it is that of
         the scene. kept : operators of the static problems. static : whether it is one of those, with loads where
-        ``loaded``. tightened : bolts that it tightens.
+        ``loaded``. tightened : bolts that it tightens. end : of a static one, its equilibrium, bolts as tightened.
     """
 
     problem: DiscretisedProblem
@@ -86,6 +86,7 @@ class Stage:
     static: bool = False
     loaded: bool = True
     tightened: tuple[str, ...] = ()
+    end: InitialState | None = None
 
     def likewise(self, whole: DiscretisedProblem) -> DiscretisedProblem:
         """The problem of this stage of another scene, whose bolts have the loads of this one."""
@@ -179,7 +180,8 @@ def static_state(
         raise _no_start(sentence)
     state = state_at_end(problem, run, amplitudes, tolerance)
     if stages is not None:
-        stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True))
+        end = state if tight is None else replace(state, bolts=tight.bolts)
+        stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True, end=end))
     if tight is None:
         return state
     remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
@@ -505,14 +507,15 @@ def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None 
             raise _not_tight(group, ramps, share, sentence, scene.unit_system)
         increments += len(run.windows)
         iterations += sum(window.iterations for window in run.windows)
-        if stages is not None:
-            names = tuple(cut.name for cut in group)
-            stages.append(Stage(problem, ready, run.recorder.rows, state, kept, True, False, names))
+        rows, before, names = run.recorder.rows, state, tuple(cut.name for cut in group)
         state = state_at_end(ready, run, {}, tolerance)
-        # their factors are freed before those of the next order are made
-        del ready, run
         remarks |= dict.fromkeys(state.remarks)
         bolts = _locked(bolts, order, group, cuts, state)
+        if stages is not None:
+            end = replace(state, bolts=bolts)
+            stages.append(Stage(problem, ready, rows, before, kept, True, False, names, end))
+        # their factors are freed before those of the next order are made
+        del ready, run
     assert state is not None, "a scene without bolts"
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"

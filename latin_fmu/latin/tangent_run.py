@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,12 +30,12 @@ class SolvedFields:
     ----------
     assembly, rows : of the run. changes : by parameter and group of interfaces, parameters of the laws (n_point,
     n_parameter) with the parameter a little larger and a little smaller, and the difference of both; None where they
-    do not change.
+    do not change, and for the run itself in the place of its derivatives.
     """
 
     assembly: Assembly
     rows: InterfaceRows
-    changes: Sequence[Sequence[tuple[Array, Array, float] | None]]
+    changes: Sequence[Sequence[tuple[Array, Array, float] | None] | None]
 
 
 class TangentRun(RunState):
@@ -65,7 +65,12 @@ class TangentRun(RunState):
         return direction
 
     def march(self) -> None:
-        """March all instants.
+        """March all instants; errors as for ``calls``."""
+        for _ in self.calls():
+            pass
+
+    def calls(self, single: bool = False) -> Iterator[int]:
+        """March all instants; each instant that a call of the kernels begins with, before it: every one if ``single``.
 
         Raises
         ------
@@ -73,17 +78,21 @@ class TangentRun(RunState):
         """
         image, first = self.image, self.assembly.instant + 1
         while first <= self.assembly.n_instant:
-            n, row = min(image.rows - self._row(first), self.assembly.n_instant + 1 - first), self._row(first)
+            row = self._row(first)
+            n = min(image.rows - row, self.assembly.n_instant + 1 - first)
             self._set_first_row(first)
             image.write()
             for g, group in enumerate(self._solved.assembly.layout.groups):
                 self._give(g, group, first, slice(row, row + n))
-            done = image.call(entries.TANGENT, first, n)
-            self._set_instant(first + done - 1)
-            self._record(done, row)
-            if done < n:
-                time = self.assembly.time[first + done]
-                raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
+            length = 1 if single else n
+            for instant in range(first, first + n, length):
+                yield instant
+                done = image.call(entries.TANGENT, instant, length)
+                if done < length:
+                    time = self.assembly.time[instant + done]
+                    raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
+            self._set_instant(first + n - 1)
+            self._record(n, row)
             first += n
 
     def _give(self, g: int, group: Group, first: int, rows: slice) -> None:
@@ -103,6 +112,9 @@ class TangentRun(RunState):
         slopes[:], sources[:] = 0.0, 0.0
         for copy, changes in enumerate(self._solved.changes):
             points = slice(copy * p, (copy + 1) * p)
+            if changes is None:
+                sources[:] = group.block(self._solved.rows.f_hat[first : first + n])[:, 0]
+                continue
             slopes[:, points, :h, :h] = tangents.reshape(n, p, h, h)
             follows[:, points] = moves
             if (change := changes[g]) is not None:

@@ -1,13 +1,19 @@
-"""HistoryChanges of the results of a run by parameters of its scene: data, groups of the file, sentences.
+"""Derivatives of the results of a run by parameters of its scene: data, groups of the file, sentences.
 
 A derivative is stored as the change for a change of the parameter by its own value (by 1 where that is 0), so that it
 has the unit of its quantity. Histories are those of ``kernels.tangent_march``. Scalar quantities follow from them by
 the definitions of ``quantities_of_interest``: a central difference along the derivatives, which gives the mean peak
-with the place of its window, and contact instants by the implicit function of gap and velocity.
+with the place of its window. The first contact is that of the implicit function of gap and velocity.
 
 The derivative is one-sided where a point is about to open, close, stick or slip. ``changing`` is the share of the area
 whose state would change within a change of the parameter by ``WITHIN``, as the derivatives of gap, pressure, shear and
-sliding predict. A quantity whose instants have a share above ``MANY`` is flagged.
+sliding predict. An instant with a share above ``MANY`` is an event. A front that a parameter shifts in time changes the
+force at its event by its height times the shift, which the steps resolve to some per cent. So a quantity is flagged
+
+* impulse, peak: where the change at events up to its instant is above ``AT_EVENTS`` times its own, and times a tenth of
+  its value,
+* separation: where its instant is an event, and it changes by more than a tenth of its value,
+* slip, work of friction, sensors, bolts: where more than ``SHARE`` of all change of force happens at events.
 """
 
 from __future__ import annotations
@@ -27,6 +33,7 @@ from .quantities import AXES, LABELS, named, rows
 from .quantities_of_interest import (
     ACCELERATION_PEAK,
     BOLT_FORCE,
+    CONTACT_SHARE,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
@@ -49,8 +56,13 @@ from .summary import finite
 WITHIN: Final = 0.01
 """Change of a parameter, over its value, within which a state that would change counts as changing."""
 MANY: Final = 0.1
-"""Share of the area in contact from which on an instant is flagged; share of its instants, weighted by the force, from
-which on a quantity is."""
+"""Share of the area in contact whose state changes at an event, at least."""
+AT_EVENTS: Final = 2.0
+"""Change of the force at events over that of a quantity from which on this is flagged."""
+SHARE: Final = 0.2
+"""Share of the change of force that happens at events from which on what depends on all of it is flagged."""
+_LITTLE = 0.1  # change of a quantity over its value, for the whole parameter, below which its error does not count
+_NEAR = 2  # instants around an event that belong to it
 _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
 PART: Final = 0.1
@@ -58,7 +70,7 @@ PART: Final = 0.1
 _SAID, _SMALL = 3, 1e-3
 _AXES: Final = {"0": "x", "1": "y", "2": "z"}
 SLIP_DISTANCE: Final = "slip"
-"""Key of the largest distance that a point slips until the end of the run."""
+"""Key of the distance that the points have slipped at the end of the run, mean over the area."""
 
 
 def in_words(parameter: str) -> str:
@@ -75,7 +87,7 @@ def in_words(parameter: str) -> str:
 
 @dataclass(frozen=True)
 class HistoryChanges:
-    """HistoryChanges of the histories of a run by one parameter, per unit of it.
+    """Derivatives of the histories of a run by one parameter, per unit of it.
 
     Attributes
     ----------
@@ -93,7 +105,7 @@ class HistoryChanges:
     @property
     def scale(self) -> float:
         """Change of the parameter that derivatives are stored for."""
-        return abs(self.value) or 1.0
+        return self.value or 1.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +122,7 @@ class QuantitySensitivity:
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """HistoryChanges of a run.
+    """Derivatives of a run.
 
     Attributes
     ----------
@@ -239,7 +251,7 @@ def _changing(history: InterfaceHistory, change: InterfaceHistory, of: HistoryCh
     status = history.contact_status
     if status is None or history.gap is None or change.gap is None:
         return np.zeros(len(history.traction))
-    step, n = WITHIN * of.scale, history.normals
+    step, n = WITHIN * abs(of.scale), history.normals
 
     def leaves(value: Array, slope: Array) -> NDArray[np.bool_]:
         return np.asarray(value < step * np.abs(slope))
@@ -285,7 +297,8 @@ def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float
         made |= {FIRST_CONTACT.key: first_contact_time(fields), SEPARATION_INSTANT.key: separation_time(fields)}
     if history.has_friction:
         made[FRICTION_WORK.key] = _friction_work(history, time)
-        made[SLIP_DISTANCE] = float(np.linalg.norm(slip_in_contact(history, time)[-1], axis=1).max())
+        slid = np.linalg.norm(slip_in_contact(history, time)[-1], axis=1)
+        made[SLIP_DISTANCE] = float(slid @ history.areas / history.areas.sum())
     return made
 
 
@@ -318,12 +331,44 @@ def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> S
     return replace(history, displacement=displacement, velocity=velocity, acceleration=acceleration)
 
 
+@dataclass(frozen=True)
+class _Activity:
+    """Change of the force of an interface, in magnitude, summed over time up to each instant, (n, n_time), N s.
+
+    at_events : at events, and around them. whole : at all instants. events : (n, n_time) whether an instant is one.
+    """
+
+    at_events: Array
+    whole: Array
+    events: NDArray[np.bool_]
+
+    @staticmethod
+    def of(time: Array, changing: Array, forces: Sequence[Array]) -> _Activity:
+        """From the share that changes (n, n_time) and the changes of force (n_time, 3)."""
+        size, step = np.stack([np.linalg.norm(f, axis=1) for f in forces]), np.gradient(time)
+        events = changing > MANY
+        near = events.copy()
+        for k in range(1, _NEAR + 1):
+            near[:, k:] |= events[:, :-k]
+            near[:, :-k] |= events[:, k:]
+        return _Activity(np.cumsum(size * near * step, axis=1), np.cumsum(size * step, axis=1), near)
+
+    def outweighs(self, i: int, q: QuantitySensitivity, over: float) -> NDArray[np.bool_]:
+        """Whether the change at events up to the instant i, ``over`` a time, s, is above AT_EVENTS times that of a
+        quantity, and times a tenth of its value."""
+        least = np.maximum(np.abs(q.changes), _LITTLE * abs(q.value))
+        return np.asarray(self.at_events[:, i] > AT_EVENTS * over * least)
+
+    def shares(self, i: int) -> NDArray[np.bool_]:
+        """Whether more than SHARE of the change up to the instant i happens at events."""
+        return np.asarray(self.at_events[:, i] > SHARE * self.whole[:, i])
+
+
 def _quantities(
     outcome: Outcome, derivatives: Sequence[HistoryChanges], changing: Mapping[str, Array]
 ) -> Iterator[QuantitySensitivity]:
     """Scalar quantities with their changes."""
-    time = outcome.time
-    anywhere = np.max([*changing.values(), np.zeros((len(derivatives), len(time)))], axis=0)
+    time, n, activities = outcome.time, len(derivatives), list[_Activity]()
     for name, history in outcome.interfaces.items():
         ends = [
             [
@@ -332,35 +377,82 @@ def _quantities(
             ]
             for d in derivatives
         ]
-        weight = np.abs(normal_resultant(InterfaceFields.of_history(history, time)))
-        flagged = _flagged(changing[name], weight)
-        yield from _differences(name, interface_scalars(history, time), ends, flagged)
+        forces = [d.scale * d.interfaces[name].force() for d in derivatives]
+        activities.append(activity := _Activity.of(time, changing[name], forces))
+        for q in _differences(name, interface_scalars(history, time), ends):
+            if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
+                moved = [d.scale * _contact_change(history, d.interfaces[name]) for d in derivatives]
+                q = replace(q, changes=np.array(moved))
+            yield replace(q, flagged=_flags(q, history, time, activity))
+    every = _Activity(
+        np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
+        np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
+        np.any([a.events for a in activities] or [np.zeros((n, len(time)), dtype=bool)], axis=0),
+    )
     for name, sensor in outcome.sensors.items():
         ends = [
             [sensor_scalars(_sensor_moved(sensor, d.sensors[name], sign * _STEP * d.scale)) for sign in (1.0, -1.0)]
             for d in derivatives
         ]
-        yield from _differences(name, sensor_scalars(sensor), ends, _flagged(anywhere, np.ones(len(time))))
+        for q in _differences(name, sensor_scalars(sensor), ends):
+            key = q.quantity.rpartition(".")[2]
+            motion = getattr(sensor, key.removesuffix("_peak")) if key.endswith("_peak") else None
+            last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
+            yield replace(q, flagged=every.shares(last))
     for name, bolt in outcome.bolts.items():
-        own = np.array([d.scale * d.bolts[name].force[int(np.argmax(bolt.force))] for d in derivatives])
-        flagged = _flagged(anywhere, np.ones(len(time)))
-        yield QuantitySensitivity(f"{name}.{BOLT_FORCE.key}", BOLT_FORCE.unit, float(bolt.force.max()), own, flagged)
+        i = int(np.argmax(bolt.force))
+        own = np.array([d.scale * d.bolts[name].force[i] for d in derivatives])
+        yield QuantitySensitivity(
+            f"{name}.{BOLT_FORCE.key}", BOLT_FORCE.unit, float(bolt.force[i]), own, every.shares(i)
+        )
 
 
-def _flagged(changing: Array, weight: Array) -> NDArray[np.bool_]:
-    """Whether instants at which states change have a share above MANY of the weights (n_time,)."""
-    total = float(weight.sum())
-    return np.asarray((changing > MANY) @ weight > MANY * total)
+def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
+    """Derivative of the instant at which a gap closes, s: that of gap over closing speed at the last instant before, by
+    the implicit function; 0 where no gap closes."""
+    loaded = history.pressure() > CONTACT_SHARE * float(history.pressure().max(initial=0.0))
+    i = int(np.argmax(loaded.any(axis=1)))
+    if history.gap is None or change.gap is None or i == 0:
+        return 0.0
+    # the gap is closed at an instant already where it ends there
+    i = int(np.flatnonzero((history.gap[:i, loaded[i]] > 1e-9 * history.gap.max()).all(axis=1))[-1:].sum())
+    gap, d_gap = history.gap[i], change.gap[i]
+    speed, d_speed = (h.velocity[i, 0] - h.velocity[i, 1] for h in (history, change))
+    speed, d_speed = (np.einsum("pc,pc->p", v, history.normals) for v in (speed, d_speed))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wait = np.where(loaded.any(axis=0) & (speed > 0.0), gap / speed, np.inf)
+        p = int(np.argmin(wait))
+        return float(d_gap[p] / speed[p] - gap[p] * d_speed[p] / speed[p] ** 2) if np.isfinite(wait[p]) else 0.0
+
+
+def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activity: _Activity) -> NDArray[np.bool_]:
+    """Whether a quantity of an interface is flagged (module docstring)."""
+    key, end = q.quantity.rpartition(".")[2], len(time) - 1
+    if key == FIRST_CONTACT.key:  # the implicit function of gap and velocity before the event
+        return np.zeros(len(q.changes), dtype=bool)
+    force = Force(time, history.normal_resultant())
+    duration = force.peak_duration(history.peak_duration)
+    if key == SEPARATION_INSTANT.key:
+        first, last = np.searchsorted(time, [q.value, q.value + duration])
+        shifted = np.abs(q.changes) > _LITTLE * abs(q.value)
+        return np.asarray(activity.events[:, first - 1 : last + 1].any(axis=1)) & shifted
+    if key == IMPULSE.key:
+        return activity.outweighs(end, q, 1.0)
+    if key == PEAK_FORCE.key:
+        last = min(int(np.searchsorted(time, force.peak_mean(duration)[1] + duration)), end)
+        over = max(duration, float(time[1] - time[0]))
+        return activity.outweighs(last, q, over)
+    return activity.shares(end)
 
 
 def _differences(
-    owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]], flagged: NDArray[np.bool_]
+    owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]]
 ) -> Iterator[QuantitySensitivity]:
-    """Central differences of the scalars of an owner along each parameter."""
+    """Central differences of the scalars of an owner along each parameter, not flagged yet."""
     for key, value in values.items():
         pairs = [[end.get(key) for end in pair] for pair in ends]
         if value is None or any(x is None for pair in pairs for x in pair):
             continue
         changes = np.array([(float(m or 0.0) - float(s or 0.0)) / (2.0 * _STEP) for m, s in pairs])
         unit = "m" if key == SLIP_DISTANCE else definition_of(f"{owner}.{key}").unit
-        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, flagged)
+        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, np.zeros(len(changes), dtype=bool))
