@@ -470,7 +470,7 @@ def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
     discretised = discretise(scene)
     prediction = Prediction(discretised)
     check_memory(prediction, stream=True)  # as the command line runs it
-    problem = solver_ready(discretised, {})
+    problem = discretised.build()  # a static start is left to the run
     assembly = problem.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
@@ -482,9 +482,9 @@ def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
     ]
     lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
-    if (start := problem.start) is not None:
-        lines += [c.line(start.bolts.shortening[n], scene.unit_system) for n, c in discretised.cuts.items()]
-    lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
+    lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
+    if scene.time.start.type == "static":
+        lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")
     return lines, problem.warnings
 
