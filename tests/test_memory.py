@@ -229,7 +229,10 @@ def small_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dataset, "_WINDOWS", 50)
 
 
-SUMS = ("force", "impulse", "friction_power", "peak_force", "peak_force_raw", "slip", "layer_energy", "joint_power")
+SUMS = (
+    *("force", "impulse", "friction_power", "peak_force", "peak_force_raw", "slip", "layer_energy", "joint_power"),
+    *("accumulated_slip", "friction_energy"),
+)
 """Variables that are summed over time or points, in blocks."""
 
 

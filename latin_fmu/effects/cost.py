@@ -326,6 +326,8 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     if run.static:
         return numbers(entry=2.0 * factor + dense)
     if kind == "direct":
+        # modal damping: in the product with C and in both half solves
+        dense += 3.0 * size.modal * n
         return numbers(entry=2.0 * factor + dense, sparse=size.sparse, value=n)
     if kind == "explicit":
         return numbers(sparse=size.stiffness + size.damping, value=n)
@@ -559,7 +561,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     if stream and 8.0 * kept * instants > STREAMED:
         instants = min(instants, IN_MEMORY)
     numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
-    numbers += output.surfaces * (2 * points + 9 * most)
+    numbers += output.surfaces * (4 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)

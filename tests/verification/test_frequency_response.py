@@ -98,6 +98,23 @@ def test_ratios_of_single_modes() -> None:
     assert peaks[0] / peaks[1] == pytest.approx([1.0, 4.0], rel=0.01)
 
 
+def test_modal_damping_of_a_body_is_that_of_its_modes() -> None:
+    """One body: the ratio of the scene is that of ``modes``, and of a response to a given ratio."""
+    data = lap()
+    del data["substructure"]["up"], data["sensor"]["tip"]
+    data |= {"interface": {}, "load": {}}
+    data["substructure"]["low"]["modal_damping"] = {"ratio": RATIO, "below": 1e6}
+    damping = latin_fmu.vibration_modes(read(data), count=5).damping
+    assert damping is not None
+    assert damping.bodies == pytest.approx(RATIO, rel=1e-9)
+    own, given = (latin_fmu.frf(read(data), ["base.z"], damping=ratio, points=50) for ratio in (None, RATIO))
+    assert own.response["base.z"]["root"] == pytest.approx(given.response["base.z"]["root"], rel=1e-4, abs=1e-4)
+    data["substructure"]["low"]["modal_damping"] = {"ratio": RATIO}
+    data["solver"] = {"propagator": "reduced"}
+    with pytest.raises(latin_fmu.InputError, match="without a limit is that of a reduced basis"):
+        latin_fmu.frf(read(data), ["base.z"])
+
+
 def test_reciprocity() -> None:
     """Receptance at B under a force at A is that at A under a force at B; a load of pressure is a force on its face."""
     made = latin_fmu.frf(read(lap()), ["tip.z", "root.x", "push"], damping=RATIO, kind="receptance", points=50)
