@@ -75,7 +75,7 @@ DRAWINGS = {
     ),
     "work_precision": Drawing(
         "latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml "
-        "models/hammer_on_plate/scene.toml --budget 12 -o .",
+        "models/hammer_on_plate/scene.toml --budget 60 -o .",
         (*RUN, "accuracy"),
         "What accuracy costs: error against CPU time by time scheme, propagator, mesh and step.",
     ),

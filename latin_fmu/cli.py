@@ -39,6 +39,7 @@ COMMANDS: Final = MappingProxyType(
         "srs": "analyses",
         "export": "analyses",
         "modes": "analyses",
+        "frf": "analyses",
         "backbone": "analyses",
     }
 )
@@ -65,6 +66,7 @@ examples:
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
   latin-fmu modes scene.toml --joints open
+  latin-fmu frf scene.toml --damping 0.02
   latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm
   latin-fmu reference
 

@@ -1,5 +1,6 @@
 """Subcommands ``srs`` and ``export``, spectra and histories of the sensors of a results file, ``modes``, natural
-frequencies of an assembly, and ``backbone``, frequency and damping of one of them against the amplitude."""
+frequencies of an assembly, ``frf``, its frequency responses, and ``backbone``, frequency and damping of a mode against
+the amplitude."""
 
 from __future__ import annotations
 
@@ -64,8 +65,9 @@ driven faces are held.
 
 The table has the effective mass of each mode for a base that moves along x, y or z, in % of the mass of the assembly,
 and the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
-step of the scene, of the viscous layer at faces that may open (landing_damping), and of the bodies where they have
-Rayleigh damping, absorbing faces or wave ports. A line says what lowers the first two where they exceed 0.005 %.
+step of the scene, of the viscous layer at faces that may open (landing_damping), and of Rayleigh damping, dampers,
+viscous joints, absorbing faces and wave ports where the scene has some. A line says what lowers the first two where
+they exceed 0.005 %.
 """
 _BACKBONE_EXAMPLES = """\
 examples:
@@ -80,14 +82,30 @@ from 0, four times the loss: joints where nothing slid before and no point opens
 Writes STEM.csv, STEM.nc and STEM.png. Measured points are the first three columns of a file: amplitude of the sensor,
 frequency in Hz, damping ratio.
 """
+_FRF_EXAMPLES = """\
+examples:
+  latin-fmu frf scene.toml --damping 0.02
+  latin-fmu frf scene.toml --drive tip.z --drive shock --kind receptance --highest 5000 -o tip
+
+The assembly is linear: its joints sticking, open or bonded, as for modes. A drive is base.x, base.y or base.z
+(everything that holds the assembly moves along an axis: transmissibility), SENSOR.x, SENSOR.y or SENSOR.z (a unit force
+there) or a load of the scene, scaled to a resultant of 1. Without --drive the base moves along each axis.
+
+Modes up to 1.5 times the highest frequency are taken, and the static response to each drive stands for the others.
+Damping is a ratio of critical of all modes (--damping 0.02), one of each (--damping 0.01,0.02, the last one for the
+rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbing faces. Friction is not in it.
+
+Writes STEM.csv, STEM.nc and STEM.png.
+"""
 _MOST_MODES, _MOST_POINTS = 1000, 200
 _AMPLITUDE = re.compile(r"([-+.0-9eE]*[.0-9])\s*([A-Za-z]*)")
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
 def register(add: AddParser) -> None:
-    """Declare the four subcommands."""
+    """Declare the five subcommands."""
     _register_modes(add)
+    _register_frf(add)
     _register_backbone(add)
     text = "write the motions of the sensors of a results file as a table and as a universal file (UNV 58)"
     parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
@@ -105,6 +123,17 @@ def register(add: AddParser) -> None:
     option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
 
 
+def _targets(stem: Path, *suffixes: str) -> list[Path]:
+    """Files of a stem with these suffixes, which can be written."""
+    from ..results.writing import check_target
+
+    # not ``with_suffix``: a stem may have dots
+    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes]
+    for target in targets:
+        check_target(target)
+    return targets
+
+
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
     option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
@@ -120,6 +149,59 @@ def _register_modes(add: AddParser) -> None:
     add_json(parser)
     option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
+
+
+def _register_frf(add: AddParser) -> None:
+    text = "make frequency responses of the clamped assembly to its base or to forces: table, dataset and figure"
+    add_scene(parser := declare(add, "frf", text, _frf, _FRF_EXAMPLES))
+    text = "base.x, SENSOR.x or a load, repeatable (default: base along each axis)"
+    option(parser, "--drive", "NAME", text, action="append", default=[])
+    option(
+        parser, "--sensor", "NAME", "where the motion is taken, repeatable (default: all)", action="append", default=[]
+    )
+    option(parser, "--damping", "R[,R..]", "ratio to critical of the modes (default: damping of the scene)", _ratios)
+    kinds = ("receptance", "mobility", "accelerance")
+    parser.add_argument("--kind", choices=kinds, default="accelerance", help="per force (default: accelerance)")
+    parser.add_argument(
+        "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
+    )
+    option(parser, "--lowest", "HZ", "first frequency (default: a tenth of the first natural one)", float)
+    option(parser, "--highest", "HZ", "last frequency (default: that of the tenth mode)", float)
+    option(parser, "--points", "N", "frequencies, by equal factors; more at peaks (default: 400)", int, default=400)
+    parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    option(parser, "-o --output", "STEM", "default: SCENE_frf in the current folder", Path)
+
+
+def _ratios(text: str) -> list[float]:
+    """Damping ratios, separated by commas.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError : they are no numbers.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no ratio, or ratios separated by commas") from None
+
+
+def _frf(arguments: argparse.Namespace) -> int:
+    from ..assembly.frequency_response import frf
+    from ..pictures.response_picture import response_figure
+    from ..pictures.style import save_figure
+    from ..results.writing import write_bytes
+
+    scene = read_scene(arguments)
+    targets = _targets(arguments.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
+    given = {key: getattr(arguments, key) for key in ("damping", "kind", "joints", "lowest", "highest", "points")}
+    with Waiting("modes"):
+        made = frf(scene, arguments.drive, sensors=arguments.sensor, **given)
+    print("\n".join(made.lines()))
+    write_bytes(targets[0], made.as_csv().encode())
+    made.save(targets[1])
+    save_figure(response_figure(made, arguments.along), targets[2])
+    print(f"frequency responses: {', '.join(map(str, targets))}")
+    return CONVERGED
 
 
 def _register_backbone(add: AddParser) -> None:
@@ -145,7 +227,7 @@ def _backbone(arguments: argparse.Namespace) -> int:
     from ..assembly.backbone import backbone
     from ..pictures.backbone_picture import backbone_figure
     from ..pictures.style import save_figure
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     scene = read_scene(arguments)
     lowest, highest = _amplitudes(arguments.amplitude, scene.unit_system)
@@ -154,10 +236,7 @@ def _backbone(arguments: argparse.Namespace) -> int:
         raise InputError([problem], "bad argument")
     levels = np.geomspace(lowest, highest, arguments.points) if highest > lowest else np.array([highest])
     measured = _measured(arguments, scene.unit_system)
-    stem = arguments.output or Path(f"{scene.name}_backbone")
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(arguments.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
         made = backbone(
             scene,
@@ -259,13 +338,10 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..results.groups import in_units, units_of
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectrum_group
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
-    # not ``with_suffix``: a stem may have dots
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(stem, "csv", "nc", "png")
     file = arguments.results
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
@@ -285,12 +361,10 @@ def _srs(arguments: argparse.Namespace) -> int:
 def _export(arguments: argparse.Namespace) -> int:
     from ..results.export import sensors_as_csv, universal_file
     from ..results.files import open_results, readable
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_sensors")
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "unv")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(stem, "csv", "unv")
     with closing(open_results(arguments.results)) as tree, readable(arguments.results):
         known = _sensors(tree, arguments, "nothing to export")
         names = arguments.sensor or known

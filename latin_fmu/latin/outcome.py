@@ -121,7 +121,7 @@ class InterfaceHistory:
         """Displacement of side E' along the face of E since the first of the instants, (n_time, n_point, 3), m: the
         velocities at all instants, integrated (trapezoid; end of the step without inertia)."""
         jump = self.velocity[:, 1] - self.velocity[:, 0]
-        jump = jump - np.einsum("tpc,pc,pd->tpd", jump, self.normals, self.normals)
+        jump -= np.einsum("tpc,pc->tp", jump, self.normals)[:, :, None] * self.normals
         mean = jump[1:] if self.quasi_static else 0.5 * (jump[1:] + jump[:-1])
         moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
         return np.concatenate([np.zeros((1, *jump.shape[1:])), moved])

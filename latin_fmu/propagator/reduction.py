@@ -236,12 +236,8 @@ def reduce_model(
         rigid, modes = lowest_modes(body, n_mode, excited)
     else:
         rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
-    kept = np.column_stack([rigid, modes])
-    # static responses beyond what the modes hold
-    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
-    # orthonormal in the mass already: an ordinary eigenproblem
-    eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
-    q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
+    eigenvalues, elastic = ritz_vectors(body, rigid, modes, forces)
+    q = np.column_stack([_excitable(rigid, excited), elastic])
     # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
     full = e @ q
@@ -259,6 +255,16 @@ def reduce_model(
         displacement=q.T @ (mass @ start[:, 0]),
         velocity=q.T @ (mass @ start[:, 1]),
     )
+
+
+def ritz_vectors(body: Vibration, rigid: Array, modes: Array, forces: Array) -> tuple[Array, Array]:
+    """Eigenvalues (m,), s-2, and Ritz vectors (n, m), mass-orthonormal, of elastic modes and of the static responses to
+    forces (n, n_force), as far as these are not in the span of modes and rigid motions."""
+    kept = np.column_stack([rigid, modes])
+    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, body.mass)])
+    # orthonormal in the mass already: an ordinary eigenproblem
+    eigenvalues, turn = la.eigh(elastic.T @ (body.stiffness @ elastic))
+    return eigenvalues, elastic @ turn
 
 
 def modal_damping(model: SubstructureModel, eigenvalues: Array) -> Array:
