@@ -20,6 +20,7 @@ from . import (
     REMARKED,
     AddParser,
     Waiting,
+    add_json,
     add_max_cpu,
     add_scene,
     add_settings,
@@ -30,6 +31,7 @@ from . import (
     read_scene,
     say,
     switch,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -44,10 +46,11 @@ def register(add: AddParser) -> None:
     text = "read a scene, build its meshes and interfaces, print sizes and warnings"
     add_scene(parser := declare(add, "check", text, _check))
     add_strict(parser)
+    add_json(parser)
     text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
     add_strict(parser)
-    switch(parser, "--json", "print JSON instead")
+    add_json(parser)
     text = (
         "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what each"
     )
@@ -99,9 +102,9 @@ def _check(arguments: argparse.Namespace) -> int:
     from .. import api
 
     with Waiting("check"):
-        lines, remarks = api.checked(read_scene(arguments))
-    print("\n".join(api.check_lines(lines, remarks)))
-    return REMARKED if arguments.strict and remarks else CONVERGED
+        found = api.checked(read_scene(arguments))
+    tell(arguments, found.text(), found.report)
+    return REMARKED if arguments.strict and found.remarks else CONVERGED
 
 
 def _explain(arguments: argparse.Namespace) -> int:
@@ -120,7 +123,7 @@ def _explain(arguments: argparse.Namespace) -> int:
         with Waiting("size of the compiled FMU"):
             size = _compiled_size(arguments)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
-    print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
+    tell(arguments, [text], lambda: report)
     if limited:
         return LIMITED
     return REMARKED if arguments.strict and explanation.warnings else CONVERGED
