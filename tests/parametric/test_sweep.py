@@ -187,7 +187,6 @@ def test_nothing_is_discretised_twice(
     """Conditions of bodies, points of interfaces and traces are made anew where what they follow from changes."""
     made: list[str] = []
     for module, name in ((build, "conditions_on"), (interfaces, "_placed"), (problem, "_trace")):
-
         original: Callable[..., Any] = getattr(module, name)
 
         def counting(*given: Any, _of: Callable[..., Any] = original, _name: str = name) -> Any:
