@@ -1,6 +1,6 @@
 """Pages that a program makes, and the files of the repository that the pages link to.
 
-``python docs/pages.py`` writes scene_reference.md (from the tables of the scene), api.md (from the docstrings) and
+``python docs/pages.py`` writes the scene reference (from the tables of the scene), api.md (from the docstrings) and
 gallery.md (from the heads of the examples). mkdocs calls the functions ``on_...``: a page links to files of the
 repository by their relative path, such as ``../models/README.md``; the site has a copy of each under ``repository/``,
 sources as pages of code. That of an example has its head as text, its figures, and where its numbers stand.
@@ -26,8 +26,14 @@ LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 MADE = "<!-- Written by docs/pages.py; do not edit. -->"
 WIDTH = 88
 """Columns of code that a page shows without scrolling."""
-WIDE = "---\nhide: [toc]\n---\n"
-"""Front matter of a page of code: its lines of 120 columns take the place of the contents."""
+PARTS = {
+    "Bodies": ("material", "mesh", "substructure", "temperature"),
+    "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
+    "Loads and supports": ("load", "boundary", "gravity", "port"),
+    "Time and solver": ("time", "initial_state", "solver", "accuracy"),
+    "Sensors and output": ("sensor", "output"),
+}
+"""Tables of a scene by the page of the reference that describes them."""
 SHARED = ("figures", "example_tools", "harness", "calculix")
 """Scripts that others use, and that show nothing themselves."""
 # Modules beside the package itself whose public names the page of the API lists.
@@ -106,10 +112,10 @@ def _code_page(target: str) -> str:
     language = {".py": "python", ".toml": "toml"}.get(Path(target).suffix, "text")
     code = f"````{language}\n{text}\n````\n"
     if not (target.startswith("examples/") and target.endswith(".py")):
-        return f"{WIDE}# {target}\n\n{code}"
+        return f"# {target}\n\n{code}"
     title, what = _head(target)
     up = "../" * _uri(target).count("/")
-    parts = [f"{WIDE}# {title}", _doc(what)]
+    parts = [f"# {title}", _doc(what)]
     for name, drawing in _drawings().items():
         if drawing.source() == target:
             parts.append(f"![{title}]({up}repository/examples/figures/{name}.png)\n\n`{drawing.command}`")
@@ -151,66 +157,113 @@ def _places(script: str) -> Iterator[tuple[str, str, str]]:
         for line in page.read_text(encoding="utf-8").splitlines():
             heading = line.lstrip("# ") if line.startswith("#") else heading
             if page.name != "gallery.md" and any(f"figures/{name}.png" in line for name in names):
-                yield heading, page.name, re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-")
+                yield heading, page.name, _slug(heading)
 
 
 # Pages from the sources -----------------------------------------------------------------------------------------------
 
 
-def scene_reference() -> str:
-    """Every table and key of a scene, as Markdown."""
+def scene_reference() -> dict[str, str]:
+    """Every table and key of a scene, as Markdown by page: the first one, and one for each of ``PARTS``."""
     from latin_fmu.scene import reference
     from latin_fmu.scene.describe import is_named, tables_in
     from latin_fmu.scene.schema import Scene
 
-    plain = {key: field for key, field in Scene.model_fields.items() if not tables_in(field.annotation)}
-    parts = [
-        f"{MADE}\n\n# Scene reference",
-        "`latin-fmu reference` prints this page as text, `latin-fmu reference --schema` the schema.",
-        reference.INTRODUCTION,
-        "## Top of the file",
-        _keys(plain),
-    ]
-    for key, field in Scene.model_fields.items():
-        if tables := tables_in(field.annotation):
+    tables = {
+        key: (field, found) for key, field in Scene.model_fields.items() if (found := tables_in(field.annotation))
+    }
+    assert set(tables) == {key for keys in PARTS.values() for key in keys}
+    inner = _inner_tables()
+    # an inner table stands on the page that needs it first; laws stand with the loads
+    place = dict[tuple[Any, ...], str]()
+    for title, keys in sorted(PARTS.items(), key=lambda part: "load" not in part[1]):
+        waiting = [table for key in keys for table in tables[key][1]]
+        while waiting:
+            for field in waiting.pop(0).model_fields.values():
+                found = tuple(tables_in(field.annotation))
+                if found and found not in place:
+                    place[found] = f"{_part_page(title)}#{_slug(_inner_heading(inner[found]))}"
+                    waiting += found
+    pages = {}
+    for title, keys in PARTS.items():
+        page = _part_page(title)
+        parts = [f"{MADE}\n\n# Scene reference: {title}"]
+        for key in keys:
+            field, found = tables[key]
             need = "required" if field.is_required() else "optional"
             parts.append(f"## [{key}.NAME] ({need})" if is_named(field) else f"## [{key}] ({need})")
-            parts += [_table(table) for table in tables]
-    for key, tables in reference.inner_tables().items():
-        parts.append(f"## {key} = {{...}}")
-        parts += [_table(table) for table in tables]
-    parts += ["## Conventions", *_conventions(reference.CONVENTIONS), "## Example"]
-    parts += [
+            parts += [_table(table, place) for table in found]
+        for found, names in inner.items():
+            if place[found].startswith(page):
+                parts += [f"## {_inner_heading(names)}", *(_table(table, place) for table in found)]
+        pages[page] = "\n\n".join(parts) + "\n"
+    plain = {key: field for key, field in Scene.model_fields.items() if key not in tables}
+    parts = [
+        f"{MADE}\n\n# Scene reference",
+        "`latin-fmu reference` prints these pages as text, `latin-fmu reference --schema` the schema.",
+        reference.INTRODUCTION.strip("\n"),
+        "## Tables",
+        "| page | tables |\n|---|---|\n"
+        + "\n".join(
+            f"| [{title}]({_part_page(title)}) | {', '.join(f'`[{key}]`' for key in keys)} |"
+            for title, keys in PARTS.items()
+        ),
+        "## Top of the file",
+        _keys(plain, place),
+        "## Conventions",
+        *_conventions(reference.CONVENTIONS),
+        "## Example",
         f"<!-- file: example.toml -->\n```toml\n{reference.EXAMPLE}```",
         "```sh\nlatin-fmu check example.toml\n```",
     ]
-    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+    return {"scene_reference.md": "\n\n".join(parts) + "\n", **pages}
 
 
-def _table(table: Any) -> str:
-    """Meaning and keys of one table of a scene."""
+def _part_page(title: str) -> str:
+    return f"scene_{title.split()[0].lower()}.md"
+
+
+def _inner_tables() -> dict[tuple[Any, ...], list[str]]:
+    """Keys that hold a table, by the classes of the table: a law is the same under each of its keys."""
+    from latin_fmu.scene import reference
+
+    keys: dict[tuple[Any, ...], list[str]] = {}
+    for key, tables in reference.inner_tables().items():
+        keys.setdefault(tuple(tables), []).append(key)
+    return keys
+
+
+def _inner_heading(keys: list[str]) -> str:
+    return f"{', '.join(keys)} = {{...}}"
+
+
+def _slug(heading: str) -> str:
+    """Anchor of a heading in the site."""
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def _table(table: Any, place: dict[tuple[Any, ...], str]) -> str:
+    """Meaning and keys of one table of a scene; ``place`` : links to the tables inside."""
     from latin_fmu.scene.describe import tag_of
 
-    tag, meaning = tag_of(table), " ".join((table.__doc__ or "").split())
+    tag, meaning = tag_of(table), _escaped(" ".join((table.__doc__ or "").split()))
     fields = {name: field for name, field in table.model_fields.items() if tag is None or name != "type"}
-    head = meaning if tag is None else f'**type = "{tag}"**: {meaning}'
-    return _escaped(head) + (f"\n\n{_keys(fields)}" if fields else "")
+    parts = [] if tag is None else [f'### type = "{tag}"']
+    return "\n\n".join([*parts, meaning, *([_keys(fields, place)] if fields else [])])
 
 
-def _keys(fields: dict[str, Any]) -> str:
+def _keys(fields: dict[str, Any], place: dict[tuple[Any, ...], str]) -> str:
     """A table with a row for each key."""
-    from latin_fmu.scene.describe import allowed_text
+    from latin_fmu.scene.describe import allowed_text, tables_in
     from latin_fmu.scene.reference import default_text
 
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     for name, field in fields.items():
-        cells = (
-            f"`{name}`",
-            allowed_text(field),
-            default_text(field).removeprefix("default "),
-            field.description or "",
-        )
-        rows.append("| " + " | ".join(_escaped(cell).replace("|", "\\|") for cell in cells) + " |")
+        allowed = _escaped(allowed_text(field) or "")
+        if link := place.get(tuple(tables_in(field.annotation))):
+            allowed = f"[{allowed.replace('[', chr(92) + '[').replace(']', chr(92) + ']')}]({link})"
+        texts = (_escaped(default_text(field).removeprefix("default ")), _escaped(field.description or ""))
+        rows.append("| " + " | ".join(text.replace("|", "\\|") for text in (f"`{name}`", allowed, *texts)) + " |")
     return "\n".join(rows)
 
 
@@ -230,7 +283,7 @@ def _conventions(text: str) -> Iterator[str]:
 def _escaped(text: str) -> str:
     """Text whose signs are no marks of Markdown outside of code."""
     parts = text.split("`")
-    parts[::2] = [re.sub(r"([*<])", r"\\\1", part) for part in parts[::2]]
+    parts[::2] = [part.replace("*", "\\*").replace("<", "&lt;") for part in parts[::2]]
     return "`".join(parts)
 
 
@@ -379,9 +432,14 @@ def _paragraph(text: str) -> str:
     return "\n".join(f"* **{name}**: {_escaped(what)}" for name, what in items)
 
 
+def written() -> dict[str, str]:
+    """The pages that this program writes, by their names."""
+    return {**scene_reference(), "api.md": api(), "gallery.md": gallery()}
+
+
 def main() -> None:
     """Write the pages."""
-    for name, text in (("scene_reference.md", scene_reference()), ("api.md", api()), ("gallery.md", gallery())):
+    for name, text in written().items():
         (DOCS / name).write_text(text, encoding="utf-8")
 
 
