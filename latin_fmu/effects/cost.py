@@ -45,7 +45,7 @@ from ..latin.tied_bodies import MOST_TIED
 from ..machine import memory_room
 from ..propagator.direct import ConjugateGradients
 from ..propagator.interface_probing import ROUGH, Points, truncation_of
-from ..propagator.interface_sweeps import SET_UP, long_steps
+from ..propagator.interface_sweeps import SET_UP, long_steps, stiffness_over_inertia
 from ..propagator.model import SubstructureModel
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
@@ -210,12 +210,9 @@ def _effort(d: DiscretisedProblem) -> float:
     """
     if d.scene.time.quasi_static or not d.units:
         return 1.0
-    weights, ratios = d.scheme.operator(d.dt), list[float]()
-    for mass, _, stiffness in (c.members[0].reduced for c in d.classes if c.members[0].nodal is None):
-        inertia = weights[0] * mass.diagonal()
-        heavy = inertia > 0.0
-        if heavy.any():
-            ratios.append(float(np.median(weights[2] * stiffness.diagonal()[heavy] / inertia[heavy])))
+    weights, elastic = d.scheme.operator(d.dt), (c.members[0].reduced for c in d.classes if c.members[0].nodal is None)
+    ratios = [stiffness_over_inertia(weights, mass, stiffness) for mass, _, stiffness in elastic]
+    ratios = [ratio for ratio in ratios if ratio > 0.0]
     decades = float(np.mean(np.log10(np.add(1.0, ratios)))) if ratios else 0.0
     moving = characteristic_traction(d.scene, d.bodies, d.time)
     relative = d.scene.solver.tolerance * (d.characteristic_traction / moving if moving else 1.0)

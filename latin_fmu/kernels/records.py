@@ -506,6 +506,7 @@ RUN_NUMBERS: Final[tuple[Field, ...]] = (
     ("proximal", "share of z added to the diagonal of the relative operator"),
     ("longest_step", "longest step of the acceleration in lengths of the residual"),
     ("newton_price", "cost of a Newton step in iterations, by products that of one product"),
+    ("newton_share", "share of the linear residual that a step by products may leave far from the tolerances"),
     ("rest_traction", "classes at rest stay there up to this traction, Pa; below 0: none does"),
     ("reuse", "squared relative change of q up to which a solve is reused; below 0: never"),
     ("no_contact", "traction up to which a point counts as separated in the outputs, Pa"),
