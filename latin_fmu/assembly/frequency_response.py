@@ -108,6 +108,8 @@ def frf(
     ratios = _checked(scene, sensors, damping, (kind, points, frequencies, lowest, highest))
     joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {})
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
+    if not len(excitations.modes.omega):
+        raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
     names = list(drives) or excitations.held
     columns = np.column_stack([excitations.column(name) for name in names])
     given = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()

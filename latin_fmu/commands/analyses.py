@@ -12,7 +12,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene, switch
+from . import (
+    CONVERGED,
+    AddParser,
+    Waiting,
+    add_json,
+    add_scene,
+    check_netcdf,
+    declare,
+    option,
+    output_file,
+    read_scene,
+    switch,
+    tell,
+    tell_written,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -105,6 +119,7 @@ def register(add: AddParser) -> None:
     option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
     option(parser, "--quality", "Q", "amplification of the oscillators (default: 10)", float)
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    add_json(parser)
     option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
 
 
@@ -131,6 +146,7 @@ def _register_modes(add: AddParser) -> None:
     joints = ("sticking", "open", "bonded")
     parser.add_argument("--joints", choices=joints, default=joints[0], help="default: sticking")
     option(parser, "--count", "N", "elastic modes (default: 10)", int, default=10)
+    add_json(parser)
     option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
 
@@ -198,6 +214,7 @@ def _register_backbone(add: AddParser) -> None:
     parser.add_argument("--loop", choices=("half", "full", "masing"), default="half", help="default: half")
     option(parser, "--increments", "N", "increments of load up to an amplitude (default: 4)", int, default=4)
     option(parser, "--tolerance", "T", "of the static iteration (default: 1e-9)", float, default=1e-9)
+    add_json(parser)
     option(parser, "--measured", "FILE", "points to draw beside: amplitude, frequency, damping ratio", Path)
     text = "units of amplitude and damping in that file (default: those of the scene, 1)"
     parser.add_argument("--measured-units", nargs=2, metavar=("LENGTH", "RATIO"), help=text)
@@ -231,11 +248,11 @@ def _backbone(arguments: argparse.Namespace) -> int:
             tolerance=arguments.tolerance,
             progress=lambda done, total, *_: waiting.reached((done + 1) / total, "loops"),
         )
-    print("\n".join(made.lines()))
+    tell(arguments, made.lines(), made.groups()["/backbone"].report)
     write_bytes(targets[0], made.as_csv().encode())
     made.save(targets[1])
     save_figure(backbone_figure(made, measured), targets[2])
-    print(f"backbone: {', '.join(map(str, targets))}")
+    tell_written(arguments, f"backbone: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -304,12 +321,12 @@ def _modes(arguments: argparse.Namespace) -> int:
         check_export_folder(arguments.vtk)
     with Waiting("natural frequencies"):
         modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
-    print("\n".join(modes.lines()))
+    tell(arguments, modes.lines(), modes.groups()["/modes"].report)
     if arguments.output is not None:
         modes.save(arguments.output)
-        print(f"modes: {arguments.output}")
+        tell_written(arguments, f"modes: {arguments.output}")
     if arguments.vtk is not None:
-        print(f"for ParaView: {modes.export(arguments.vtk)}")
+        tell_written(arguments, f"for ParaView: {modes.export(arguments.vtk)}")
     return CONVERGED
 
 
@@ -332,11 +349,12 @@ def _srs(arguments: argparse.Namespace) -> int:
         in_g = acceleration_unit(units, arguments.g)
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
-    print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)))
+    lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
+    tell(arguments, lines, lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(made, targets[1])
     save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
-    print(f"spectra: {', '.join(map(str, targets))}")
+    tell_written(arguments, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 
 

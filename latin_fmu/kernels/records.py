@@ -239,6 +239,9 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ),
     ("opened", "work (4, p, h if elastic else 1): the same at the start of the window"),
     ("tangent", "work (p, 3, 3) if law < 0 or on_iteration: derivative of F_hat by the jump, Pa s m-1"),
+    ("slopes", "output (R, p, 3, 3) if linear: the same at the instants (``tangent_march``), as the next two"),
+    ("sources", "output (R, p, h) if linear: derivative of F_hat by the parameter alone"),
+    ("follows", "output (R, p, h if elastic else 1) if linear: 1 where F_hat follows the reach, else 0"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
 
@@ -262,6 +265,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("tangential", "1 where there are tangential channels"),
     ("layers", "1 where there are elastic groups"),
     ("static", "1 without inertia"),
+    ("linear", "1 where derivatives by parameters are marched (``tangent_march``)"),
     ("from_last", "direction: 1 where the tractions of the last instant are among the loads (``reference``)"),
     ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),

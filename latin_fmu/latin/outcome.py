@@ -121,7 +121,7 @@ class InterfaceHistory:
     def _along(self) -> Array:
         """Velocity of side E' relative to E along the face, (n_time, n_point, 3), m s-1."""
         jump = self.velocity[:, 1] - self.velocity[:, 0]
-        along: Array = jump - np.einsum("tpc,pc,pd->tpd", jump, self.normals, self.normals)
+        along: Array = jump - np.einsum("tpc,pc->tp", jump, self.normals)[:, :, None] * self.normals
         return along
 
     def slip_path(self, time: Array) -> Array:

@@ -85,13 +85,13 @@ def bodies_in_motion(
     """
     from matplotlib.figure import Figure
 
-    bodies, chosen = _bodies(tree), _interface(tree, interface)
+    bodies, chosen = stored_bodies(tree), _interface(tree, interface)
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
     length = units_of(tree.attrs).label("m")
     rest = np.concatenate([mesh.nodes for mesh in meshes.values()])
     size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
     if magnify is None:
-        magnify = _round(_SEEN * size / largest) if largest > 0 else 1.0
+        magnify = magnification(size, largest)
     scales = _Scales(largest, 0.0 if chosen is None else _largest_pressure(tree, chosen, instants), magnify, rest)
     flat = np.ptp(View.at(_AZIMUTH, _ELEVATION).project(rest), axis=0)
     height = float(np.clip(6.6 * flat[1] / max(float(flat[0]), 1e-300) + 2.2, 3.6, 6.4))
@@ -129,7 +129,7 @@ def stored_instants(tree: xr.DataTree) -> Array:
     ------
     ResultsError : the file has no displacements of bodies.
     """
-    return np.asarray(next(iter(_bodies(tree).values()))["time"].values, dtype=float)
+    return np.asarray(next(iter(stored_bodies(tree).values()))["time"].values, dtype=float)
 
 
 def _largest_displacement(bodies: Mapping[str, xr.Dataset], instants: Array) -> float:
@@ -143,8 +143,13 @@ def _largest_pressure(tree: xr.DataTree, interface: str, instants: Array) -> flo
     return float(np.abs(np.einsum("tpi,pi->tp", np.nan_to_num(chosen), dataset["normal"].values)).max(initial=0.0))
 
 
-def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """Substructures with displacements and meshes."""
+def stored_bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Substructures with displacements and meshes.
+
+    Raises
+    ------
+    ResultsError : the file has none.
+    """
     children = tree["substructures"].children if "substructures" in tree.children else {}
     bodies = {name: node.to_dataset() for name, node in children.items()}
     bodies = {name: d for name, d in bodies.items() if "displacement" in d and "cell_nodes" in d}
@@ -199,6 +204,11 @@ def _draw_deformed(
     axes_with_units(axis, scales.rest, view, length)
     axis.set_title(f"displacement, drawn {scales.factor:g} times as large", fontsize=9)
     _colour_bar(figure, axis, SEQUENTIAL, scales.displacement / divisor, f"displacement ({unit})")
+
+
+def magnification(size: float, largest: float) -> float:
+    """Factor by which the ``largest`` displacement is about 5 % of the size of the assembly, both in m."""
+    return _round(_SEEN * size / largest) if largest > 0 else 1.0
 
 
 def _round(factor: float) -> float:

@@ -188,6 +188,13 @@ class Output(SceneTable):
             ge=1,
         ),
     ] = 1
+    sensitivities: Annotated[
+        tuple[Text, ...],
+        about(
+            "parameters by which results are differentiated: dotted names of numbers of the scene, as in `--set`, e.g. "
+            '`["interface.joint.friction_coefficient", "bolt.b1.force"]`'
+        ),
+    ] = ()
     peak_duration: Annotated[
         Real | None,
         about(

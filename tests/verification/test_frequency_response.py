@@ -13,6 +13,7 @@ import latin_fmu
 from latin_fmu.assembly.modes import JoinedAssembly
 from latin_fmu.cli import main
 from latin_fmu.stability.scenes import Box, Material, column, placed
+from tests.scenes import MODELS
 
 E, RHO, RATIO = 210e9, 7800.0, 0.02
 STEEL = Material(E, RHO, 0.3, name="steel")
@@ -214,3 +215,5 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data["load"] = {"couple": {"face": "up.zmax", "force": [0.0, 0.0, 0.0], "moment": [0.0, 1.0, 0.0]}}
     with pytest.raises(latin_fmu.InputError, match="no resultant"):
         latin_fmu.frf(read(data), ["couple"], damping=RATIO)
+    with pytest.raises(latin_fmu.InputError, match="all that can move has no mass"):
+        latin_fmu.frf(latin_fmu.load_scene(MODELS / "gripped_bar/scene.toml"), damping=RATIO)
