@@ -39,6 +39,7 @@ BOUNCE = (
     ("substructure.bar.box.elements=[1,1,20]", "time.instants=220", "interface.wall.gap=4.987"),
     ("interface.wall.gap", "substructure.bar.body_force.2"),
 )
+DAMPED = (BOUNCE[0], (*BOUNCE[1], "substructure.bar.modal_damping={ratio=0.05,below=30.0}"), BOUNCE[2])
 PLATES = (
     "pressed_plates",
     tuple(f"substructure.p{i}.box.elements=[3,3,1]" for i in range(1, 9)),
@@ -104,7 +105,7 @@ def apart(own: np.ndarray, more: np.ndarray, less: np.ndarray, value: float) -> 
     return float(np.abs(own - difference).max() / np.abs(difference).max())
 
 
-EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, PLATES, BOLTED, MATERIALS, LANDING, STRAINED)
+EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, DAMPED, PLATES, BOLTED, MATERIALS, LANDING, STRAINED)
 
 
 @pytest.mark.parametrize("case", EVERY, ids=lambda case: f"{case[0]}-{case[2][0]}")
@@ -224,6 +225,13 @@ def test_without_parameters_there_is_nothing() -> None:
 def test_parameters_without_a_derivative_are_refused(parameter: str, words: str) -> None:
     scene = scene_of(BOUNCE).replace("output.sensitivities", [parameter])
     with pytest.raises(SceneError, match=words):
+        latin_fmu.solve(scene)
+
+
+def test_materials_of_a_body_in_modal_damping_are_refused() -> None:
+    (material,) = scene_of(DAMPED).material
+    scene = scene_of(DAMPED).replace("output.sensitivities", [f"material.{material}.density"])
+    with pytest.raises(SceneError, match="changes the damping of the modes of bar"):
         latin_fmu.solve(scene)
 
 
