@@ -87,6 +87,7 @@ DRAWINGS = {
     "convergence_friction": _script("convergence_friction.py"),
     "static_friction": _script("static_friction.py"),
     "joint_damping": _script("joint_damping.py", "assembly"),
+    "thin_beam": _script("thin_beam.py", "assembly"),
     "electronics_box_parts": Drawing(
         "latin-fmu plot models/electronics_box/scene.toml -o electronics_box_parts.png",
         ("pictures",),

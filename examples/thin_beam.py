@@ -28,7 +28,7 @@ CROWN = 'interface.lap.form={type="crown",radius=1.6,axis=[0.0,1.0,0.0],centre=[
 FINE = FOLDER / "thin_beam_fine.msh"
 AT_REST = 0.14e-2  # measured damping ratio towards small amplitudes
 LEVELS = np.geomspace(10e-6, 100e-6, 4)  # m
-TOLERANCE = 1e-8
+TOLERANCE, INCREMENTS = 1e-8, 4
 LOOKS = {
     "crown_friction_0.2": (ORANGE, "v-", "crown, friction 0.2"),
     "crown_friction_0.3": (BLUE, "o-", "crown, friction 0.3"),
@@ -47,7 +47,8 @@ def curve(name: str, folder: Path, levels: Array) -> Array:
         settings += [] if form == "flat" else [CROWN]
         settings += [f'mesh.beam.file="{FINE.name}"'] if form == "fine" else []
         scene = latin_fmu.load_scene(FOLDER / "scene.toml", settings)
-        made = latin_fmu.backbone(scene, 1, levels, "accelerometer1", tolerance=TOLERANCE)
+        sensor = "accelerometer1"
+        made = latin_fmu.backbone(scene, 1, levels, sensor, tolerance=TOLERANCE, increments=INCREMENTS)
         path.write_text(made.as_csv(), encoding="utf-8")
         print("\n".join(made.lines()), flush=True)
     return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)[:, :3]
@@ -69,25 +70,29 @@ def exponent(rows: Array, low: float = 10e-6, high: float = 50e-6) -> float:
 def figure(curves: dict[str, Array]) -> Figure:
     """Frequency, and damping by the joint, over the amplitude; measured points beside."""
     drawing = Figure(figsize=(9.6, 4.2), layout="constrained")
-    drawing.suptitle("Thin Brake-Reuss beam, three bolts of 12 kN: first mode", fontweight="bold")
+    drawing.suptitle(
+        "Thin Brake-Reuss beam, three bolts of 12 kN: flat faces lose more than measured, a crown less",
+        fontweight="bold",
+    )
     frequency, damping = drawing.subplots(1, 2)
     points = measured()
     look = {"color": "black", "marker": "x", "linestyle": "none"}
-    frequency.plot(1e6 * points[:, 0], points[:, 1], label="measured", **look)
+    frequency.plot(1e6 * points[:, 0], points[:, 1], label="measured (damping less 0.14 %)", **look)
     excess = 100 * (points[:, 2] - AT_REST)
     above = excess > 0.005
-    damping.plot(1e6 * points[above, 0], excess[above], label="measured, less 0.14 %", **look)
+    damping.plot(1e6 * points[above, 0], excess[above], **look)
     for name, rows in curves.items():
         colour, style, label = LOOKS[name]
         frequency.plot(1e6 * rows[:, 0], rows[:, 1], style, color=colour, markersize=4, label=label)
         slips = rows[:, 2] > 0.0
         if slips.any():
-            damping.plot(1e6 * rows[slips, 0], 100 * rows[slips, 2], style, color=colour, markersize=4, label=label)
+            damping.plot(1e6 * rows[slips, 0], 100 * rows[slips, 2], style, color=colour, markersize=4)
     frequency.set(xscale="log", xlabel="amplitude at accelerometer 1 (µm)", ylabel="frequency (Hz)")
     damping.set(xscale="log", yscale="log", xlabel="amplitude at accelerometer 1 (µm)")
     damping.set_ylabel("damping ratio by friction (%)")
+    damping.set_ylim(bottom=5e-4)  # %: below is round-off of the iteration
+    frequency.legend(frameon=False, fontsize=8)  # of both
     for axis in (frequency, damping):
-        axis.legend(frameon=False, fontsize=8)
         tidy(axis)
     return drawing
 

@@ -79,7 +79,7 @@ def backbone(
     sensor: str | None = None,
     *,
     loop: Loop = "half",
-    increments: int = 4,
+    increments: int = 2,
     tolerance: float = 1e-9,
     progress: Callable[[int, int, int, float], None] | None = None,
 ) -> Backbone:

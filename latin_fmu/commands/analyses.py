@@ -212,7 +212,7 @@ def _register_backbone(add: AddParser) -> None:
     option(parser, "--points", "N", "amplitudes from A to B, by equal factors (default: 10)", int, default=10)
     option(parser, "--sensor", "NAME", "whose amplitude is meant (default: of the point that moves most)")
     parser.add_argument("--loop", choices=("half", "full", "masing"), default="half", help="default: half")
-    option(parser, "--increments", "N", "increments of load up to an amplitude (default: 4)", int, default=4)
+    option(parser, "--increments", "N", "increments of load up to an amplitude (default: 2)", int, default=2)
     option(parser, "--tolerance", "T", "of the static iteration (default: 1e-9)", float, default=1e-9)
     add_json(parser)
     option(parser, "--measured", "FILE", "points to draw beside: amplitude, frequency, damping ratio", Path)

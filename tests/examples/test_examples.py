@@ -189,6 +189,25 @@ def test_joint_damping(example: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("example", ["thin_beam"], indirect=True)
+def test_thin_beam(example: ModuleType, tmp_path: Path) -> None:
+    """The crown at 0.1 mm: the measured frequency, and less damping than measured."""
+    numbers = example.main(["--quick", "-o", str(tmp_path)])
+    assert _figures(tmp_path) == {"thin_beam.png"}
+    assert numbers["crown_friction_0.6: frequency, Hz"] == pytest.approx(80.40, rel=0.005)
+    assert 0.0 < numbers["crown_friction_0.6: damping at 100 um, %"] < 0.096
+
+
+@pytest.mark.parametrize("example", ["thin_beam"], indirect=True)
+def test_exponent_of_the_damping(example: ModuleType) -> None:
+    sizes = np.geomspace(10e-6, 100e-6, 7)
+    rows = np.stack([sizes, np.full(7, 80.0), 3.0 * sizes**1.5], axis=1)
+    assert example.exponent(rows) == pytest.approx(1.5)
+    rows[:5, 2] = 0.0
+    assert np.isnan(example.exponent(rows))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["electronics_box"], indirect=True)
 def test_electronics_box(example: ModuleType, tmp_path: Path) -> None:
     """The first 0.3 ms with two coefficients of friction: the board slips less on the bosses where it rubs more."""
