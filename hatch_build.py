@@ -30,7 +30,7 @@ TAGS = {
     "darwin-aarch64": "macosx_11_0_arm64",
 }
 
-MODEL_FILES = (".toml", ".md", ".json", ".msh", ".py")  # what a wheel takes of the models: no results, no figures
+MODEL_FILES = (".toml", ".md", ".json", ".msh", ".csv", ".py")  # what a wheel takes of models: no results, no figures
 
 
 def compile_kernels(root: Path, targets: Sequence[str]) -> None:

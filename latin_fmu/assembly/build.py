@@ -31,7 +31,7 @@ from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
-from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
+from .statics import Stage, loose_bolts, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -56,20 +56,28 @@ def build(
 
 
 def solver_ready(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], processes: int = 1
+    discretised: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    processes: int = 1,
+    stages: list[Stage] | None = None,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
-    ``processes`` : among which the substructures are divided."""
-    return discretised.build(starting_equilibrium(discretised, amplitudes), processes=processes)
+    ``processes`` : among which the substructures are divided. stages : the static ones are added to these."""
+    return discretised.build(starting_equilibrium(discretised, amplitudes, stages), processes=processes)
 
 
-def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:
-    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``)."""
+def starting_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
+    solved for it is added to ``stages``."""
     if discretised.scene.time.start.type != "static":
         return None
     kept: Kept = {}
-    tight = tightened(discretised, kept) if discretised.cuts else None
-    state = static_state(discretised, amplitudes, tight, kept)
+    tight = tightened(discretised, kept, stages) if discretised.cuts else None
+    state = static_state(discretised, amplitudes, tight, kept, stages)
+    if stages is not None:
+        return state
     kept.clear()
     # runs and their images refer to each other: without this the static factors stay beside those of the march
     if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:

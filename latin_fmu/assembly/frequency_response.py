@@ -13,8 +13,9 @@ rigid translation of all bodies, damping acts on the motion v relative to the ba
 
     (K + i w C - w^2 M) v = w^2 M r s,        transmissibility (r s + v) / s
 
-C is 2 zeta_j omega_j of each Ritz vector, or what the scene has: Rayleigh damping, dampers, viscous joints, absorbing
-faces, wave ports, which may couple the modes. Friction and the numerical damping of a run are not in it.
+C is 2 zeta_j omega_j of each Ritz vector, or what the scene has: Rayleigh damping, modal damping of bodies, dampers,
+viscous joints, absorbing faces, wave ports, which may couple the modes. Friction and the numerical damping of a run are
+not in it.
 
 Groups of a file::
 
@@ -107,6 +108,8 @@ def frf(
     ratios = _checked(scene, sensors, damping, (kind, points, frequencies, lowest, highest))
     joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {})
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
+    if not len(excitations.modes.omega):
+        raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
     names = list(drives) or excitations.held
     columns = np.column_stack([excitations.column(name) for name in names])
     given = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
@@ -289,8 +292,12 @@ class _Basis:
             number = np.minimum(np.arange(len(values)), len(ratios) - 1)
             own = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
             return _Basis(vectors, omega, 2 * own * omega, modes.n_rigid, n_mode)
-        full = joined.expansion @ vectors
-        damping = np.asarray(full.T @ (joined.damping @ full))
+        reduced = [m.name for m in joined.parts.models.values() if m.modal is not None and m.modal_rows is None]
+        if reduced:
+            what = "modal damping without a limit is that of a reduced basis"
+            where, remedy = f"substructure.{reduced[0]}.modal_damping", "give 'below', or a damping ratio of the modes"
+            raise InputError([Problem(where, what, remedy=remedy)], _HEADING)
+        damping = joined.damping_of(joined.expansion @ vectors)
         if not np.abs(damping).max(initial=0.0) > 0.0:
             what = "the scene has none, and without it the peaks are infinite"
             raise InputError([Problem("damping", what, remedy="give a damping ratio of the modes")], _HEADING)

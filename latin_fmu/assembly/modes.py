@@ -51,7 +51,7 @@ from ..latin.assembly import Array, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..laws.viscous_joint import ViscousJoint
 from ..propagator import SubstructureModel
-from ..propagator.reduction import Vibration
+from ..propagator.vibration import Vibration
 from ..results.dataset import Stored
 from ..results.groups import StoredGroup, describe_mesh, in_units, root_attributes
 from ..results.quantities import AXES, LABELS, MESH, NODES, columns, named, rows
@@ -108,7 +108,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     joined = JoinedAssembly.of(scene, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)
-    damping = None if matrices is None else modal_damping(matrices, modes, joined.damping)
+    damping = None if matrices is None else modal_damping(matrices, modes, joined.damping_of)
     return _named(joined, modes, damping, joints)
 
 
@@ -162,6 +162,15 @@ class JoinedAssembly:
             k = sp.csr_array(k + weight * (left.T @ left))
         vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
         return JoinedAssembly(discretised, parts, vibration, expansion, sum(dashpots, parts.damping), tuple(remarks))
+
+    def damping_of(self, full: Array) -> Array:
+        """Phi^T C Phi (m, m) of motions (n_full, m), modal damping of bodies included where it has a limit."""
+        projected: Array = full.T @ (self.damping @ full)
+        for name, model in self.parts.models.items():
+            if model.modal_rows is not None:
+                rates = model.modal_rows @ full[self.parts.where[name]]
+                projected += rates.T @ rates
+        return projected
 
     def modes(self, count: int) -> Modes:
         """Rigid motions and at least ``count`` elastic modes where there are as many."""
@@ -359,7 +368,7 @@ _DAMPING: Final = rows(
     scheme_damping | 1 | mode | damping ratio of the time scheme in a run with the step of the scene \
         | share of critical damping
     landing_damping | 1 | mode | damping ratio of the viscous layer at faces that may open | share of critical damping
-    body_damping | 1 | mode | damping ratio of Rayleigh damping, viscous joints, absorbing faces, wave ports \
+    body_damping | 1 | mode | damping ratio of bodies, dampers, viscous joints, absorbing faces, wave ports \
         | share of critical damping
     """,
     {

@@ -91,7 +91,7 @@ class Timeline:
         dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self._ground(assembly, time, given), ground_start)
+        assembly.begin(time, dt, self.ground(assembly, time, given), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
@@ -113,7 +113,8 @@ class Timeline:
             return ramp
         return given[name] if name in given else sampled(self._laws[name], time)
 
-    def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
+    def ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array] = NO_ELONGATION) -> dict[int, Array]:
+        """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
         ground = {}
         for i, unit in enumerate(assembly.interfaces):
             if not unit.against_ground:
@@ -280,7 +281,7 @@ class DiscretisedProblem:
                 made[n] = Recovered(recovery, *fields, self._unstrained(b))
         return made
 
-    def _timeline(self, bolts: TightBolts) -> Timeline:
+    def timeline_with(self, bolts: TightBolts) -> Timeline:
         """Histories with the bolts as tightened, or while they are."""
         ramps = self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS)
         return Timeline(self.scene, self.conditions, ramps, self.elongation, self.histories)
@@ -293,7 +294,7 @@ class DiscretisedProblem:
     @property
     def timeline(self) -> Timeline:
         """Histories of the loads and motions of the substructures, bolts that are not being tightened left out."""
-        return self._timeline(TightBolts())
+        return self.timeline_with(TightBolts())
 
     @cached_property
     def impedance(self) -> Array:
@@ -336,7 +337,7 @@ class DiscretisedProblem:
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
-        timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
+        timeline = self.timeline_with(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground.start)
         # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):

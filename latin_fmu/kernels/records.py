@@ -97,6 +97,10 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("rows", "constants, int64: rows below the supernodes"),
     ("n_rows", "their number"),
     ("panel_start", "constants, int64 (n_super + 1,): first number of each panel"),
+    ("n_modal", "modes k of modal damping R^T R beside C"),
+    ("modal_rows", "constants (k, n): R, N0.5 s0.5 m-0.5"),
+    ("modal_inside", "constants (k, n): W^T of half solutions, zeros at the interface (``cholesky.factor``)"),
+    ("modal_edge", "constants (k, g): V^T likewise"),
     ("panels", "constants: panels [L11^-1; L21]"),
     ("n_panels", "their size"),
     ("schur_inverse", "constants (g, g) packed or (g,): S^-1, accelerations of interface dofs per force, kg-1"),
@@ -147,6 +151,7 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     ("weighted_v", "work (n, m) if accounted: velocities that C acts on over the step where ``one_step``, m s-1"),
     ("half_solution", "work (n, padded(m)): after the forward substitution, in tiles from TILED members on"),
     ("face_vector", "work (n, max(padded(m), LANES)) if swept: likewise"),
+    ("modal", "work (n_modal, m): r = W^T b of the half solution"),
     ("inner", "work (g, m)"),
     ("inner_answer", "work (g, m)"),
     ("free_a", "work (g, m): accelerations of the interface dofs without interface forces, m s-2"),
@@ -234,6 +239,9 @@ GROUP_FIELDS: Final[tuple[Field, ...]] = (
     ),
     ("opened", "work (4, p, h if elastic else 1): the same at the start of the window"),
     ("tangent", "work (p, 3, 3) if law < 0 or on_iteration: derivative of F_hat by the jump, Pa s m-1"),
+    ("slopes", "output (R, p, 3, 3) if linear: the same at the instants (``tangent_march``), as the next two"),
+    ("sources", "output (R, p, h) if linear: derivative of F_hat by the parameter alone"),
+    ("follows", "output (R, p, h if elastic else 1) if linear: 1 where F_hat follows the reach, else 0"),
 )
 """Interfaces of one law and number of components, their points one after the other."""
 
@@ -257,6 +265,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("tangential", "1 where there are tangential channels"),
     ("layers", "1 where there are elastic groups"),
     ("static", "1 without inertia"),
+    ("linear", "1 where derivatives by parameters are marched (``tangent_march``)"),
     ("from_last", "direction: 1 where the tractions of the last instant are among the loads (``reference``)"),
     ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),

@@ -13,6 +13,7 @@ import latin_fmu
 from latin_fmu.assembly.modes import JoinedAssembly
 from latin_fmu.cli import main
 from latin_fmu.stability.scenes import Box, Material, column, placed
+from tests.scenes import MODELS
 
 E, RHO, RATIO = 210e9, 7800.0, 0.02
 STEEL = Material(E, RHO, 0.3, name="steel")
@@ -96,6 +97,23 @@ def test_ratios_of_single_modes() -> None:
         for given in (0.001, ratios.tolist())
     ]
     assert peaks[0] / peaks[1] == pytest.approx([1.0, 4.0], rel=0.01)
+
+
+def test_modal_damping_of_a_body_is_that_of_its_modes() -> None:
+    """One body: the ratio of the scene is that of ``modes``, and of a response to a given ratio."""
+    data = lap()
+    del data["substructure"]["up"], data["sensor"]["tip"]
+    data |= {"interface": {}, "load": {}}
+    data["substructure"]["low"]["modal_damping"] = {"ratio": RATIO, "below": 1e6}
+    damping = latin_fmu.vibration_modes(read(data), count=5).damping
+    assert damping is not None
+    assert damping.bodies == pytest.approx(RATIO, rel=1e-9)
+    own, given = (latin_fmu.frf(read(data), ["base.z"], damping=ratio, points=50) for ratio in (None, RATIO))
+    assert own.response["base.z"]["root"] == pytest.approx(given.response["base.z"]["root"], rel=1e-4, abs=1e-4)
+    data["substructure"]["low"]["modal_damping"] = {"ratio": RATIO}
+    data["solver"] = {"propagator": "reduced"}
+    with pytest.raises(latin_fmu.InputError, match="without a limit is that of a reduced basis"):
+        latin_fmu.frf(read(data), ["base.z"])
 
 
 def test_reciprocity() -> None:
@@ -197,3 +215,5 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data["load"] = {"couple": {"face": "up.zmax", "force": [0.0, 0.0, 0.0], "moment": [0.0, 1.0, 0.0]}}
     with pytest.raises(latin_fmu.InputError, match="no resultant"):
         latin_fmu.frf(read(data), ["couple"], damping=RATIO)
+    with pytest.raises(latin_fmu.InputError, match="all that can move has no mass"):
+        latin_fmu.frf(latin_fmu.load_scene(MODELS / "gripped_bar/scene.toml"), damping=RATIO)
