@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, ForwardRef
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -338,7 +338,39 @@ def api() -> str:
         namespace = import_module(module)
         parts.append(f"## {title}: `{module}`")
         parts += [_entry(module, name, getattr(namespace, name)) for name in sorted(namespace.__all__, key=str.lower)]
+    parts += [
+        "## Types in the signatures",
+        "`np` is NumPy, `sp` scipy.sparse, `xr` xarray; `Array` is an array of double precision.",
+        *_types("\n".join(parts)),
+    ]
     return "\n\n".join(parts) + "\n"
+
+
+def named_in_signatures(page: str) -> set[str]:
+    """Names with a capital in the signatures of the page of the API."""
+    signatures = re.findall(r"^```text\n(latin_fmu\..*?)^```|^\* `([^`\n]*)`", page, re.M | re.S)
+    return set(re.findall(r"\b[A-Z]\w+", " ".join(map("".join, signatures))))
+
+
+def _types(page: str) -> Iterator[str]:
+    """Types of the package that the signatures of a page name and that it does not describe, classes first."""
+    wanted = named_in_signatures(page) - set(re.findall(r"^### (\w+)", page, re.M)) - {"Array"}
+    bodies = {p: ast.parse(p.read_text(encoding="utf-8")).body for p in sorted((ROOT / "latin_fmu").rglob("*.py"))}
+    for path, body in bodies.items():
+        for name in [node.name for node in body if isinstance(node, ast.ClassDef) and node.name in wanted]:
+            wanted.remove(name)
+            thing = getattr(import_module(".".join(path.relative_to(ROOT).with_suffix("").parts)), name)
+            own = [one for one, what in vars(thing).items() if not one.startswith("_") and inspect.isfunction(what)]
+            methods = f"Methods: {', '.join(f'`{one}`' for one in own)}." if own else ""
+            text = _doc((inspect.getdoc(thing) or "").split("\n\nExamples")[0])
+            yield "\n\n".join(part for part in (f"### {name}", text, methods) if part)
+    for body in bodies.values():
+        for node, after in zip(body, [*body[1:], None], strict=True):
+            if isinstance(node, ast.Assign) and (name := ast.unparse(node.targets[0])) in wanted:
+                wanted.remove(name)
+                said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+                text = f"\n\n{_paragraph(' '.join(str(after.value.value).split()))}" if said else ""
+                yield f"### {name}\n\n`{name} = {ast.unparse(node.value)}`{text}"
 
 
 def _entry(module: str, name: str, thing: Any) -> str:
@@ -373,7 +405,9 @@ def _signature(name: str, thing: Any) -> str:
     except (TypeError, ValueError):
         return name
     kept = [
-        one.replace(annotation=_Bare(one.annotation)) if isinstance(one.annotation, str) else one
+        one.replace(annotation=_Bare(getattr(one.annotation, "__forward_arg__", one.annotation)))
+        if isinstance(one.annotation, str | ForwardRef)
+        else one
         for one in found.parameters.values()
         if one.name not in ("self", "cls")
     ]

@@ -207,6 +207,16 @@ def test_written_pages_are_up_to_date() -> None:
         assert text == (ROOT / "docs" / name).read_text(encoding="utf-8"), f"{name}: run: python docs/pages.py"
 
 
+def test_every_type_in_a_signature_of_the_api_is_described() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    foreign = {"Any", "Callable", "Iterator", "Mapping", "None", "Path", "Self", "Sequence", "True", "False"}
+    arrays = {"Array", "ArrayLike", "NDArray", "DataArray", "DataTree", "Dataset"}
+    described = set(re.findall(r"^### (\w+)", text, re.M)) | foreign | arrays | {"SI"}
+    named = pages_module().named_in_signatures(text)
+    assert len(named) > 40
+    assert not named - described
+
+
 def test_every_page_is_in_the_contents() -> None:
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     for page in (ROOT / "docs").glob("*.md"):
