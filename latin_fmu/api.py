@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, Final, Protocol, cast
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -19,9 +19,10 @@ from .assembly.free_bodies import loss_of_equilibrium
 from .assembly.models import KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
+from .assembly.sensitivities import Tangents
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
-from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line
+from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
 from .errors import InputError, Problems, ResultsError, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
@@ -36,6 +37,7 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
+from .results.sensitivities import Sensitivities
 from .results.solution import Solution
 from .results.writing import check_folder
 from .run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
@@ -212,7 +214,9 @@ def solve(
     leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     while True:
-        problem, prediction = _made(scene, behaviours, kept, stream is not None, processes, (leave_out, yielding))
+        problem, prediction, tangent = _made(
+            scene, behaviours, kept, stream is not None, processes, (leave_out, yielding)
+        )
         if stream is not None:
             check_folder(stream, least_output(prediction))
         timings.setup = clock.process_time() - start
@@ -221,7 +225,7 @@ def solve(
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
         options = RunOptions(observer, progress, checkpoint, stream, fields, processes, max_cpu)
         try:
-            outcome = run(problem, timings, options, wall, digest)
+            outcome, recorder = _marched(problem, timings, options, wall, digest)
         except ResultsError:
             if left_out is None:
                 raise
@@ -254,7 +258,21 @@ def solve(
         sensor_tables=scene.sensor,
         surfaces=scene.output.surfaces,
         units=scene.unit_system,
+        sensitivities=None if tangent is None else _derivatives(outcome, tangent, problem, recorder),
     )
+
+
+def _derivatives(
+    outcome: Outcome, tangent: Tangents, problem: SolverReadyProblem, recorder: Recorder
+) -> Sensitivities | None:
+    """Derivatives of a run by parameters; None of one that has not converged to its end."""
+    if not (outcome.converged and outcome.complete):
+        return None
+    begin = clock.process_time()
+    with one_thread():
+        made = Sensitivities.of(outcome, tangent.march(problem, recorder))
+    outcome.timings.other += clock.process_time() - begin
+    return made
 
 
 def _made(
@@ -264,19 +282,23 @@ def _made(
     stream: bool,
     processes: Processes | None,
     how: tuple[bool, Yielding],
-) -> tuple[SolverReadyProblem, Prediction]:
-    """The problem of a scene, ready to run, and what it will take; parameters and errors as for ``solve``, ``how`` :
-    ``leave_out`` as for ``discretise``, and bolts that yield."""
+) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
+    """The problem of a scene, ready to run, what it will take, and its derivatives where the scene asks for any;
+    parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
+    wanted = scene.output.sensitivities
     with one_thread(), nullcontext() if processes is None else processes.agreed():
-        discretised = replace(discretise(scene, behaviours, kept, how[0]), elongation=how[1].elongation)
+        discretised = discretise(scene, behaviours, kept, how[0] and not wanted)
+        discretised = replace(discretised, elongation=how[1].elongation)
         prediction = Prediction(discretised)
         check_memory(prediction, stream)
         if processes is not None:
             check_distributable(discretised, processes.size)
-        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size)
+        tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
+        stages = None if tangent is None else tangent.stages
+        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size, stages)
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
-    return problem, prediction
+    return problem, prediction, tangent
 
 
 def check_distributable(discretised: DiscretisedProblem, size: int) -> None:
@@ -315,6 +337,13 @@ def run(
     ``wall_start`` : wall-clock time at which the set-up began, s. ``digest`` : of the scene, for the header of the
     checkpoint.
     """
+    return _marched(problem, timings, options, wall_start, digest)[0]
+
+
+def _marched(
+    problem: SolverReadyProblem, timings: Timings | None, options: RunOptions, wall_start: float | None, digest: str
+) -> tuple[Outcome, Recorder]:
+    """As ``run``, with what was recorded."""
     observer, progress, checkpoint = options.observer, options.progress, options.checkpoint
     timings = Timings() if timings is None else timings
     wall = clock.perf_counter() if wall_start is None else wall_start
@@ -346,7 +375,7 @@ def run(
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - wall
     timings.peak_memory = peak_memory()
-    return outcome
+    return outcome, recorder
 
 
 def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Outcome:
@@ -426,22 +455,34 @@ def check(scene: Scene) -> list[str]:
     >>> latin_fmu.check(latin_fmu.load_scene("models/impact_bar/scene.toml"))[0]
     'scene impact_bar: 1 substructure(s) in 1 class(es), 1 interface(s), 400 steps of 0.005 s'
     """
-    return check_lines(*checked(scene))
+    return checked(scene).text()
 
 
-def check_lines(lines: list[str], remarks: Sequence[Remark]) -> list[str]:
-    """Lines of ``check`` with the remarks, and the verdict at the end."""
-    verdict = "the scene can be solved" + (", with the warnings above" if remarks else "")
-    return [*lines, *(f"warning: {remark}" for remark in remarks), verdict]
+class Checked(NamedTuple):
+    """What ``check`` finds: lines with the sizes of a scene, the remarks on it, and the sizes as plain data."""
+
+    lines: list[str]
+    remarks: tuple[Remark, ...]
+    sizes: dict[str, Any]
+
+    def text(self) -> list[str]:
+        """The lines with the remarks, and the verdict at the end."""
+        verdict = "the scene can be solved" + (", with the warnings above" if self.remarks else "")
+        return [*self.lines, *(f"warning: {remark}" for remark in self.remarks), verdict]
+
+    def report(self) -> dict[str, Any]:
+        """Plain data: ``scene``, ``steps``, ``step`` (s), ``memory_bytes``, ``classes`` of substructures with unknowns
+        and interface channels, ``interfaces``, ``warnings``."""
+        return self.sizes | {"warnings": [{"code": remark.code, "text": str(remark)} for remark in self.remarks]}
 
 
 @computable()
-def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
-    """As ``check``: lines with the sizes of a scene, and the remarks on it."""
+def checked(scene: Scene) -> Checked:
+    """As ``check``, with the data."""
     discretised = discretise(scene)
     prediction = Prediction(discretised)
     check_memory(prediction, stream=True)  # as the command line runs it
-    problem = solver_ready(discretised, {})
+    problem = discretised.build()  # a static start is left to the run
     assembly = problem.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
@@ -453,11 +494,30 @@ def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
     ]
     lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
-    if (start := problem.start) is not None:
-        lines += [c.line(start.bolts.shortening[n], scene.unit_system) for n, c in discretised.cuts.items()]
-    lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
+    lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
+    if scene.time.start.type == "static":
+        lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")
-    return lines, problem.warnings
+    sizes = {
+        "scene": scene.name,
+        "steps": assembly.n_instant,
+        "step": assembly.dt,
+        "memory_bytes": int(memory_need(prediction, stream=True).total),
+        "classes": [
+            {"substructures": list(p.names), "unknowns": p.n_dof, "interface_channels": p.n_channel}
+            for p in assembly.propagators
+        ],
+        "interfaces": [_interface_sizes(u) for u in assembly.interfaces if not u.attached],
+    }
+    return Checked(lines, problem.warnings, sizes)
+
+
+def _interface_sizes(unit: InterfaceUnit) -> dict[str, Any]:
+    """An interface as plain data; ``gap``: the smallest and the largest one, of an interface that may open."""
+    geometry = unit.geometry
+    gap = [float(geometry.gap.min()), float(geometry.gap.max())] if unit.behaviour.opens else None
+    sizes = {"points": geometry.n_point, "area": float(geometry.areas.sum()), "gap": gap}
+    return {"name": unit.name, "behaviour": unit.behaviour.name, "sides": list(unit.sides), **sizes}
 
 
 def _interface_line(unit: InterfaceUnit, by_search: bool, units: UnitSystem) -> str:

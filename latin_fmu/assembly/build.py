@@ -13,6 +13,8 @@ from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
+from ..scene.boundaries import Boundary
+from ..scene.ports import Port
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..scene.settings import ReducedPropagatorTable
@@ -29,7 +31,7 @@ from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
-from .statics import loose_bolts, start_groups, start_problems, static_state, tightened
+from .statics import Stage, loose_bolts, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -54,20 +56,28 @@ def build(
 
 
 def solver_ready(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], processes: int = 1
+    discretised: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    processes: int = 1,
+    stages: list[Stage] | None = None,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
-    ``processes`` : among which the substructures are divided."""
-    return discretised.build(starting_equilibrium(discretised, amplitudes), processes=processes)
+    ``processes`` : among which the substructures are divided. stages : the static ones are added to these."""
+    return discretised.build(starting_equilibrium(discretised, amplitudes, stages), processes=processes)
 
 
-def starting_equilibrium(discretised: DiscretisedProblem, amplitudes: Mapping[str, float]) -> InitialState | None:
-    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``)."""
+def starting_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
+    solved for it is added to ``stages``."""
     if discretised.scene.time.start.type != "static":
         return None
     kept: Kept = {}
-    tight = tightened(discretised, kept) if discretised.cuts else None
-    state = static_state(discretised, amplitudes, tight, kept)
+    tight = tightened(discretised, kept, stages) if discretised.cuts else None
+    state = static_state(discretised, amplitudes, tight, kept, stages)
+    if stages is not None:
+        return state
     kept.clear()
     # runs and their images refer to each other: without this the static factors stay beside those of the march
     if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
@@ -112,11 +122,12 @@ def discretise(
         sensors |= port_places(scene, bodies)
     # central differences need diagonal dashpots
     explicit = scene.time.scheme.type == CENTRAL
+    known = KeptOperators() if kept is None else kept
     conditions = {
-        name: conditions_on(body, scene.boundaries_of(name), problems, scene.ports_of(name), explicit)
+        name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)
         for name, body in bodies.items()
     }
-    units = _units(scene, bodies, conditions, problems, remarks)
+    units = _units(scene, bodies, conditions, problems, remarks, known)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     if behaviours:
@@ -173,15 +184,33 @@ def _problem(
     return problem
 
 
+def _conditions(
+    body: Body,
+    boundaries: dict[str, Boundary],
+    ports: dict[str, Port],
+    explicit: bool,
+    problems: Problems,
+    known: KeptOperators,
+) -> Conditions:
+    """``conditions_on`` a body, or those of the scene solved last where they are the same."""
+    return known.again(
+        f"conditions {body.name}",
+        (body, boundaries, ports, explicit),
+        lambda: conditions_on(body, boundaries, problems, ports, explicit),
+    )
+
+
 def _units(
     scene: Scene,
     bodies: dict[str, Body],
     conditions: Mapping[str, Conditions],
     problems: Problems,
     remarks: list[Remark],
+    known: KeptOperators,
 ) -> list[InterfaceUnit]:
-    """Interfaces of a scene, and those that stand for its springs and couplings."""
-    made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
+    """Interfaces of a scene, and those that stand for its springs and couplings; ``known`` : of the scene solved
+    last."""
+    made = [build_interface(n, i, bodies, conditions, problems, remarks, known) for n, i in scene.interface.items()]
     if scene.spring:
         made += spring_units(scene, bodies, problems)
     if scene.coupling:

@@ -91,7 +91,7 @@ class Timeline:
         dt = float(time[1] - time[0]) if dt is None else dt
         for propagator in assembly.propagators:
             propagator.begin([self.histories(member, time, given) for member in propagator.members], dt)
-        assembly.begin(time, dt, self._ground(assembly, time, given), ground_start)
+        assembly.begin(time, dt, self.ground(assembly, time, given), ground_start)
 
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
@@ -113,7 +113,8 @@ class Timeline:
             return ramp
         return given[name] if name in given else sampled(self._laws[name], time)
 
-    def _ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array]) -> dict[int, Array]:
+    def ground(self, assembly: Assembly, time: Array, given: Mapping[str, Array] = NO_ELONGATION) -> dict[int, Array]:
+        """Velocities (n_time, 3) of the ground by interface, m s-1; ``given`` as for ``begin``."""
         ground = {}
         for i, unit in enumerate(assembly.interfaces):
             if not unit.against_ground:
@@ -280,7 +281,7 @@ class DiscretisedProblem:
                 made[n] = Recovered(recovery, *fields, self._unstrained(b))
         return made
 
-    def _timeline(self, bolts: TightBolts) -> Timeline:
+    def timeline_with(self, bolts: TightBolts) -> Timeline:
         """Histories with the bolts as tightened, or while they are."""
         ramps = self.ramps or (bolts.locked(self.cuts) if self.cuts else NO_RAMPS)
         return Timeline(self.scene, self.conditions, ramps, self.elongation, self.histories)
@@ -293,7 +294,7 @@ class DiscretisedProblem:
     @property
     def timeline(self) -> Timeline:
         """Histories of the loads and motions of the substructures, bolts that are not being tightened left out."""
-        return self._timeline(TightBolts())
+        return self.timeline_with(TightBolts())
 
     @cached_property
     def impedance(self) -> Array:
@@ -336,7 +337,7 @@ class DiscretisedProblem:
         assembly.rest_traction = level * (assembly.characteristic_traction if level > 0 else 1.0)
         if start is not None:
             start.hand_over(assembly)
-        timeline = self._timeline(bolts := TightBolts() if start is None else start.bolts)
+        timeline = self.timeline_with(bolts := TightBolts() if start is None else start.bolts)
         timeline.begin(assembly, self.time, {}, assembly.ground.start)
         # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
@@ -440,20 +441,20 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     """Model of a substructure and the flat indices of its channels (n_channel,)."""
     body, held, scheme = problem.bodies[name], problem.conditions[name], problem.scheme
     units, layout, layer = problem.units, problem.layout, problem.layers.get(name)
-    traces, areas, preloads, channels = [], [], [], []
-    for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
+    areas, preloads, channels = [], [], []
+    own = [(i, side) for i, side, owner in body_sides(units) if owner == name]
+    for i, side in own:
         unit, n_component = units[i], units[i].behaviour.n_component
-        trace = unit.geometry.local_trace(side, n_component)
-        assert trace is not None
-        traces.append(trace)
         areas.append(np.repeat(unit.geometry.areas, n_component))
         pressed = np.zeros((unit.geometry.n_point, n_component))
         # F.N = -P on side E
         pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
         preloads.append(pressed.ravel())
         channels.append(layout.channels(i, side).ravel())
-    n_full = body.full_size()
-    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
+    known, sides = KeptOperators() if problem.kept is None else problem.kept, [(units[i], side) for i, side in own]
+    # what the traces in the local frames follow from
+    given = [x for u, s in sides for x in (u.geometry.traces[s], u.geometry.frames, u.behaviour.n_component)]
+    trace = known.again(f"trace {name}", (body, *given), lambda: _trace(body, sides))
     area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
         # the load that holds the preload: opposite to it
@@ -486,6 +487,16 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
+
+
+def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:
+    """Trace (n_channel, 3 n_node) from the nodes of a body to the channels of its sides of interfaces."""
+    traces = []
+    for unit, side in sides:
+        trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
+        assert trace is not None, "a side of a body has a trace"
+        traces.append(trace)
+    return sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, body.full_size()))
 
 
 def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:

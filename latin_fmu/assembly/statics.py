@@ -16,7 +16,7 @@ exactly, whatever the contacts do.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -27,6 +27,7 @@ from ..errors import Problem, Problems, SceneError
 from ..fem.mesh import Array
 from ..interface.laws import bonds
 from ..latin.assembly import InterfaceUnit
+from ..latin.interface_rows import InterfaceRows
 from ..latin.outcome import Timings
 from ..latin.recorder import Recorder
 from ..latin.settings import SolverSettings
@@ -64,6 +65,37 @@ _MOVES = 1e-6  # motion of a node that counts, for unit motions of bodies
 _MOST = 500  # iterations of an increment
 _NO_VISCOSITY: Final[Mapping[str, float]] = MappingProxyType({"viscosity": 0.0, "lateral_viscosity": 0.0})
 _Tables = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A solved stage of a run, for its derivatives (``assembly.sensitivities``).
+
+    Attributes
+    ----------
+    problem, ready : of the stage. rows : its fields at the interfaces. start : initial state, None where it is that of
+        the scene. kept : operators of the static problems. static : whether it is one of those, with loads where
+        ``loaded``. tightened : bolts that it tightens. end : of a static one, its equilibrium, bolts as tightened.
+    """
+
+    problem: DiscretisedProblem
+    ready: SolverReadyProblem
+    rows: InterfaceRows
+    start: InitialState | None
+    kept: Kept | None = None
+    static: bool = False
+    loaded: bool = True
+    tightened: tuple[str, ...] = ()
+    end: InitialState | None = None
+
+    def likewise(self, whole: DiscretisedProblem) -> DiscretisedProblem:
+        """The problem of this stage of another scene, whose bolts have the loads of this one."""
+        bolts = TightBolts() if self.start is None else self.start.bolts
+        ramps = self.problem.ramps or (bolts.locked(self.problem.cuts) if self.problem.cuts else {})
+        if self.static:
+            free = [name for name in self.tightened if whole.cuts[name].table.tension is not None]
+            whole = static_problem(whole, static_scene(whole.scene, {}, self.loaded), free)
+        return replace(whole, ramps=ramps)
 
 
 def start_problems(
@@ -118,7 +150,11 @@ def start_groups(
 
 
 def static_state(
-    whole: DiscretisedProblem, amplitudes: Mapping[str, float], tight: InitialState | None, kept: Kept
+    whole: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    tight: InitialState | None,
+    kept: Kept,
+    stages: list[Stage] | None = None,
 ) -> InitialState | None:
     """The equilibrium that the motion starts from; None where nothing acts at t = 0.
 
@@ -126,6 +162,7 @@ def static_state(
     ----------
     amplitudes : at t = 0, of loads that are set from outside; those left out have their start value.
     tight : state with tight bolts, None where there are none. kept : as for ``DiscretisedProblem.build``.
+    stages : what was solved is added to these.
 
     Raises
     ------
@@ -142,6 +179,9 @@ def static_state(
     if not converged:
         raise _no_start(sentence)
     state = state_at_end(problem, run, amplitudes, tolerance)
+    if stages is not None:
+        end = state if tight is None else replace(state, bolts=tight.bolts)
+        stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True, end=end))
     if tight is None:
         return state
     remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
@@ -439,12 +479,12 @@ def _raised(amplitude: float) -> _Tables:
 _Ramps = dict[str, tuple[float, float]]
 
 
-def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
+def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
     """The equilibrium with all bolts tight and no other load acting.
 
     Parameters
     ----------
-    kept : as for ``DiscretisedProblem.build``.
+    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these.
 
     Raises
     ------
@@ -467,11 +507,15 @@ def tightened(whole: DiscretisedProblem, kept: Kept) -> InitialState:
             raise _not_tight(group, ramps, share, sentence, scene.unit_system)
         increments += len(run.windows)
         iterations += sum(window.iterations for window in run.windows)
+        rows, before, names = run.recorder.rows, state, tuple(cut.name for cut in group)
         state = state_at_end(ready, run, {}, tolerance)
-        # their factors are freed before those of the next order are made
-        del ready, run
         remarks |= dict.fromkeys(state.remarks)
         bolts = _locked(bolts, order, group, cuts, state)
+        if stages is not None:
+            end = replace(state, bolts=bolts)
+            stages.append(Stage(problem, ready, rows, before, kept, True, False, names, end))
+        # their factors are freed before those of the next order are made
+        del ready, run
     assert state is not None, "a scene without bolts"
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"

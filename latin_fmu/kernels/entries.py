@@ -55,14 +55,17 @@ from .newton import (
 from .outputs import gather_fields
 from .records import CLASS, GROUP, RUN
 from .substructure import predict
+from .tangent_march import march_tangents
 from .tasks import end_class, serve
 
 START, MARCH, BEGIN, ITERATE, CORRECT, LEAVE, END, FORCES, SERVE = range(9)
 """Actions of ``call`` on a run: begin at t = 0; march windows of one instant; of a window on its own the start, its
 iterations, their correction by the exact motion, their end, the march over an instant; size of the forces; a thread."""
 PRESENT, PLACE, COMMUNICATE, CONCLUDE, FIELDS, DERIVE = range(9, 15)
+TANGENT = 15
 """Actions on communication steps (``communication``): outputs at the present instant; time steps of a step; make them;
-end one that the caller has solved; fields at the points; derivatives of the outputs."""
+end one that the caller has solved; fields at the points; derivatives of the outputs. March of derivatives by
+parameters (``tangent_march``)."""
 
 Array = NDArray[np.float64]
 
@@ -155,6 +158,8 @@ def call(pools: Any, action: int, a: int, b: int, c: int, d: int) -> int:
         return place(pools)
     if action == DERIVE:
         return derive(pools, a, b, c, d)
+    if action == TANGENT:
+        return march_tangents(pools, a, b)
     if action == START:
         if a == 1:
             open_accounts(pools)

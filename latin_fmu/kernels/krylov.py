@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 VECTORS, CYCLES = 100, 3
 """Products until the method begins anew, and how often it does."""
 TOLERANCE, BY_DIAGONAL = 1e-4, 1e-6
-"""Residual over the right-hand side, both preconditioned: by the tied assembly, and by the diagonal."""
+"""Residual over the right-hand side, both preconditioned: by the tied assembly the least, and by the diagonal."""
 SMALL = (VECTORS + 1) * (VECTORS + 3)
 """Numbers of the Hessenberg matrix, its rotations and its right-hand side."""
 
@@ -239,9 +239,9 @@ def add_combination(pools: Any, n: int, used: int, solution: Array) -> float:
 
 
 @kernel
-def solve_by_products(pools: Any, n: int) -> int:
-    """Solution of the n unknowns from their right-hand side, in its place; products that it took, 0 where it is not a
-    number."""
+def solve_by_products(pools: Any, n: int, share: float) -> int:
+    """Solution of the n unknowns from their right-hand side, in its place, to a ``share`` of the residual; the products
+    that it took, 0 where it is not a number."""
     run, work = pools.run[0], pools.moving
     scratch = work[run.krylov_work + SMALL : run.krylov_work + SMALL + 3 * n]
     inverse, product, solution = scratch[:n], scratch[n : 2 * n], scratch[2 * n :]
@@ -250,7 +250,7 @@ def solve_by_products(pools: Any, n: int) -> int:
     precondition(pools, right, inverse, residual)
     solution[:] = 0.0
     rest, made = length_of(residual), 1
-    enough = (TOLERANCE if run.tied_super > 0 else BY_DIAGONAL) * rest
+    enough = (max(share, TOLERANCE) if run.tied_super > 0 else BY_DIAGONAL) * rest
     for _ in range(CYCLES):
         if not rest > enough:  # NaN: nothing to be gained
             break

@@ -80,6 +80,10 @@ SOME, MANY, BESIDE = 6.0, 50.0, 3.0
 costs beside its products."""
 SLOWER = 2.0
 """How many times more iterations an instant of long range takes than the rate of the last ones lets expect."""
+NEAR, AIM, ROUGH_STEPS = 100.0, 0.1, 8
+"""Distance from the tolerances up to which a step by products is solved as far as it has to be to end the instant, and
+the share of the tolerances that it aims at: farther off the active points change anyway. Steps of an instant after
+which all are solved closely."""
 FADING = 0.985
 """What steps by products cost at the last instant that ended with some counts less with every instant without, so that
 they are tried again."""
@@ -154,7 +158,7 @@ def change_tractions(pools: Any, size: int) -> bool:
     n = run.n_flat
     x, v = work[run.step_f : run.step_f + n], work[run.step_w : run.step_w + n]
     if size > 0 and run.krylov == 1:
-        made = solve_by_products(pools, size)
+        made = solve_by_products(pools, size, share_left(pools))
         if made == 0:
             return False
         work[run.course + PRODUCTS] += float(made)
@@ -167,6 +171,17 @@ def change_tractions(pools: Any, size: int) -> bool:
     admit(pools, x, v)
     exchange(pools, run.step_w, n, 1)
     return True
+
+
+@kernel
+def share_left(pools: Any) -> float:
+    """Share of the linear residual that a step by products leaves (inexact Newton method, Dembo, Eisenstat and Steihaug
+    1982)."""
+    run, work = pools.run[0], pools.moving
+    if work[run.course + MADE] >= ROUGH_STEPS:
+        return 0.0  # as little as there can be: the rough ones did not end it
+    now = _merit(pools, int(work[run.course + LAST]))
+    return float(min(run.newton_share, AIM / now) if now <= NEAR else run.newton_share)
 
 
 @kernel
@@ -346,6 +361,8 @@ def continues(pools: Any, iteration: int) -> bool:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
     cost = price_of_products(pools) if run.krylov == 1 else float(EXPECTED * run.newton_price)
+    if run.krylov == 1:  # as many products as there are unknowns, at most: none where all points have opened
+        cost = min(cost, activate(pools) * run.newton_price + BESIDE)
     span = min(RECENT, iteration) if run.static == 1 else 2
     past = _merit(pools, iteration - span)
     left = _left(now, past, span, 1.0)

@@ -106,6 +106,9 @@ def make_image(
         **more,
     }
     groups = [_group_fields(group, static) for group in layout.groups]
+    # derivatives have tangents in the place of laws, and nothing to make up
+    linear = {"law": -1, "keeps_normal": 0, "keeps_tangential": 0} if more.get("linear") else {}
+    groups = [{**group, **linear} for group in groups]
     # the first segment of a co-simulation may be shorter than those after it
     longest = max(assembly.n_instant, COMMUNICATION_ROWS - 1) if more.get("n_output") else assembly.n_instant
     none = [None] * len(assembly.propagators)

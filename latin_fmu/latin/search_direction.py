@@ -26,7 +26,7 @@ from ..machine import in_threads
 from ..propagator import Propagator
 from ..propagator.interface_matrices import resistance
 from ..propagator.interface_probing import ROUGH, Points, Table, interface_tables, truncation_of
-from ..propagator.interface_sweeps import long_steps
+from ..propagator.interface_sweeps import long_steps, stiffness_over_inertia
 from ..propagator.static import StaticPropagator
 from .assembly import Array, Assembly, Index
 from .coarse_problem import CoarseProblem
@@ -38,6 +38,7 @@ _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
 _ROUGHLY: Final = 0.03  # residual of resistances that are printed with two digits
+_ROUGH, _ROUGHEST = 50.0, 0.03  # share of a residual that a step leaves times stiffness over inertia; largest share
 LARGEST: Final = 2100**2
 """Numbers of the matrix up to which Newton's method is used where it factorises one: about 700 points at one interface,
 more in chains. Large interfaces in long steps take it by products of D (``kernels.krylov``), those without inertia by
@@ -266,6 +267,13 @@ class Direction:
         weights = self.assembly.scheme.operator(self.assembly.dt)
         return any(long_steps(weights, p.operators.mass, p.operators.stiffness) for p in self.assembly.propagators)
 
+    def _rough_share(self) -> float:
+        """Share of the linear residual that a Newton step by products may leave. Velocities of a whole face under a
+        traction are this ratio times those of a point, and what is left must not turn the direction of slip."""
+        weights, whole = self.assembly.scheme.operator(self.assembly.dt), self.whole.assembly.propagators
+        ratios = [stiffness_over_inertia(weights, p.operators.mass, p.operators.stiffness) for p in whole]
+        return min(_ROUGHEST, _ROUGH / max(ratios))
+
     @cached_property
     def points(self) -> PointByPoint:
         """Solution point by point, built when first used."""
@@ -353,7 +361,7 @@ class Direction:
             fields["newton_price"] = _PRICE_ON_ITERATION
         elif self.newton and krylov:
             tied = tied_fields(self.assembly, proximal * self._summed(self.newton_z))
-            fields |= tied | {"newton_price": product_price(self.assembly, tied)}
+            fields |= tied | {"newton_price": product_price(self.assembly, tied), "newton_share": self._rough_share()}
         elif self.newton:
             fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative)
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:

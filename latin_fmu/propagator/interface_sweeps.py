@@ -69,11 +69,16 @@ def in_form(members: Sequence[SubstructureModel], interfaces: Interfaces) -> lis
 def long_steps(
     weights: tuple[float, float, float], mass: sp.csr_array, stiffness: sp.csr_array, limit: float = _LONG
 ) -> bool:
-    """Whether an instant is of long range: the stiffness in the operator of the march is ``limit`` times the mass;
+    """Whether an instant is of long range: the stiffness in the operator of the march is ``limit`` times the mass."""
+    return stiffness_over_inertia(weights, mass, stiffness) > limit
+
+
+def stiffness_over_inertia(weights: tuple[float, float, float], mass: sp.csr_array, stiffness: sp.csr_array) -> float:
+    """Median over the dofs with mass of the diagonal of K over that of M in the operator of the march, 0 without any;
     weights of M, C and K in it."""
     diagonal, inertia = weights[2] * stiffness.diagonal(), weights[0] * mass.diagonal()
     heavy = inertia > 0.0
-    return bool(heavy.any()) and float(np.median(diagonal[heavy] / inertia[heavy])) > limit
+    return float(np.median(diagonal[heavy] / inertia[heavy])) if heavy.any() else 0.0
 
 
 def _smallest(model: SubstructureModel, step: float | None) -> int:
@@ -97,6 +102,8 @@ def takes_sweeps(model: SubstructureModel, interfaces: Interfaces) -> bool:
     form = interfaces.form
     channels = model.channel_area.size
     if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
+        return False
+    if model.modal is not None:  # modal damping joins all interface dofs: no local tables, no part of a factor
         return False
     if form in ("exact", "sparse"):
         return True

@@ -18,6 +18,7 @@ from .dataset import Recovered, datatree, result_blocks, result_groups, root_gro
 from .estimates import ErrorEstimate
 from .files import write_groups
 from .groups import StoredGroup, in_units
+from .sensitivities import Sensitivities
 from .sensors import (
     bolt_lines,
     bolt_report,
@@ -65,6 +66,7 @@ class Solution:
     sensor_tables : tables of the sensors in the scene, with their filters and spectra.
     surfaces : whether results hold pressure and slip of the interfaces.
     units : system of units of the scene, which labels the results.
+    sensitivities : derivatives by parameters of the scene; None where none are requested.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Solution:
     sensor_tables: Mapping[str, Sensor] = field(default_factory=dict)
     surfaces: bool = False
     units: UnitSystem = SI
+    sensitivities: Sensitivities | None = None
 
     status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
     converged = _of(
@@ -133,6 +136,8 @@ class Solution:
         groups |= result_groups(self.outcome, self.recovered, self.sensor_tables, errors, self.surfaces, streamed)
         if self.estimate is not None and self.estimate.quantities:
             groups["/accuracy"] = self.estimate.group(self.units)
+        if self.sensitivities is not None:
+            groups |= self.sensitivities.groups(self.units)
         return in_units(groups, self.units)
 
     def _blocks(self) -> Iterator[dict[str, StoredGroup]]:
@@ -159,6 +164,8 @@ class Solution:
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
         if said := sentences(self.outcome, self.units, self.estimate, self.spectra):
             lines += ["", *said]
+        if self.sensitivities is not None:
+            lines += ["", *self.sensitivities.lines(self.units)]
         lines += ["", *self._cost()]
         if details:
             lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
@@ -191,4 +198,6 @@ class Solution:
         sensors = {"sensors": sensor_report(self.outcome)} if self.sensors else {}
         sensors |= {"reactions": reaction_report(self.outcome)} if self.reactions else {}
         sensors |= {"bolts": bolt_report(self.outcome)} if self.bolts else {}
+        if self.sensitivities is not None:
+            sensors |= {"sensitivities": self.sensitivities.report(self.units)}
         return report(self.outcome) | {"units": self.units.name} | sensors | estimate

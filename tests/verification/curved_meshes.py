@@ -1,7 +1,7 @@
 """Meshes of a flat block and of one whose face is curved, refined towards a contact between them, nodes opposite.
 
 The curved face of the upper block follows z = s(x, y); the flat one of the lower block is z = 0. Both are files with
-the named groups ``surface`` (towards the other), ``back``, ``xmin``, ``ymin`` and ``ymax``.
+the named groups ``surface`` (towards the other), ``back``, ``xmin``, ``xmax``, ``ymin`` and ``ymax``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def write_block(file: Path, x: Array, y: Array, z: Array, surface: Callable[[Arr
     )
     front, back = (0, -1) if z[0] == 0.0 else (-1, 0)
     planes = {"surface": number[:, :, front], "back": number[:, :, back], "ymin": number[:, 0], "ymax": number[:, -1]}
-    planes["xmin"] = number[0]
+    planes |= {"xmin": number[0], "xmax": number[-1]}
     quads = {
         name: np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=-1).reshape(-1, 4)
         for name, p in planes.items()

@@ -57,12 +57,13 @@ def test_a_lap_loses_as_the_third_power_of_the_pull() -> None:
 
 @pytest.mark.slow
 def test_a_rubbed_sphere_loses_as_mindlin(tmp_path: Path) -> None:
-    """Half of two flat blocks with a crown between them, in two cycles of shift: the loss to 8 %.
+    """Half of two flat blocks with a crown between them, in two cycles of shift: the loss to 5 %.
 
-    The ring that slides is few elements wide: 6 % too little with 6 elements in the radius, 9 % too much with 4.
+    The ring that slides is two to three elements wide with these 9 in the radius; with 7 it loses 6 % too little, with
+    4.5 it loses 9 % too much.
     """
-    size = WIDTH / 6
-    x, z = about_zero(size, 9, 10 * WIDTH, 1.5), outwards(size, 10 * WIDTH, 1.4)
+    size = WIDTH / 8
+    x, z = about_zero(size, 11, 10 * WIDTH, 1.5), outwards(size, 10 * WIDTH, 1.4)
     y = x[len(x) // 2 :]
     write_block(tmp_path / "flat.msh", x, y, -z[::-1], None)
     write_block(tmp_path / "round.msh", x, y, z, None)
@@ -82,4 +83,4 @@ def test_a_rubbed_sphere_loses_as_mindlin(tmp_path: Path) -> None:
         compliance = 3 * FRICTION * p * (2 - NU) / (8 * G * a)
         integral = FRICTION * p * (part - 0.6 * (1 - (1 - part) ** (5 / 3)))
         exact = compliance * (4 * q * (1 - (1 - part) ** (2 / 3)) - 8 * integral)
-        assert work[first + 12] - work[first] == pytest.approx(exact, rel=0.08), part
+        assert work[first + 12] - work[first] == pytest.approx(exact, rel=0.05), part

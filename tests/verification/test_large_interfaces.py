@@ -194,6 +194,16 @@ def test_the_tied_assembly_preconditions_steps_by_products(monkeypatch: pytest.M
 
 
 @pytest.mark.usefixtures("cheap_steps")
+def test_rough_steps_take_fewer_products(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps far from the tolerances that may leave a hundredth of their residual, and closely solved ones."""
+    taken = []
+    for rough in (5e3, 0.0):
+        monkeypatch.setattr(search_direction, "_ROUGH", rough)
+        taken.append(products(0.1))
+    assert taken[0] < 0.8 * taken[1]
+
+
+@pytest.mark.usefixtures("cheap_steps")
 def test_newton_steps_by_products_at_several_interfaces() -> None:
     """The same where one body has two interfaces, perfect or with friction, and classes have several members."""
     tables = stack(5, time={"end": 1e-3, "instants": 10, "scheme": "hht"})

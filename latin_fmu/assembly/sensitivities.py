@@ -1,0 +1,596 @@
+"""Derivatives of a run by parameters of its scene: static start, tightening and march (``kernels.tangent_march``).
+
+What a parameter changes in the data of the problem (loads, motions, initial values, gaps, parameters of laws) is the
+central difference of two discretised scenes, exact where the data is linear in it. The derivative of the solution then
+follows stage by stage from the solution itself: the bolts of each order, the static equilibrium, the motion; each stage
+hands displacements, tractions, closures and shortenings to the next one, as the run does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..errors import Problem, SceneError
+from ..interface.laws import coulomb_coefficient
+from ..latin.assembly import Array, Assembly, Index, InterfaceUnit, Layout
+from ..latin.probes import BoltPlace, OutputRequest
+from ..latin.recorder import Recorder
+from ..latin.search_direction import inertial_impedance
+from ..latin.tangent_run import SolvedFields, TangentRun
+from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator.image import Image
+from ..propagator.model import share_operators
+from ..results.sensitivities import HistoryChanges
+from ..scene.fields import GROUND
+from ..scene.schema import Scene
+from ..time_scheme import QuasiStatic
+from .bolts import Yielding, load_name
+from .build import discretise
+from .models import KeptOperators
+from .problem import DiscretisedProblem, SolverReadyProblem
+from .propagator_choice import chosen_propagators, made_propagators
+from .statics import Stage
+
+_STEP: Final = 1e-4
+"""Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""
+_BALANCED: Final = 1e30
+"""Traction beside which the unbalanced forces of a start in equilibrium count as balanced, Pa."""
+_COPY: Final = "|"
+T = TypeVar("T")
+_Pair = tuple[DiscretisedProblem, DiscretisedProblem]
+_Matrices = tuple[sp.csr_array | None, ...]
+
+
+@dataclass(frozen=True)
+class VariedParameter:
+    """A parameter of a scene, and the problems with it a little larger and a little smaller; ``span`` : difference."""
+
+    name: str
+    value: float
+    span: float
+    more: DiscretisedProblem
+    less: DiscretisedProblem
+
+    def of(self, more: Array, less: Array) -> Array:
+        """Derivative of data from its two values."""
+        return np.asarray((more - less) / self.span)
+
+
+def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
+    """Refuse runs whose derivatives are not known. Raises SceneError."""
+    scene, solver = problem.scene, problem.scene.solver
+    refused = {
+        "on several processes, or with laws of the caller": elsewhere,
+        "with output.interfaces_every above 1": scene.output.interfaces_every > 1,
+        "with windows of several instants": solver.window != 1 and problem.scene.time.n_step > 1,
+        "with an explicit scheme": problem.scheme.explicit,
+        "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct"),
+        "with bolts that may yield": bool(Yielding(scene).tables),
+    }
+    if reasons := [reason for reason, found in refused.items() if found]:
+        remedy = "leave output.sensitivities out, or change that"
+        problems = [Problem("output.sensitivities", f"not known {reason}", None, None, remedy) for reason in reasons]
+        raise SceneError(problems, "the scene cannot be built")
+
+
+def value_of(scene: Scene, name: str) -> float:
+    """Value of a parameter of a scene, by its dotted name.
+
+    Raises
+    ------
+    SceneError : there is no number under this name.
+    """
+    here: object = scene.tables()
+    for key in name.split("."):
+        if isinstance(here, dict):
+            here = here.get(key)
+        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
+            here = here[int(key)]
+        else:
+            here = None
+    if isinstance(here, bool) or not isinstance(here, int | float):
+        allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
+        problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
+        raise SceneError([problem], "the scene cannot be built")
+    return float(here)
+
+
+def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
+    """The parameters that a scene asks derivatives by; ``problem`` : of this scene.
+
+    Raises
+    ------
+    SceneError : one that is no number, or that changes what the derivatives take as given.
+    """
+    made = []
+    for name in whole.output.sensitivities:
+        value = value_of(whole, name)
+        step = _STEP * abs(value) or _STEP
+        ends = []
+        for sign in (1.0, -1.0):
+            scene = whole.replace(name, value + sign * step)
+            kept = KeptOperators(bodies={**problem.bodies}, models=[c.members[0] for c in problem.classes])
+            other = discretise(scene, None, kept)
+            if reason := _differs(problem, other):
+                raise _refused(name, reason)
+            ends.append(other)
+        made.append(VariedParameter(name, value, 2.0 * step, *ends))
+    return made
+
+
+def _refused(name: str, reason: str) -> SceneError:
+    remedy = "derivatives are known by friction, gaps, bolts, loads, motions, initial values, materials; leave it out"
+    return SceneError([Problem("output.sensitivities", reason, name, None, remedy)], "the scene cannot be built")
+
+
+def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
+    """What a parameter changes beside loads, motions, initial values, gaps and laws; empty where nothing."""
+    own, its = (
+        [(u.name, type(u.behaviour), u.behaviour.n_component, u.geometry.n_point) for u in p.units]
+        for p in (problem, other)
+    )
+    if own != its or len(problem.time) != len(other.time) or problem.dt != other.dt or problem.scheme != other.scheme:
+        return "changes interfaces, instants or the time scheme"
+    models, others = _models(problem), _models(other)
+    for name, model in models.items():
+        for key in ("channel_area", "positions", "nodal", "imposed_pattern"):
+            if not _equal(getattr(model, key), getattr(others[name], key)):
+                return f"changes the shape or the conditions of {name}"
+        for key in ("expansion", "trace"):
+            a, b = getattr(model, key), getattr(others[name], key)
+            if a.shape != b.shape or abs(a - b).max() > 0.0:
+                return f"changes the shape or the conditions of {name}"
+        changed = model.modal is not None and any(
+            abs(getattr(model, key) - getattr(others[name], key)).max() > 0.0 for key in ("stiffness", "inertia")
+        )
+        if model.modal != others[name].modal or changed:
+            return f"changes the damping of the modes of {name}"
+    return ""
+
+
+def _equal(a: Array | None, b: Array | None) -> bool:
+    return b is None if a is None else b is not None and a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12))
+
+
+def _models(problem: DiscretisedProblem) -> dict[str, SubstructureModel]:
+    return {m.name: m for c in problem.classes for m in c.members}
+
+
+@dataclass(frozen=True)
+class StateChange:
+    """Derivative of an initial state, fields as in ``InitialState``; ``tension`` of the bolts, N."""
+
+    displacement: Mapping[str, Array] = field(default_factory=dict)
+    traction: Mapping[str, Array] = field(default_factory=dict)
+    closure: Mapping[str, Array] = field(default_factory=dict)
+    shortening: Mapping[str, float] = field(default_factory=dict)
+    tension: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Derivatives of a run.
+
+    Attributes
+    ----------
+    problem : of the run. parameters : of its scene. stages : static ones that it starts from, as they are solved.
+    """
+
+    problem: DiscretisedProblem
+    parameters: Sequence[VariedParameter]
+    stages: list[Stage]
+
+    @staticmethod
+    def of(scene: Scene, problem: DiscretisedProblem, elsewhere: bool) -> Tangents:
+        """Those that a scene asks for; ``elsewhere``: in a run on several processes, or with laws of the caller.
+
+        Raises
+        ------
+        SceneError : parameters, or a run, that they are not known for.
+        """
+        check_run(problem, elsewhere)
+        return Tangents(problem, parameters_of(scene, problem), [])
+
+    def march(self, ready: SolverReadyProblem, recorder: Recorder) -> list[HistoryChanges]:
+        """Derivatives by each parameter, from the histories of the run.
+
+        Raises
+        ------
+        SolverError : an instant has no unique derivative.
+        """
+        parameters, states = self.parameters, [StateChange() for _ in self.parameters]
+        for stage in self.stages:
+            run = _march(stage, parameters, states)
+            states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
+        run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states)
+        interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
+        bolts = run.recorder.bolt_histories()
+        return [
+            HistoryChanges(p.name, p.value, _own(interfaces, i), _own(sensors, i), _own(bolts, i), _friction_changes(p))
+            for i, p in enumerate(parameters)
+        ]
+
+
+def _own(table: Mapping[str, T], copy: int) -> dict[str, T]:
+    """Entries of a copy under their own names."""
+    head = f"{copy}{_COPY}"
+    return {name.removeprefix(head): values for name, values in table.items() if name.startswith(head)}
+
+
+def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
+    """Derivatives of the friction coefficients by interface."""
+    pairs = zip(parameter.more.units, parameter.less.units, strict=True)
+    return {
+        m.name: ((coulomb_coefficient(m.behaviour) or 0.0) - (coulomb_coefficient(s.behaviour) or 0.0)) / parameter.span
+        for m, s in pairs
+    }
+
+
+def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence[StateChange]) -> TangentRun:
+    """Derivatives of one stage from those of its initial state."""
+    problem, base = stage.problem, stage.ready.assembly
+    ends = [(stage.likewise(p.more), stage.likewise(p.less)) for p in parameters]
+    units = [
+        _unit(copy, unit, p, (more.units[i], less.units[i]))
+        for copy, (p, (more, less)) in enumerate(zip(parameters, ends, strict=True))
+        for i, unit in enumerate(problem.units)
+    ]
+    layout, scheme, dt = Layout(units), problem.scheme, problem.dt
+    places = _places(base.layout, layout, len(problem.units), len(parameters))
+    operators = OperatorChanges.of(stage, parameters, ends)
+    made, histories = _copies(stage, parameters, states, ends, operators)
+    classes = [
+        replace(c, members=members, channels=np.concatenate([to[c.channels] for to in places], axis=1))
+        for c, members in zip(problem.classes, made, strict=True)
+    ]
+    impedance = np.zeros(layout.n_flat)
+    for to in places:
+        impedance[to] = problem.impedance
+    propagators, _ = made_propagators(problem.scene, classes, scheme, dt, impedance, _twins(stage), stage.kept)
+    # a start in equilibrium does not accelerate
+    at_rest = stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values())
+    level = _BALANCED if at_rest else 0.0
+    assembly = Assembly(propagators, [c.channels for c in classes], units, layout, impedance, level, scheme)
+    assembly.rest_traction = -1.0
+    if not isinstance(scheme, QuasiStatic) and any(body.rigid for body in problem.bodies.values()):
+        inertial_impedance(assembly)
+    _hand_over(states, assembly)
+    for propagator in propagators:
+        propagator.begin([histories[name] for name in propagator.names], dt)
+    assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
+    recorder = Recorder(assembly, _request(stage.ready.output, len(parameters)), {})
+    changes = [_law_changes(p, *pair) for p, pair in zip(parameters, ends, strict=True)]
+    run = TangentRun(assembly, stage.ready.settings, recorder, SolvedFields(base, stage.rows, changes))
+    if operators is None:
+        run.march()
+        return run
+    for instant in run.calls(single=True):
+        operators.act(instant, run.image)
+    for name, series in operators.tensions().items():
+        recorder.series("tension")[name][...] += series
+    return run
+
+
+def _twins(stage: Stage) -> KeptOperators:
+    """Operators of a stage, for the same substructures."""
+    problem = stage.problem
+    made_with = (problem.scheme, problem.dt, chosen_propagators(problem.scene, problem.classes)[0])
+    return KeptOperators({}, [c.members[0] for c in problem.classes], stage.ready.assembly.propagators, made_with)
+
+
+def _copies(
+    stage: Stage,
+    parameters: Sequence[VariedParameter],
+    states: Sequence[StateChange],
+    ends: Sequence[_Pair],
+    operators: OperatorChanges | None,
+) -> tuple[list[list[SubstructureModel]], dict[str, Histories]]:
+    """Members of each class, those of the first parameter first, and what drives them by name."""
+    classes, histories, time = list[list[SubstructureModel]](), dict[str, Histories](), stage.problem.time
+    ramps = [_ramp_changes(stage, p, state) for p, state in zip(parameters, states, strict=True)]
+    for c in stage.problem.classes:
+        members = []
+        for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+            for model in c.members:
+                made, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
+                if operators is not None and (force := operators.start(copy, model.name)) is not None:
+                    made = replace(made, loads=[*made.loads, LoadTerm(_COPY, force)])
+                    driven = replace(driven, amplitudes=[*driven.amplitudes, np.eye(1, len(time))[0]])
+                members.append(replace(made, name=f"{copy}{_COPY}{model.name}"))
+                histories[members[-1].name] = driven
+        share_operators(c.members[0], members[0])
+        classes.append(members)
+    return classes, histories
+
+
+def _hand_over(states: Sequence[StateChange], assembly: Assembly) -> None:
+    """Give an assembly the derivatives of the tractions that it starts with, and of its gaps, as ``InitialState`` does
+    those themselves."""
+    for i, unit in enumerate(assembly.interfaces):
+        copy, _, name = unit.name.partition(_COPY)
+        state = states[int(copy)]
+        if name in state.traction:
+            assembly.start_tractions[i] = state.traction[name]
+        if name in state.closure and not assembly.quasi_static:
+            group = assembly.layout.group(i)
+            group.gap[group.members[i]] = unit.geometry.gap - state.closure[name]
+
+
+class OperatorChanges:
+    """Changes of stiffness, damping and mass by parameters: the forces with which they act on the derivatives.
+
+    With P = C' v + K' u of the run, w = ``force_weight``, o = ``force_old`` - ``memory_weight`` and the weights of M a
+    in the scheme, the force g of an instant, which the scheme takes with the weights of loads, obeys
+
+        w g + o g_old = -(w P + o P_old + mass_weight M' a + mass_old M' a_old),    g = -(P + M' a) at t = 0.
+
+    The motion of the run is that of a march under the tractions known, one instant ahead of the derivatives.
+
+    Parameters
+    ----------
+    stage : of the run. changes : (M', C', K') on the full dofs, each None where it is zero, by copy and body.
+    bolts : by copy and name, with the derivatives of stiffness and pattern.
+    """
+
+    def __init__(
+        self, stage: Stage, changes: Mapping[tuple[int, str], _Matrices], bolts: Mapping[str, BoltPlace], copies: int
+    ) -> None:
+        base, problem, self._copies = stage.ready.assembly, stage.problem, copies
+        ready = replace(problem, kept=_twins(stage)).build(stage.start, stage.kept)
+        ready.assembly.rest_traction = -1.0
+        recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
+        solved = SolvedFields(base, stage.rows, [None])
+        self._run = TangentRun(ready.assembly, stage.ready.settings, recorder, solved)
+        self._recorder, self._changes, self._calls = recorder, changes, self._run.calls(single=True)
+        self._last: dict[tuple[int, str], tuple[Array, Array, Array]] = {}  # g, P and M' a of the instant before
+        places = [(c, j) for c, p in enumerate(ready.assembly.propagators) for j in range(len(p.members))]
+        self._places = {ready.assembly.propagators[c].names[j]: (c, j) for c, j in places}
+        for key in changes:
+            static, inertia = self._parts(key, 0, False)
+            self._last[key] = -(static + inertia), static, inertia
+        next(self._calls, None)
+
+    @staticmethod
+    def of(stage: Stage, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> OperatorChanges | None:
+        """Those of a stage; None where no parameter changes a matrix."""
+        changes, bolts = dict[tuple[int, str], _Matrices](), dict[str, BoltPlace]()
+        for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+            more, less = (_models(end) for end in pair)
+            for name, model in more.items():
+                made = tuple(
+                    _difference(getattr(model, key), getattr(less[name], key), parameter.span)
+                    for key in ("mass", "damping", "stiffness")
+                )
+                if any(matrix is not None for matrix in made):
+                    changes[copy, name] = made
+            for name, place in stage.ready.output.bolts.items():
+                cuts = [end.cuts[name] for end in (parameter.more, parameter.less)]
+                stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
+                pattern = parameter.of(cuts[0].pattern, cuts[1].pattern)
+                bolts[f"{copy}{_COPY}{name}"] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
+        return OperatorChanges(stage, changes, bolts, len(parameters)) if changes else None
+
+    def start(self, copy: int, name: str) -> Array | None:
+        """Force (n_full,) on a body at t = 0, N."""
+        return self._last[copy, name][0] if (copy, name) in self._last else None
+
+    def act(self, instant: int, image: Image) -> None:
+        """March the run over an instant, and let the changes act on the copies there."""
+        next(self._calls, None)
+        run = self._run.image.run[0]
+        new, old = float(run["force_weight"]), float(run["force_old"] - run["memory_weight"])
+        if self._run.assembly.quasi_static:
+            new, old = 1.0, 0.0
+        for key in self._changes:
+            static, inertia = self._parts(key, instant, True)
+            force, before, inertia_before = self._last[key]
+            total = new * static + old * before + run["mass_weight"] * inertia + run["mass_old"] * inertia_before
+            force = -(total + old * force) / new
+            if run["force_old"] != 0.0:
+                static = self._parts(key, instant, False)[0]
+            self._last[key] = force, static, inertia
+            (c, j), (copy, _) = self._places[key[1]], key
+            propagator = self._run.assembly.propagators[c]
+            m = len(propagator.members)
+            row = image.row(c)
+            constant = image.class_field(c, "constant", row["n"], row["m"])
+            fixed = image.propagators[c].forcing.loads_over_time()[0]
+            constant[:, copy * m + j] = fixed[:, copy * m + j] + propagator.members[j].expansion.T @ force
+
+    def tensions(self) -> dict[str, Array]:
+        """What the changes of the cuts of bolts add to the derivatives of their tensions, by copy and name."""
+        return self._recorder.series("tension")
+
+    def _parts(self, key: tuple[int, str], instant: int, solved: bool) -> tuple[Array, Array]:
+        """P and M' a (n_full,) of a body at an instant; ``solved``: with the velocity of the equation of motion, which
+        is not that of the state where dofs have no mass."""
+        c, j = self._places[key[1]]
+        propagator, run = self._run.assembly.propagators[c], self._run.image
+        state, mass, (n, m) = propagator.state, self._changes[key], propagator.state.u.shape
+        forcing, expand = propagator.forcing, propagator.members[j].expansion
+        velocity = state.v[:, j]
+        gain = float(run.run[0]["displacement_gain"])
+        if solved and gain != 0.0 and not self._run.assembly.quasi_static:
+            u_free, v_free = (run.class_field(c, name, n, m)[:, j] for name in ("u_free", "v_free"))
+            late = float(run.run[0]["u_late"])
+            acceleration = (state.u[:, j] - u_free - late * v_free) / gain
+            velocity = v_free + float(run.run[0]["velocity_gain"]) * acceleration
+        motions = (
+            expand @ state.a[:, j] + forcing.imposed_a(instant)[:, j],
+            expand @ velocity + forcing.imposed_v(instant)[:, j],
+            expand @ state.u[:, j] + forcing.imposed_u(instant)[:, j],
+        )
+        zero = np.zeros(expand.shape[0])
+        parts = [zero if matrix is None else matrix @ x for matrix, x in zip(mass, motions, strict=True)]
+        return parts[1] + parts[2], parts[0]
+
+
+def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: float) -> sp.csr_array | None:
+    """Derivative of a matrix; None where it does not change."""
+    if more is None or less is None:
+        return None
+    made = sp.csr_array((more - less) / span)
+    return made if abs(made).max() > 0.0 else None
+
+
+def _unit(
+    copy: int, unit: InterfaceUnit, parameter: VariedParameter, ends: tuple[InterfaceUnit, InterfaceUnit]
+) -> InterfaceUnit:
+    """Copy of an interface for a parameter, with the derivatives of its gap and preload."""
+    more, less = ends
+    first, second = (side if side == GROUND else f"{copy}{_COPY}{side}" for side in unit.sides)
+    geometry = replace(unit.geometry, gap=parameter.of(more.geometry.gap, less.geometry.gap))
+    preload = (more.preload - less.preload) / parameter.span
+    return replace(unit, name=f"{copy}{_COPY}{unit.name}", sides=(first, second), geometry=geometry, preload=preload)
+
+
+def _places(base: Layout, layout: Layout, n_unit: int, copies: int) -> list[Index]:
+    """Of every copy the places of the channels of the run among those of the copies."""
+    made = []
+    for copy in range(copies):
+        to = np.zeros(base.n_flat, dtype=np.int64)
+        for i in range(n_unit):
+            for side in (0, 1):
+                to[base.channels(i, side)] = layout.channels(copy * n_unit + i, side)
+        made.append(to)
+    return made
+
+
+def _copy(
+    model: SubstructureModel,
+    time: Array,
+    parameter: VariedParameter,
+    ends: _Pair,
+    state: StateChange,
+    ramps: Mapping[str, tuple[float, float]],
+) -> tuple[SubstructureModel, Histories]:
+    """A substructure with the derivatives of its loads, motions and initial values; ``ramps`` of the bolts."""
+    more, less = (_models(end)[model.name] for end in ends)
+    driven = [end.timeline.histories(own, time) for end, own in zip(ends, (more, less), strict=True)]
+    loads, amplitudes = list[LoadTerm](), list[Array]()
+    for own, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
+        for load, amplitude in zip(own.loads, history.amplitudes, strict=True):
+            same = next((k for k, known in enumerate(loads) if np.array_equal(known.pattern, load.pattern)), len(loads))
+            if same == len(loads):
+                loads.append(replace(load, name=f"{_COPY}{load.name}"))
+                amplitudes.append(np.zeros(len(time)))
+            amplitudes[same] = amplitudes[same] + sign / parameter.span * amplitude
+    for load in model.loads:
+        first, last = ramps.get(load.name, (0.0, 0.0))
+        if first or last:
+            loads.append(load)
+            amplitudes.append(first + (last - first) * time / time[-1])
+    made = replace(
+        model,
+        loads=loads,
+        displacement=state.displacement.get(model.name, parameter.of(more.displacement, less.displacement)),
+        velocity=parameter.of(more.velocity, less.velocity),
+        imposed_start=parameter.of(more.imposed_start, less.imposed_start),
+    )
+    motion = parameter.of(driven[0].imposed_velocity, driven[1].imposed_velocity)
+    return made, Histories(time, amplitudes, motion, driven[0].accelerated)
+
+
+def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:
+    """Derivatives of the first and last amplitude of the load terms of the bolts."""
+    made = {}
+    for name, cut in stage.problem.cuts.items():
+        locked = state.shortening.get(name, 0.0)
+        made[load_name(name)] = locked, locked
+        if name in stage.tightened:
+            force, shortening = _bolt_changes(parameter, name)
+            made[load_name(name)] = (state.tension.get(name, 0.0), force) if cut.loose else (0.0, shortening)
+    return made
+
+
+def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
+    """Derivatives of the force and of the shortening that a bolt is given."""
+    more, less = parameter.more.cuts[name].table, parameter.less.cuts[name].table
+    force = (more.tension or 0.0) - (less.tension or 0.0)
+    return force / parameter.span, ((more.shortening or 0.0) - (less.shortening or 0.0)) / parameter.span
+
+
+def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> dict[int, Array]:
+    """Derivatives of the velocities of the ground of the copies."""
+    made, n = dict[int, Array](), len(base.interfaces)
+    for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
+        more, less = (end.timeline.ground(base, end.time) for end in pair)
+        made |= {copy * n + i: parameter.of(more[i], less[i]) for i in more}
+    return made
+
+
+def _request(request: OutputRequest, copies: int) -> OutputRequest:
+    """Sensors and bolts of the copies."""
+
+    def copied(places: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            f"{copy}{_COPY}{name}": replace(place, substructure=f"{copy}{_COPY}{place.substructure}")
+            for copy in range(copies)
+            for name, place in places.items()
+        }
+
+    bolts = {
+        # a temperature has another name among the derivatives of loads
+        name: replace(place, terms=dict(place.terms) | {f"{_COPY}{load}": t for load, t in place.terms.items()})
+        for name, place in copied(request.bolts).items()
+    }
+    return OutputRequest(sensors=copied(request.sensors), bolts=bolts)
+
+
+def _law_changes(
+    parameter: VariedParameter, more: DiscretisedProblem, less: DiscretisedProblem
+) -> list[tuple[Array, Array, float] | None]:
+    """Parameters of the laws of every group at both ends, None where they are equal."""
+    pairs = zip(more.layout.groups, less.layout.groups, strict=True)
+    return [
+        None if np.array_equal(m.parameters, s.parameters) else (m.parameters, s.parameters, parameter.span)
+        for m, s in pairs
+    ]
+
+
+def _state_after(
+    stage: Stage, run: TangentRun, copy: int, parameter: VariedParameter, state: StateChange
+) -> StateChange:
+    """Derivative of the state at the end of a static stage, as ``statics.state_at_end`` and ``statics._locked``."""
+    assembly, head = run.assembly, f"{copy}{_COPY}"
+    displacement, traction, closure = dict[str, Array](), dict[str, Array](), dict[str, Array]()
+    for p in assembly.propagators:
+        imposed = p.forcing.imposed_u(p.instant)
+        for j, member in enumerate(p.members):
+            if member.name.startswith(head):
+                name = member.name.removeprefix(head)
+                displacement[name] = member.expansion @ p.state.u[:, j] + imposed[:, j]
+    gaps = dict(zip(map(id, assembly.layout.groups), run.gaps(), strict=True))
+    pressed = {unit.name: i for i, unit in enumerate(stage.ready.assembly.interfaces)}
+    for i, unit in enumerate(assembly.interfaces):
+        if not unit.name.startswith(head):
+            continue
+        name, group = unit.name.removeprefix(head), assembly.layout.group(i)
+        points = group.members[i]
+        traction[name] = group.block(run.f_hat)[0, points]
+        if unit.behaviour.opens and not unit.behaviour.elastic:
+            number = pressed[name]
+            whole = stage.ready.assembly.layout.group(number)
+            end = whole.block(stage.rows.f_hat[-1])[0, whole.members[number]]
+            closure[name] = np.where(end[:, 0] < 0.0, gaps[id(group)][points], 0.0)
+    shortening, tension, solved = dict(state.shortening), dict[str, float](), stage.end
+    assert solved is not None, "the end of a static stage"
+    for name, cut in stage.problem.cuts.items():
+        u = displacement.get(cut.table.substructure)
+        if u is None:
+            continue
+        more, less = parameter.more.cuts[name], parameter.less.cuts[name]
+        k = (more.stiffness - less.stiffness) / parameter.span
+        own = solved.displacement[cut.table.substructure]
+        changed = k * solved.bolts.shortening.get(name, 0.0)
+        changed -= float(parameter.of(more.pattern, less.pattern) @ own)
+        if name in stage.tightened:
+            force, given = _bolt_changes(parameter, name)
+            shortening[name] = cut.shortening(force - changed, u) if cut.loose else given
+        tension[name] = cut.force(shortening.get(name, 0.0), u) + changed
+    return StateChange(displacement, traction, closure, shortening, tension)

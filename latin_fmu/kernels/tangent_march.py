@@ -1,0 +1,104 @@
+"""March of the derivatives of a run by parameters: the equations of each instant about their solution.
+
+A parameter p enters loads, initial values, gaps, laws and matrices. The derivative of an instant obeys the equations of
+the instant with the derivatives of its data, and at every point of the interfaces, with J = dF_hat/djump of the law at
+the solution (``laws.dispatch.tangent``),
+
+    F_hat' = J (jump' + m reach') + dF_hat/dp,        m = 1 where the traction follows the gap, else 0.
+
+Its substructures are copies of those of the run, one set for each parameter, as further members of their classes: one
+substitution serves all. Between the copies nothing is coupled. The caller writes J, m and dF_hat/dp of the instants of
+a call into the rows of ``slopes``, ``follows`` and ``sources``. The system is linear: a Newton step (``newton``) solves
+it, and is repeated until the residual is round-off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..compiled import kernel
+from .instants import end_instant, first_guess
+from .krylov import length_of
+from .linear_stage import linear_stage
+from .local_stage import finish, open_window, outgoing, prepare
+from .newton import SIZE, propose
+from .tasks import END, PREDICT, each_class
+
+_MOST, _ENOUGH, _ALLOWED = 40, 1e-14, 1e-9
+"""Steps of an instant; residual over the incoming quantity that ends them; the largest one of a solution."""
+
+
+@kernel
+def march_tangents(pools: Any, first: int, n: int) -> int:
+    """March n instants from ``first`` on; how many have a solution before one that has none, or no unique one."""
+    for call in range(n):
+        instant = first + call
+        each_class(pools, PREDICT, instant, 0)
+        open_window(pools, 1, instant - 1)
+        if pools.run[0].n_flat > 0 and not _solve(pools, instant):
+            return call
+        each_class(pools, END, instant, 0)
+        end_instant(pools, instant, 0)
+    return n
+
+
+@kernel
+def _solve(pools: Any, instant: int) -> bool:
+    """Solve one instant; whether the residual is that of a solution."""
+    run, work = pools.run[0], pools.moving
+    n, row = run.n_flat, instant - run.first_row
+    for g in range(len(pools.groups)):
+        group = pools.groups[g]
+        size = 9 * group.n_point
+        for j in range(size):
+            work[group.tangent + j] = work[group.slopes + row * size + j]
+    work[run.course + SIZE] = 0.0
+    first_guess(pools, instant)
+    q, last = work[run.q : run.q + n], np.inf
+    size = _residual(pools, instant, row)
+    for _ in range(_MOST):
+        if size <= _ENOUGH * length_of(q) or not size < 0.5 * last:
+            break
+        last = size
+        if not propose(pools):
+            return False
+        size = _residual(pools, instant, row)
+    return bool(size <= _ALLOWED * length_of(q))
+
+
+@kernel
+def _residual(pools: Any, instant: int, row: int) -> float:
+    """Fields of both stages for the q of ``work``; length of their residual ``r``."""
+    run, work = pools.run[0], pools.moving
+    linear_stage(pools, 1, instant, 0)
+    for g in range(len(pools.groups)):
+        n_point = pools.groups[g].n_point
+        outgoing(pools, g, 0, 0, n_point)
+        prepare(pools, g, 0, 0, n_point)
+        _apply(pools, g, row)
+        finish(pools, g, 0, 1, 0, n_point)
+    for j in range(run.n_flat):
+        work[run.r + j] = work[run.local_f + j] + pools.fixed[run.k + j] * work[run.local_w + j] - work[run.q + j]
+    return length_of(work[run.r : run.r + run.n_flat])
+
+
+@kernel
+def _apply(pools: Any, g: int, row: int) -> None:
+    """Tractions of the points of a group by their slopes."""
+    work, group = pools.moving, pools.groups[g]
+    h = group.n_component
+    width = h if group.elastic == 1 else 1
+    sources = group.sources + row * group.n_point * h
+    follows = group.follows + row * group.n_point * width
+    for p in range(group.n_point):
+        for a in range(h):
+            total = work[sources + p * h + a]
+            for b in range(h):
+                change = work[group.jump + p * h + b]
+                # one gap a point opens along N, component 0
+                if b < width:
+                    change += work[follows + p * width + b] * work[group.reach + p * width + b]
+                total += work[group.tangent + 9 * p + 3 * a + b] * change
+            work[group.traction + p * h + a] = total

@@ -1,0 +1,178 @@
+"""March of the derivatives of a run by parameters (``kernels.tangent_march``), from its fields at the interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import SolverError
+from ..kernels import entries
+from ..kernels.callouts import TANGENTS
+from ..laws.dispatch import LAWS, apply_law, law_tangents
+from .assembly import Array, Assembly, Group
+from .interface_rows import InterfaceRows
+from .outcome import Timings
+from .recorder import Recorder
+from .run_state import RunState
+from .search_direction import Direction
+from .settings import SolverSettings
+
+_UNLIKE = 1e-2  # difference of both one-sided differences of a law, over the larger one, from which a state changes
+
+
+@dataclass(frozen=True)
+class SolvedFields:
+    """Fields of a run at its interfaces, and how the parameters of their laws change.
+
+    Attributes
+    ----------
+    assembly, rows : of the run. changes : by parameter and group of interfaces, parameters of the laws (n_point,
+    n_parameter) with the parameter a little larger and a little smaller, and the difference of both; None where they
+    do not change, and for the run itself in the place of its derivatives.
+    """
+
+    assembly: Assembly
+    rows: InterfaceRows
+    changes: Sequence[Sequence[tuple[Array, Array, float] | None] | None]
+
+
+class TangentRun(RunState):
+    """Derivatives of a run by parameters.
+
+    Parameters
+    ----------
+    assembly : copies of the substructures and interfaces of the run, those of the first parameter first, with the
+        derivatives of loads, initial values and gaps. settings : of the run. solved : its fields.
+    """
+
+    def __init__(self, assembly: Assembly, settings: SolverSettings, recorder: Recorder, solved: SolvedFields) -> None:
+        self._solved = solved
+        settings = replace(settings, newton=True, window=1, tables=0.0, threads=1, anderson_depth=1)
+        linear = {"linear": 1, "deepest": -np.inf, "make_up": 0.0}
+        super().__init__(assembly, settings, recorder, Timings(), linear)
+        # the tangents are in the image already
+        self.image.callouts.add({TANGENTS: lambda *_: None})
+
+    def made_direction(self, settings: SolverSettings, n: int) -> Direction:
+        """Search direction whose Newton steps solve the linear system of an instant: by its matrix, or where there is
+        none by products of the linear stage."""
+        direction = super().made_direction(settings, n)
+        if not direction.newton:
+            direction.relative, direction.newton = {"on_iteration": 1}, True
+        direction.newton_z = direction.z
+        return direction
+
+    def march(self) -> None:
+        """March all instants; errors as for ``calls``."""
+        for _ in self.calls():
+            pass
+
+    def calls(self, single: bool = False) -> Iterator[int]:
+        """March all instants; each instant that a call of the kernels begins with, before it: every one if ``single``.
+
+        Raises
+        ------
+        SolverError : an instant has no unique derivative.
+        """
+        image, first = self.image, self.assembly.instant + 1
+        while first <= self.assembly.n_instant:
+            row = self._row(first)
+            n = min(image.rows - row, self.assembly.n_instant + 1 - first)
+            self._set_first_row(first)
+            image.write()
+            for g, group in enumerate(self._solved.assembly.layout.groups):
+                self._give(g, group, first, slice(row, row + n))
+            length = 1 if single else n
+            for instant in range(first, first + n, length):
+                yield instant
+                done = image.call(entries.TANGENT, instant, length)
+                if done < length:
+                    time = self.assembly.time[instant + done]
+                    raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
+            self._set_instant(first + n - 1)
+            self._record(n, row)
+            first += n
+
+    def _give(self, g: int, group: Group, first: int, rows: slice) -> None:
+        """Write what the kernels take of the laws of a group at the instants from ``first`` on into rows of the
+        image."""
+        image, p, h = self.image, group.n_point, group.n_component
+        n, copies = rows.stop - rows.start, len(self._solved.changes)
+        width = h if group.behaviour.elastic else 1
+        slopes, sources, follows = (
+            image.group_field(g, name, image.rows, copies * p, *shape)[rows]
+            for name, shape in (("slopes", (3, 3)), ("sources", (h,)), ("follows", (width,)))
+        )
+        arguments, moves = self._arguments(g, group, first, n)
+        parameters = np.tile(group.parameters, (n, 1))
+        law = group.behaviour.name
+        tangents = law_tangents(LAWS[law], *arguments, parameters)
+        slopes[:], sources[:] = 0.0, 0.0
+        for copy, changes in enumerate(self._solved.changes):
+            points = slice(copy * p, (copy + 1) * p)
+            if changes is None:
+                sources[:] = group.block(self._solved.rows.f_hat[first : first + n])[:, 0]
+                continue
+            slopes[:, points, :h, :h] = tangents.reshape(n, p, h, h)
+            follows[:, points] = moves
+            if (change := changes[g]) is not None:
+                sources[:, points] = _source(law, arguments, parameters, tangents, change).reshape(n, p, h)
+
+    def _arguments(self, g: int, group: Group, first: int, n: int) -> tuple[tuple[Array, Array, Array, float], Array]:
+        """Arguments of the law of a group (``laws.dispatch``) in the run at n instants, one after the other, and
+        whether its tractions follow the gaps (n, n_point, width)."""
+        solved, image, p, h = self._solved, self.image, group.n_point, group.n_component
+        instants, behaviour = slice(first, first + n), group.behaviour
+        place = int(image.groups[g]["z_sum"])
+        z = image.fixed[place : place + 2 * p].reshape(p, 2)
+        f, w = group.block(solved.rows.f_hat[instants])[:, 0], group.block(solved.rows.w_hat[instants])
+        jump = w[:, 1] - w[:, 0] + z[:, [0, 1, 1][:h]] * f
+        gaps, run = solved.rows.gaps.get(g), image.run[0]
+        if behaviour.elastic:
+            rate, reach, moves = float(run["layer_rate"]), np.zeros((n, p, h)), np.ones((n, p, h))
+            if gaps is not None:
+                # the compression at the end of the instant, whatever reach and jump it is made of
+                jump[..., 0] = rate * gaps[instants] + z[:, 0] * f[..., 0]
+                moves[..., 1:] = 0.0
+        else:
+            rate, reach, moves = float(1.0 / run["dt"]), np.zeros((n, p, 1)), np.zeros((n, p, 1))
+            if gaps is not None:
+                before, deepest = gaps[first - 1 : first + n - 1], -np.inf if solved.assembly.quasi_static else 0.0
+                reach[..., 0], moves[..., 0] = np.maximum(before, deepest) * rate, before >= deepest
+                # pressed points are at the gap of the law but for the tolerance of the iteration
+                closed = f[..., 0] < 0.0
+                jump[..., 0] = np.where(closed, z[:, 0] * f[..., 0], np.maximum(jump[..., 0] + reach[..., 0], 0.0))
+                jump[..., 0] -= reach[..., 0]
+        flat = jump.reshape(n * p, h), np.tile(z, (n, 1)), reach.reshape(n * p, -1), rate
+        return flat, moves
+
+
+def _source(
+    law: str,
+    arguments: tuple[Array, Array, Array, float],
+    parameters: Array,
+    tangents: Array,
+    change: tuple[Array, Array, float],
+) -> Array:
+    """Derivative (n_point, h) of the tractions of points by a parameter at given arguments of their law.
+
+    The difference of the law is central, but where a point that slips would stick with one of both values, or the other
+    way round: there it is that of the side on which the state stays.
+    """
+    jump, z = arguments[:2]
+    repeat = len(jump) // len(change[0])
+    now = apply_law(law, *arguments, parameters)
+    up = apply_law(law, *arguments, np.tile(change[0], (repeat, 1))) - now
+    down = now - apply_law(law, *arguments, np.tile(change[1], (repeat, 1)))
+    made = (up + down) / change[2]
+    if jump.shape[1] == 1:
+        return made
+    sizes = np.linalg.norm(up[:, 1:], axis=1), np.linalg.norm(down[:, 1:], axis=1)
+    unlike = np.abs(sizes[0] - sizes[1]) > _UNLIKE * np.maximum(*sizes)
+    sliding = jump[:, 1:] / np.maximum(np.linalg.norm(jump[:, 1:], axis=1), np.finfo(float).tiny)[:, None]
+    # along the slip the tangent of a point that slips is that of the pressure alone
+    slips = np.einsum("pa,pab,pb->p", sliding, tangents[:, 1:, 1:], sliding) * z[:, 1] < 0.5
+    taken = np.where(((sizes[0] > sizes[1]) == slips)[:, None], up, down)
+    return np.where(unlike[:, None], 2.0 * taken / change[2], made)

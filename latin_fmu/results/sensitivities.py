@@ -1,0 +1,458 @@
+"""Derivatives of the results of a run by parameters of its scene: data, groups of the file, sentences.
+
+A derivative is stored as the change for a change of the parameter by its own value (by 1 where that is 0), so that it
+has the unit of its quantity. Histories are those of ``kernels.tangent_march``. Scalar quantities follow from them by
+the definitions of ``quantities_of_interest``: a central difference along the derivatives, which gives the mean peak
+with the place of its window. The first contact is that of the implicit function of gap and velocity.
+
+The derivative is one-sided where a point is about to open, close, stick or slip. ``changing`` is the share of the area
+whose state would change within a change of the parameter by ``WITHIN``, as the derivatives of gap, pressure, shear and
+sliding predict. An instant with a share above ``MANY`` is an event. A front that a parameter shifts in time changes the
+force at its event by its height times the shift, which the steps resolve to some per cent. So a quantity is flagged
+
+* impulse, peak: where the change at events up to its instant is above ``AT_EVENTS`` times its own, and times a tenth of
+  its value,
+* separation: where its instant is an event, and it changes by more than a tenth of its value,
+* slip, work of friction, sensors, bolts: where more than ``SHARE`` of all change of force happens at events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..interface.laws import SEPARATION, SLIP, STICK
+from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
+from ..scene.units import SI, UnitSystem
+from .groups import StoredGroup
+from .quantities import AXES, LABELS, named, rows
+from .quantities_of_interest import (
+    ACCELERATION_PEAK,
+    BOLT_FORCE,
+    CONTACT_SHARE,
+    DISPLACEMENT,
+    DISPLACEMENT_PEAK,
+    FIRST_CONTACT,
+    FRICTION_WORK,
+    IMPULSE,
+    PEAK_FORCE,
+    VELOCITY_PEAK,
+    Force,
+    InterfaceFields,
+    definition_of,
+    first_contact_time,
+    normal_resultant,
+    separation_time,
+    slip_in_contact,
+)
+from .quantities_of_interest import SEPARATION as SEPARATION_INSTANT
+from .sentences import wrapped
+from .summary import finite
+
+WITHIN: Final = 0.01
+"""Change of a parameter, over its value, within which a state that would change counts as changing."""
+MANY: Final = 0.1
+"""Share of the area in contact whose state changes at an event, at least."""
+AT_EVENTS: Final = 2.0
+"""Change of the force at events over that of a quantity from which on this is flagged."""
+SHARE: Final = 0.2
+"""Share of the change of force that happens at events from which on what depends on all of it is flagged."""
+_LITTLE = 0.1  # change of a quantity over its value, for the whole parameter, below which its error does not count
+_NEAR = 2  # instants around an event that belong to it
+_STEP: Final = 1e-6
+"""Change of a parameter, over its value, in the differences of scalar quantities."""
+PART: Final = 0.1
+"""Change of a parameter, over its value, that the sentences are for."""
+_SAID, _SMALL = 3, 1e-3
+_AXES: Final = {"0": "x", "1": "y", "2": "z"}
+SLIP_DISTANCE: Final = "slip"
+"""Key of the distance that the points have slipped at the end of the run, mean over the area."""
+
+
+def in_words(parameter: str) -> str:
+    """A dotted name in words.
+
+    >>> in_words("interface.crush.friction_coefficient"), in_words("substructure.bar.initial_velocity.2")
+    ('friction coefficient of crush', 'initial velocity z of bar')
+    """
+    parts = parameter.split(".")
+    owner = f" of {parts[1]}" if len(parts) > 2 else ""
+    keys = parts[2:] if len(parts) > 2 else parts
+    return " ".join(_AXES.get(key, key.replace("_", " ")) for key in keys) + owner
+
+
+@dataclass(frozen=True)
+class HistoryChanges:
+    """Derivatives of the histories of a run by one parameter, per unit of it.
+
+    Attributes
+    ----------
+    name, value : of the parameter. interfaces, sensors, bolts : by name; of the fields that are linear in traction,
+    motion and gap alone. friction : of the friction coefficients, by interface.
+    """
+
+    name: str
+    value: float
+    interfaces: Mapping[str, InterfaceHistory]
+    sensors: Mapping[str, SensorHistory]
+    bolts: Mapping[str, BoltHistory]
+    friction: Mapping[str, float]
+
+    @property
+    def scale(self) -> float:
+        """Change of the parameter that derivatives are stored for."""
+        return self.value or 1.0
+
+
+@dataclass(frozen=True)
+class QuantitySensitivity:
+    """A scalar quantity, ``owner.key``, with its changes by the parameters (n,) for their scales, and whether each is
+    flagged."""
+
+    quantity: str
+    unit: str
+    value: float
+    changes: Array
+    flagged: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of a run.
+
+    Attributes
+    ----------
+    derivatives : by parameter. changing : (n, n_time) by interface (module docstring). quantities : scalars.
+    time, interface_time : instants of the run, s, and of its interfaces.
+    """
+
+    derivatives: Sequence[HistoryChanges]
+    changing: Mapping[str, Array]
+    quantities: Sequence[QuantitySensitivity]
+    time: Array
+
+    @staticmethod
+    def of(outcome: Outcome, derivatives: Sequence[HistoryChanges]) -> Sensitivities:
+        """Those of a finished run."""
+        changing = {
+            name: np.stack([_changing(h, d.interfaces[name], d, d.friction[name]) for d in derivatives])
+            for name, h in outcome.interfaces.items()
+        }
+        return Sensitivities(derivatives, changing, list(_quantities(outcome, derivatives, changing)), outcome.time)
+
+    def __getitem__(self, quantity: str) -> QuantitySensitivity:
+        """The changes of one quantity (KeyError where there is none)."""
+        for known in self.quantities:
+            if known.quantity == quantity:
+                return known
+        raise KeyError(quantity)
+
+    def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
+        """Groups of the results file by path."""
+        names = np.array([d.name for d in self.derivatives], dtype=np.str_)
+        label = named(_ROWS, {"parameter": names})
+        made: dict[str, object] = {
+            "parameter_scale": np.array([d.scale for d in self.derivatives]),
+            "quantity_unit": np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_),
+            "value": np.array([q.value for q in self.quantities]),
+            "change": np.array([q.changes for q in self.quantities]).reshape(-1, len(names)),
+            "flagged": np.array([q.flagged for q in self.quantities], dtype=np.int8).reshape(-1, len(names)),
+        }
+        quantities = np.array([q.quantity for q in self.quantities], dtype=np.str_)
+        groups = {
+            "/sensitivities": StoredGroup.of(named(_ROWS, made), [*label, *named(_ROWS, {"quantity": quantities})])
+        }
+        along = [*label, *named(LABELS, {"time": self.time, "component": AXES})]
+        scales = np.array([d.scale for d in self.derivatives])
+
+        def stacked(values: Sequence[Array | None]) -> Array | None:
+            known = [v for v in values if v is not None]
+            return np.einsum("p,p...->p...", scales, np.stack(known)) if len(known) == len(scales) else None
+
+        for name, share in self.changing.items():
+            own = [d.interfaces[name] for d in self.derivatives]
+            given = {
+                "force": stacked([h.force() for h in own]),
+                "impulse": stacked([h.impulse(self.time) for h in own]),
+                "changing": share,
+            }
+            groups[f"/sensitivities/interfaces/{name}"] = StoredGroup.of(named(_ROWS, given), along)
+        for name in self.derivatives[0].sensors:
+            motions = ("displacement", "velocity", "acceleration")
+            given = {key: stacked([getattr(d.sensors[name], key) for d in self.derivatives]) for key in motions}
+            groups[f"/sensitivities/sensors/{name}"] = StoredGroup.of(named(_ROWS, given), along)
+        for name in self.derivatives[0].bolts:
+            tension = stacked([d.bolts[name].force for d in self.derivatives])
+            group = StoredGroup.of(named(_ROWS, {"tension": tension}), [*label, *named(LABELS, {"time": self.time})])
+            groups[f"/sensitivities/bolts/{name}"] = group
+        return groups
+
+    def lines(self, units: UnitSystem = SI) -> list[str]:
+        """The three largest changes of each quantity for parameters larger by PART, one line a quantity."""
+        made = []
+        for q in self.quantities:
+            owner, _, key = q.quantity.rpartition(".")
+            clauses = []
+            for i in np.argsort(-np.abs(q.changes), kind="stable")[:_SAID]:
+                change, of = PART * float(q.changes[i]), self.derivatives[i]
+                if change == 0.0 or abs(change) < _SMALL * abs(q.value):
+                    continue
+                much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
+                doubt = " (states change on the way)" if q.flagged[i] else ""
+                clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
+            text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for 10 % more of any parameter"
+            made.append((f"{owner} {key.replace('_', ' ')}", text))
+        width = max((len(name) for name, _ in made), default=0)
+        return [line for name, text in made for line in wrapped(name.ljust(width), text)]
+
+    def report(self, units: UnitSystem = SI) -> dict[str, Any]:
+        """Plain data for strict JSON: per quantity its value, unit, and by parameter the change and whether it is
+        flagged; ``scales`` of the parameters."""
+        names = [d.name for d in self.derivatives]
+        quantities = {
+            q.quantity: {
+                "unit": units.label(q.unit),
+                "value": finite(q.value),
+                "changes": dict(zip(names, map(finite, q.changes.tolist()), strict=True)),
+                "flagged": dict(zip(names, q.flagged.tolist(), strict=True)),
+            }
+            for q in self.quantities
+        }
+        return {"scales": {d.name: d.scale for d in self.derivatives}, "quantities": quantities}
+
+
+_ROWS: Final = rows(
+    """
+    parameter | - | parameter | dotted name of a number of the scene
+    quantity  | - | quantity  | name of the quantity
+    parameter_scale | - | parameter | change of the parameter that the others are for: its value, or 1 | in its unit
+    quantity_unit | - | quantity | unit of the quantity
+    value     | - | quantity           | value of the quantity, in its unit
+    change    | - | quantity parameter | change of the quantity, in its unit, to first order
+    flagged   | - | quantity parameter | whether states change at instants that the quantity depends on | | no yes
+    force     | N | parameter time component | change of the resultant force on side E
+    impulse   | N s | parameter time component | change of the force integrated over time
+    changing  | 1 | parameter time | share of the area whose state would change within 1 per cent of the parameter
+    displacement | m | parameter time component | change of the displacement of the sensor
+    velocity  | m s-1 | parameter time component | change of the velocity of the sensor
+    acceleration | m s-2 | parameter time component | change of the acceleration of the sensor
+    tension   | N | parameter time | change of the tension of the shank
+    """
+)
+
+
+# -- states that change -----------------------------------------------------------------------------------------------
+def _changing(history: InterfaceHistory, change: InterfaceHistory, of: HistoryChanges, friction: float) -> Array:
+    """Share (n_time,) of the area in contact whose state would change within WITHIN."""
+    status = history.contact_status
+    if status is None or history.gap is None or change.gap is None:
+        return np.zeros(len(history.traction))
+    step, n = WITHIN * abs(of.scale), history.normals
+
+    def leaves(value: Array, slope: Array) -> NDArray[np.bool_]:
+        return np.asarray(value < step * np.abs(slope))
+
+    def parts(h: InterfaceHistory) -> tuple[Array, Array, Array]:
+        pressure, jump = h.pressure(), h.velocity[:, 1] - h.velocity[:, 0]
+        shear = h.traction + pressure[..., None] * n
+        return pressure, shear, jump - np.einsum("tpc,pc,pd->tpd", jump, n, n)
+
+    (pressure, shear, sliding), (d_pressure, d_shear, d_sliding) = parts(history), parts(change)
+    size, speed = np.linalg.norm(shear, axis=2), np.linalg.norm(sliding, axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        d_size = np.nan_to_num(np.einsum("tpc,tpc->tp", shear, d_shear) / size)
+        d_speed = np.nan_to_num(np.einsum("tpc,tpc->tp", sliding, d_sliding) / speed)
+    closed = status != SEPARATION
+    turns = closed & leaves(pressure, d_pressure)
+    turns |= (status == SEPARATION) & leaves(history.gap, change.gap) & (np.abs(change.gap) > 0.0)
+    if history.has_friction:
+        margin, slope = history.mu * pressure - size, history.mu * d_pressure + friction * pressure - d_size
+        turns |= (status == STICK) & leaves(margin, slope)
+        turns |= (status == SLIP) & leaves(speed, d_speed)
+    ever = float(history.areas[closed.any(axis=0)].sum())
+    return np.asarray((turns @ history.areas) / ever if ever > 0.0 else np.zeros(len(turns)))
+
+
+# -- scalar quantities ------------------------------------------------------------------------------------------------
+def _moved(history: InterfaceHistory, change: InterfaceHistory, by: float) -> InterfaceHistory:
+    """A history moved along its derivative."""
+    gap = None if history.gap is None or change.gap is None else history.gap + by * change.gap
+    traction, velocity = history.traction + by * change.traction, history.velocity + by * change.velocity
+    return replace(history, traction=traction, velocity=velocity, gap=gap)
+
+
+def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float | None]:
+    """Scalars of an interface by key."""
+    fields = InterfaceFields.of_history(history, time)
+    normal = normal_resultant(fields)
+    made: dict[str, float | None] = {IMPULSE.key: float(np.sum(np.diff(time) * 0.5 * (normal[1:] + normal[:-1])))}
+    if history.quasi_static:
+        made = {}
+    made[PEAK_FORCE.key] = Force(time, normal).peaks(history.peak_duration)[0]
+    if history.contact_status is not None and not history.quasi_static:
+        made |= {FIRST_CONTACT.key: first_contact_time(fields), SEPARATION_INSTANT.key: separation_time(fields)}
+    if history.has_friction:
+        made[FRICTION_WORK.key] = _friction_work(history, time)
+        slid = np.linalg.norm(slip_in_contact(history, time)[-1], axis=1)
+        made[SLIP_DISTANCE] = float(slid @ history.areas / history.areas.sum())
+    return made
+
+
+def _friction_work(history: InterfaceHistory, time: Array) -> float:
+    """Work that friction has dissipated until the end, J: end of the instants, as the energies take it."""
+    jump = history.velocity[:, 1] - history.velocity[:, 0]
+    along = np.einsum("tpc,pc->tp", jump, history.normals) * np.einsum("tpc,pc->tp", history.traction, history.normals)
+    power = (np.einsum("tpc,tpc->tp", history.traction, jump) - along) @ history.areas
+    return float((np.diff(time) * power[1:]).sum())
+
+
+def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
+    """Scalars of a sensor by key."""
+    size = [None if v is None else np.linalg.norm(v, axis=1) for v in (history.displacement, history.velocity)]
+    made: dict[str, float | None] = {
+        DISPLACEMENT.key: None if size[0] is None else float(size[0][-1]),
+        DISPLACEMENT_PEAK.key: None if size[0] is None else float(size[0].max()),
+    }
+    if history.acceleration is not None:
+        made[VELOCITY_PEAK.key] = None if size[1] is None else float(size[1].max())
+        made[ACCELERATION_PEAK.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
+    return made
+
+
+def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> SensorHistory:
+    acceleration = None
+    if history.acceleration is not None and change.acceleration is not None:
+        acceleration = history.acceleration + by * change.acceleration
+    displacement, velocity = history.displacement + by * change.displacement, history.velocity + by * change.velocity
+    return replace(history, displacement=displacement, velocity=velocity, acceleration=acceleration)
+
+
+@dataclass(frozen=True)
+class _Activity:
+    """Change of the force of an interface, in magnitude, summed over time up to each instant, (n, n_time), N s.
+
+    at_events : at events, and around them. whole : at all instants. events : (n, n_time) whether an instant is one.
+    """
+
+    at_events: Array
+    whole: Array
+    events: NDArray[np.bool_]
+
+    @staticmethod
+    def of(time: Array, changing: Array, forces: Sequence[Array]) -> _Activity:
+        """From the share that changes (n, n_time) and the changes of force (n_time, 3)."""
+        size, step = np.stack([np.linalg.norm(f, axis=1) for f in forces]), np.gradient(time)
+        events = changing > MANY
+        near = events.copy()
+        for k in range(1, _NEAR + 1):
+            near[:, k:] |= events[:, :-k]
+            near[:, :-k] |= events[:, k:]
+        return _Activity(np.cumsum(size * near * step, axis=1), np.cumsum(size * step, axis=1), near)
+
+    def outweighs(self, i: int, q: QuantitySensitivity, over: float) -> NDArray[np.bool_]:
+        """Whether the change at events up to the instant i, ``over`` a time, s, is above AT_EVENTS times that of a
+        quantity, and times a tenth of its value."""
+        least = np.maximum(np.abs(q.changes), _LITTLE * abs(q.value))
+        return np.asarray(self.at_events[:, i] > AT_EVENTS * over * least)
+
+    def shares(self, i: int) -> NDArray[np.bool_]:
+        """Whether more than SHARE of the change up to the instant i happens at events."""
+        return np.asarray(self.at_events[:, i] > SHARE * self.whole[:, i])
+
+
+def _quantities(
+    outcome: Outcome, derivatives: Sequence[HistoryChanges], changing: Mapping[str, Array]
+) -> Iterator[QuantitySensitivity]:
+    """Scalar quantities with their changes."""
+    time, n, activities = outcome.time, len(derivatives), list[_Activity]()
+    for name, history in outcome.interfaces.items():
+        ends = [
+            [
+                interface_scalars(_moved(history, d.interfaces[name], sign * _STEP * d.scale), time)
+                for sign in (1.0, -1.0)
+            ]
+            for d in derivatives
+        ]
+        forces = [d.scale * d.interfaces[name].force() for d in derivatives]
+        activities.append(activity := _Activity.of(time, changing[name], forces))
+        for q in _differences(name, interface_scalars(history, time), ends):
+            if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
+                moved = [d.scale * _contact_change(history, d.interfaces[name]) for d in derivatives]
+                q = replace(q, changes=np.array(moved))
+            yield replace(q, flagged=_flags(q, history, time, activity))
+    every = _Activity(
+        np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
+        np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
+        np.any([a.events for a in activities] or [np.zeros((n, len(time)), dtype=bool)], axis=0),
+    )
+    for name, sensor in outcome.sensors.items():
+        ends = [
+            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], sign * _STEP * d.scale)) for sign in (1.0, -1.0)]
+            for d in derivatives
+        ]
+        for q in _differences(name, sensor_scalars(sensor), ends):
+            key = q.quantity.rpartition(".")[2]
+            motion = getattr(sensor, key.removesuffix("_peak")) if key.endswith("_peak") else None
+            last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
+            yield replace(q, flagged=every.shares(last))
+    for name, bolt in outcome.bolts.items():
+        i = int(np.argmax(bolt.force))
+        own = np.array([d.scale * d.bolts[name].force[i] for d in derivatives])
+        yield QuantitySensitivity(
+            f"{name}.{BOLT_FORCE.key}", BOLT_FORCE.unit, float(bolt.force[i]), own, every.shares(i)
+        )
+
+
+def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
+    """Derivative of the instant at which a gap closes, s: that of gap over closing speed at the last instant before, by
+    the implicit function; 0 where no gap closes."""
+    loaded = history.pressure() > CONTACT_SHARE * float(history.pressure().max(initial=0.0))
+    i = int(np.argmax(loaded.any(axis=1)))
+    if history.gap is None or change.gap is None or i == 0:
+        return 0.0
+    # the gap is closed at an instant already where it ends there
+    i = int(np.flatnonzero((history.gap[:i, loaded[i]] > 1e-9 * history.gap.max()).all(axis=1))[-1:].sum())
+    gap, d_gap = history.gap[i], change.gap[i]
+    speed, d_speed = (h.velocity[i, 0] - h.velocity[i, 1] for h in (history, change))
+    speed, d_speed = (np.einsum("pc,pc->p", v, history.normals) for v in (speed, d_speed))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wait = np.where(loaded.any(axis=0) & (speed > 0.0), gap / speed, np.inf)
+        p = int(np.argmin(wait))
+        return float(d_gap[p] / speed[p] - gap[p] * d_speed[p] / speed[p] ** 2) if np.isfinite(wait[p]) else 0.0
+
+
+def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activity: _Activity) -> NDArray[np.bool_]:
+    """Whether a quantity of an interface is flagged (module docstring)."""
+    key, end = q.quantity.rpartition(".")[2], len(time) - 1
+    if key == FIRST_CONTACT.key:  # the implicit function of gap and velocity before the event
+        return np.zeros(len(q.changes), dtype=bool)
+    force = Force(time, history.normal_resultant())
+    duration = force.peak_duration(history.peak_duration)
+    if key == SEPARATION_INSTANT.key:
+        first, last = np.searchsorted(time, [q.value, q.value + duration])
+        shifted = np.abs(q.changes) > _LITTLE * abs(q.value)
+        return np.asarray(activity.events[:, first - 1 : last + 1].any(axis=1)) & shifted
+    if key == IMPULSE.key:
+        return activity.outweighs(end, q, 1.0)
+    if key == PEAK_FORCE.key:
+        last = min(int(np.searchsorted(time, force.peak_mean(duration)[1] + duration)), end)
+        over = max(duration, float(time[1] - time[0]))
+        return activity.outweighs(last, q, over)
+    return activity.shares(end)
+
+
+def _differences(
+    owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]]
+) -> Iterator[QuantitySensitivity]:
+    """Central differences of the scalars of an owner along each parameter, not flagged yet."""
+    for key, value in values.items():
+        pairs = [[end.get(key) for end in pair] for pair in ends]
+        if value is None or any(x is None for pair in pairs for x in pair):
+            continue
+        changes = np.array([(float(m or 0.0) - float(s or 0.0)) / (2.0 * _STEP) for m, s in pairs])
+        unit = "m" if key == SLIP_DISTANCE else definition_of(f"{owner}.{key}").unit
+        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, np.zeros(len(changes), dtype=bool))

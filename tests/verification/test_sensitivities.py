@@ -1,0 +1,241 @@
+"""Derivatives by parameters against central differences of converged runs, and against closed forms."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.errors import SceneError
+from latin_fmu.results import sensitivities
+from tests.scenes import MODELS
+
+TIGHT = ("solver.tolerance=1e-11", "solver.force_tolerance=1e-10", "output.fields=false", "output.energy=false")
+STEP = 1e-5
+CRUSHING = (
+    "two_specimen_crushing",
+    ("substructure.lower.box.elements=[3,3,3]", "substructure.upper.box.elements=[3,3,3]", "time.step=0.3e-6"),
+    ("interface.crush.friction_coefficient", "load.press.pressure"),
+)
+HAMMER = (
+    "hammer_on_plate",
+    (
+        "substructure.plate.box.elements=[6,6,2]",
+        "substructure.hammer.box.elements=[2,2,4]",
+        "time.step=1.9e-6",
+        "time.end=1.9e-4",
+    ),
+    ("interface.blow.friction_coefficient", "substructure.hammer.initial_velocity.2"),
+)
+SHEAR = (
+    "shear_interface",
+    (),
+    ("interface.fault.friction_coefficient", "interface.fault.preload", "load.incident.traction.0"),
+)
+BOUNCE = (
+    "bouncing_bar",
+    ("substructure.bar.box.elements=[1,1,20]", "time.instants=220", "interface.wall.gap=4.987"),
+    ("interface.wall.gap", "substructure.bar.body_force.2"),
+)
+DAMPED = (BOUNCE[0], (*BOUNCE[1], "substructure.bar.modal_damping={ratio=0.05,below=30.0}"), BOUNCE[2])
+PLATES = (
+    "pressed_plates",
+    tuple(f"substructure.p{i}.box.elements=[3,3,1]" for i in range(1, 9)),
+    ("interface.i3.friction_coefficient", "load.press.pressure", "load.shear.traction.0"),
+)
+BOLTED = (
+    "lap_joint",
+    (
+        'time={start="static",end=8e-6,step=5e-7}',
+        'load.pull.law={type="half_sine",start=0.0,duration=2e-5}',
+        'sensor.end={face="upper.upper_left"}',
+    ),
+    ("contact.all.friction_coefficient", "bolt.m6.force", "load.pull.traction.0"),
+)
+MATERIALS = (
+    "two_specimen_crushing",
+    (
+        "substructure.lower.box.elements=[2,2,2]",
+        "substructure.upper.box.elements=[2,2,2]",
+        "time.step=0.3e-6",
+        "material.steel.rayleigh_stiffness=2e-8",
+    ),
+    ("material.steel.young_modulus", "material.aluminium.density", "material.steel.rayleigh_stiffness"),
+)
+LANDING = (
+    "impact_bar",
+    ("substructure.bar.box.elements.2=10", "time.instants=40", "interface.wall.gap=4.87"),
+    ("material.bar.young_modulus", "material.bar.density"),
+)
+STRAINED = (
+    "lap_joint",
+    ('time={start="static",end=4e-6,step=5e-7}', 'load.pull.law={type="half_sine",start=0.0,duration=2e-5}'),
+    ("material.steel.young_modulus", "material.steel.poisson_ratio"),
+)
+Case = tuple[str, tuple[str, ...], tuple[str, ...]]
+
+
+def scene_of(case: Case) -> latin_fmu.Scene:
+    """The scene of a case, without derivatives."""
+    return latin_fmu.load_scene(MODELS / case[0] / "scene.toml", (*TIGHT, *case[1]))
+
+
+@cache
+def differentiated(case: Case) -> latin_fmu.Solution:
+    """The solution of a case with its derivatives."""
+    solution = latin_fmu.solve(scene_of(case).replace("output.sensitivities", list(case[2])))
+    assert solution.converged, solution.status
+    return solution
+
+
+@cache
+def ends(case: Case, parameter: str) -> tuple[latin_fmu.Solution, latin_fmu.Solution]:
+    """Solutions with a parameter a little larger and a little smaller."""
+    scene = scene_of(case)
+    value = next(d.value for d in differentiated(case).sensitivities.derivatives if d.name == parameter)
+    more, less = (latin_fmu.solve(scene.replace(parameter, value + sign * STEP * abs(value))) for sign in (1, -1))
+    return more, less
+
+
+def apart(own: np.ndarray, more: np.ndarray, less: np.ndarray, value: float) -> float:
+    """Distance of a derivative from a central difference, over the largest."""
+    difference = (more - less) / (2.0 * STEP * abs(value))
+    return float(np.abs(own - difference).max() / np.abs(difference).max())
+
+
+EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, DAMPED, PLATES, BOLTED, MATERIALS, LANDING, STRAINED)
+
+
+@pytest.mark.parametrize("case", EVERY, ids=lambda case: f"{case[0]}-{case[2][0]}")
+def test_histories_are_those_of_central_differences(case: Case) -> None:
+    """Tractions and velocities at every point and instant; no state changes within the differences."""
+    for d in differentiated(case).sensitivities.derivatives:
+        more, less = ends(case, d.name)
+        for name, history in more.interfaces.items():
+            status = less.interfaces[name].contact_status
+            assert status is None or np.array_equal(history.contact_status, status)
+        # of all interfaces together; round-off of the differences: 1e-11 of the fields over twice the step
+        for field, limit in (("traction", 2e-5), ("velocity", 2e-4)):
+            every = (d.interfaces, more.interfaces, less.interfaces)
+            own, a, b = (np.concatenate([getattr(h, field).ravel() for h in table.values()]) for table in every)
+            assert apart(own, a, b, d.value) < limit, (d.name, field)
+
+
+@pytest.mark.parametrize("case", [CRUSHING, SHEAR, BOUNCE, PLATES, MATERIALS], ids=lambda case: case[2][0])
+def test_scalars_are_those_of_central_differences(case: Case) -> None:
+    solution = differentiated(case)
+    known = solution.sensitivities
+    for i, d in enumerate(known.derivatives):
+        more, less = ends(case, d.name)
+        for name, history in solution.interfaces.items():
+            pair = [sensitivities.interface_scalars(s.interfaces[name], s.time) for s in (more, less)]
+            for key in sensitivities.interface_scalars(history, solution.time):
+                difference = np.sign(d.value) * (pair[0][key] - pair[1][key]) / (2.0 * STEP)
+                # of interfaces that do not slip the work is round-off
+                floor = 1e-9 / STEP * max(abs(q.value) for q in known.quantities if q.quantity.endswith(key))
+                assert known[f"{name}.{key}"].changes[i] == pytest.approx(difference, rel=1e-4, abs=floor), key
+
+
+def test_tension_of_a_bolt_follows_the_force_it_is_given() -> None:
+    """Statics keep the tension at its target; the shock changes it alike."""
+    solution = differentiated(BOLTED)
+    more, less = ends(BOLTED, "bolt.m6.force")
+    own = next(d for d in solution.sensitivities.derivatives if d.name == "bolt.m6.force")
+    assert own.bolts["m6"].force[0] == pytest.approx(1.0, rel=1e-9)
+    assert apart(own.bolts["m6"].force, more.bolts["m6"].force, less.bolts["m6"].force, own.value) < 1e-6
+    for motion in ("displacement", "velocity"):
+        values = [getattr(s.sensors["end"], motion) for s in (more, less)]
+        assert apart(getattr(own.sensors["end"], motion), *values, own.value) < 1e-4
+
+
+def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:
+    """d(first contact)/d(gap) = 1/v, and by the speed -gap/v^2."""
+    settings = ("substructure.bar.box.elements.2=10", "time.instants=40", "interface.wall.gap=4.87")
+    case = ("impact_bar", settings, ("interface.wall.gap", "substructure.bar.initial_velocity.2"))
+    changes = differentiated(case).sensitivities["wall.first_contact"].changes
+    # for gap and speed as large again
+    np.testing.assert_allclose(changes, [0.487, -0.487], rtol=1e-9)
+
+
+def test_impulse_of_a_thrown_bar_follows_its_mass() -> None:
+    """The impulse is 2 m v whatever its stiffness is and whenever it lands: d/d(density) is the impulse; by gap and
+    modulus it is 0, which is flagged, for fronts of 300 N are shifted in time. The contact lasts 2 L / c."""
+    parameters = ("interface.wall.gap", "material.bar.young_modulus", "material.bar.density")
+    fine = ("substructure.bar.box.elements.2=200", "time.instants=1600", "interface.wall.gap=4.9871")
+    known = differentiated(("impact_bar", fine, parameters)).sensitivities
+    impulse, separation = known["wall.impulse"], known["wall.separation"]
+    assert impulse.changes[2] == pytest.approx(200.0, rel=0.06)
+    np.testing.assert_allclose(impulse.changes[:2] / 200.0, 0.0, atol=0.06)
+    assert impulse.flagged.tolist() == [True, True, False]
+    np.testing.assert_allclose(separation.changes[1:], [-1.0 / 3.0, 1.0 / 3.0], rtol=0.1)
+
+
+def test_tension_follows_the_modulus_of_a_bolt_that_is_shortened() -> None:
+    """With a given shortening the tension is that of the stiffness of the joint, all of steel."""
+    settings = ("bolt.m6={substructure='bolt',axis=[0.0,0.0,1.0],shortening=2e-6}", "time.instants=2")
+    scene = latin_fmu.load_scene(MODELS / "lap_joint/scene.toml", ("load={}", *TIGHT, *settings))
+    solution = latin_fmu.solve(scene.replace("output.sensitivities", ["material.steel.young_modulus"]))
+    bolt = solution.bolts["m6"].force
+    np.testing.assert_allclose(solution.sensitivities.derivatives[0].bolts["m6"].force * 210e9, bolt, rtol=1e-6)
+
+
+def test_slip_of_a_sheared_interface_follows_its_friction() -> None:
+    """A wave of shear tau(t) from below, half the load on the absorbing face, slips with 2 (tau - mu p) / (rho c) while
+    tau > mu p: with mu the slip changes by -2 p / (rho c) times the time of slip."""
+    refined = tuple(f"substructure.{name}.box.elements.2=300" for name in ("lower", "upper"))
+    case = ("shear_interface", (*refined, "time.instants=1920"), ("interface.fault.friction_coefficient",))
+    pulse, amplitude, friction, pressure = 3.0472470011002204e-05, 6e6, 0.3, 10e6
+    impedance = np.sqrt(7800.0 * 210e9 / 2.5)
+    duration = pulse * (1.0 - 2.0 * np.arcsin(friction * pressure / amplitude) / np.pi)
+    change = differentiated(case).sensitivities["fault.slip"].changes[0]
+    assert change == pytest.approx(-friction * 2.0 * pressure / impedance * duration, rel=1e-3)
+
+
+def test_data_of_the_file_has_one_entry_a_parameter(tmp_path) -> None:
+    solution = differentiated(SHEAR)
+    solution.save(tmp_path / "shear.nc")
+    with latin_fmu.open_results(tmp_path / "shear.nc") as tree:
+        whole = tree["sensitivities"]
+        assert list(whole["parameter"].values) == list(SHEAR[2])
+        interface = tree["sensitivities/interfaces/fault"]
+        assert interface["force"].dims == ("parameter", "time", "component")
+        assert interface["force"].attrs["units"] == "N"
+        change = interface["force"].sel(parameter="interface.fault.preload", component="z").values
+        # side E is pressed down by the preload, whatever the shear is
+        np.testing.assert_allclose(change, solution.interfaces["fault"].force()[:, 2], rtol=1e-6)
+
+
+def test_without_parameters_there_is_nothing() -> None:
+    solution = latin_fmu.solve(scene_of(BOUNCE))
+    assert solution.sensitivities is None
+    for name, history in solution.interfaces.items():
+        assert np.array_equal(history.traction, differentiated(BOUNCE).interfaces[name].traction)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "words"),
+    [
+        ("interface.wall.behaviour", "no number under this name"),
+        ("substructure.bar.box.size.2", "changes the shape"),
+        ("time.end", "changes interfaces, instants or the time scheme"),
+    ],
+)
+def test_parameters_without_a_derivative_are_refused(parameter: str, words: str) -> None:
+    scene = scene_of(BOUNCE).replace("output.sensitivities", [parameter])
+    with pytest.raises(SceneError, match=words):
+        latin_fmu.solve(scene)
+
+
+def test_materials_of_a_body_in_modal_damping_are_refused() -> None:
+    (material,) = scene_of(DAMPED).material
+    scene = scene_of(DAMPED).replace("output.sensitivities", [f"material.{material}.density"])
+    with pytest.raises(SceneError, match="changes the damping of the modes of bar"):
+        latin_fmu.solve(scene)
+
+
+def test_runs_without_derivatives_are_refused() -> None:
+    scene = scene_of(BOUNCE).replace("output.sensitivities", ["interface.wall.gap"])
+    with pytest.raises(SceneError, match=r"windows of several instants"):
+        latin_fmu.solve(scene.replace("solver.window", 10))
