@@ -134,6 +134,8 @@ MODEL_FILES = [
 @pytest.mark.parametrize("path", MODEL_FILES, ids=lambda p: f"{p.parent.name}/{p.stem}")
 def test_shipped_models_give_no_remark(path: Path) -> None:
     if path.parent.name in MINUTES:  # bolts take long to be tightened
-        assert explain(latin_fmu.load_scene(path)).warnings == ()
+        # nothing holds the thin beam: the remark says so
+        expected = ["free"] if path.parent.name == "thin_beam" else []
+        assert [r.code for r in explain(latin_fmu.load_scene(path)).warnings] == expected
     else:
         assert checked(latin_fmu.load_scene(path))[1] == ()
