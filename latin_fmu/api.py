@@ -213,6 +213,8 @@ def solve(
     # observers and given first guesses see all interfaces
     leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
+    # derivatives take the histories of all instants from the memory
+    stream = None if scene.output.sensitivities else stream
     while True:
         problem, prediction, tangent = _made(
             scene, behaviours, kept, stream is not None, processes, (leave_out, yielding)

@@ -29,6 +29,7 @@ from ..results.sensitivities import HistoryChanges
 from ..scene.fields import GROUND
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
+from .body import body_sides
 from .bolts import Yielding, load_name
 from .build import discretise
 from .models import KeptOperators
@@ -48,7 +49,8 @@ _Matrices = tuple[sp.csr_array | None, ...]
 
 @dataclass(frozen=True)
 class VariedParameter:
-    """A parameter of a scene, and the problems with it a little larger and a little smaller; ``span`` : difference."""
+    """A parameter of a scene, and the problems with it a little larger and a little smaller. span : their difference
+    over the value, or over 1 where that is 0. Derivatives are changes for so much, of like size for all."""
 
     name: str
     value: float
@@ -71,11 +73,29 @@ def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
         "with an explicit scheme": problem.scheme.explicit,
         "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct"),
         "with bolts that may yield": bool(Yielding(scene).tables),
+        "with rigid bodies, or soft contacts that are pressed, in contact at t = 0": _pressed_at_start(problem),
     }
     if reasons := [reason for reason, found in refused.items() if found]:
         remedy = "leave output.sensitivities out, or change that"
         problems = [Problem("output.sensitivities", f"not known {reason}", None, None, remedy) for reason in reasons]
         raise SceneError(problems, "the scene cannot be built")
+
+
+def _pressed_at_start(problem: DiscretisedProblem) -> bool:
+    """Whether contact forces at t = 0 are found from accelerations, or from a law that is not linear there."""
+    if isinstance(problem.scheme, QuasiStatic):
+        return False
+    rigid, given = (
+        {name for name, body in problem.bodies.items() if body.rigid},
+        problem.scene.time.start.type == "given",
+    )
+    opening = [unit for unit in problem.units if unit.behaviour.opens]
+    closed = [u for u in opening if u.geometry.gap.min(initial=np.inf) <= 0.0]
+    return any(
+        any(name in rigid for _, _, name in body_sides([u]))
+        or (given and u.behaviour.compliant and u.geometry.gap.min() < 0)
+        for u in closed
+    )
 
 
 def value_of(scene: Scene, name: str) -> float:
@@ -119,7 +139,7 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
             if reason := _differs(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
-        made.append(VariedParameter(name, value, 2.0 * step, *ends))
+        made.append(VariedParameter(name, value, 2.0 * step / (value or 1.0), *ends))
     return made
 
 
@@ -136,6 +156,10 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
     )
     if own != its or len(problem.time) != len(other.time) or problem.dt != other.dt or problem.scheme != other.scheme:
         return "changes interfaces, instants or the time scheme"
+    for unit, changed in zip(problem.units, other.units, strict=True):
+        law, fixed = unit.behaviour, unit.behaviour.elastic and not unit.behaviour.opens
+        if fixed and not np.array_equal(law.point_parameters(1), changed.behaviour.point_parameters(1)):
+            return f"changes the stiffness of {unit.attached or unit.name}"
     models, others = _models(problem), _models(other)
     for name, model in models.items():
         for key in ("channel_area", "positions", "nodal", "imposed_pattern"):

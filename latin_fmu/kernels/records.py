@@ -265,7 +265,7 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("tangential", "1 where there are tangential channels"),
     ("layers", "1 where there are elastic groups"),
     ("static", "1 without inertia"),
-    ("linear", "1 where derivatives by parameters are marched (``tangent_march``)"),
+    ("linear", "copies of the run whose derivatives by parameters are marched (``tangent_march``)"),
     ("from_last", "direction: 1 where the tractions of the last instant are among the loads (``reference``)"),
     ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),

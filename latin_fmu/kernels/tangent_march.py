@@ -7,9 +7,10 @@ the solution (``laws.dispatch.tangent``),
     F_hat' = J (jump' + m reach') + dF_hat/dp,        m = 1 where the traction follows the gap, else 0.
 
 Its substructures are copies of those of the run, one set for each parameter, as further members of their classes: one
-substitution serves all. Between the copies nothing is coupled. The caller writes J, m and dF_hat/dp of the instants of
-a call into the rows of ``slopes``, ``follows`` and ``sources``. The system is linear: a Newton step (``newton``) solves
-it, and is repeated until the residual is round-off.
+substitution serves all. Between the copies nothing is coupled, and all have the tangents of the run: the matrix of the
+active points is made and factorised once. The caller writes J, m and dF_hat/dp of the instants of a call into the rows
+of ``slopes``, ``follows`` and ``sources``. The system is linear: a Newton step (``newton``) solves it, and is repeated
+until the residual is round-off.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ from typing import Any
 import numpy as np
 
 from ..compiled import kernel
+from .active_points import activate, add_relative, assemble, is_factored, soften, solve_active
 from .instants import end_instant, first_guess
-from .krylov import length_of
+from .krylov import add_columns, admit, length_of
 from .linear_stage import linear_stage
 from .local_stage import finish, open_window, outgoing, prepare
-from .newton import SIZE, propose
+from .newton import SIZE, admit_residual, full_step, propose
 from .tasks import END, PREDICT, each_class
 
-_MOST, _ENOUGH, _ALLOWED = 40, 1e-14, 1e-9
+_MOST, _ENOUGH, _ALLOWED = 40, 1e-13, 1e-9
 """Steps of an instant; residual over the incoming quantity that ends them; the largest one of a solution."""
 
 
@@ -62,10 +64,35 @@ def _solve(pools: Any, instant: int) -> bool:
         if size <= _ENOUGH * length_of(q) or not size < 0.5 * last:
             break
         last = size
-        if not propose(pools):
+        if not (propose(pools) if run.on_iteration == 1 or run.krylov == 1 else _step(pools)):
             return False
         size = _residual(pools, instant, row)
     return bool(size <= _ALLOWED * length_of(q))
+
+
+@kernel
+def _step(pools: Any) -> bool:
+    """q of the full step, copy after copy with the factors of the first; False where the matrix is singular."""
+    run, work = pools.run[0], pools.moving
+    x, v = work[run.step_f : run.step_f + run.n_flat], work[run.step_w : run.step_w + run.n_flat]
+    admit_residual(pools)
+    solved = True
+    for copy in range(run.linear):
+        count = activate(pools)
+        add_relative(pools, v)
+        if count > 0 and solved:
+            if not is_factored(pools, count):
+                assemble(pools)
+                soften(pools)
+            solved = solve_active(pools)
+            add_columns(pools, work[run.unknowns : run.unknowns + count], x)
+        # points of the next copy, after the last one those of the first
+        for p in range(run.n_place):
+            n = pools.groups[pools.fixed_int[run.point_group + p]].n_point // run.linear
+            pools.fixed_int[run.point_number + p] += n if copy < run.linear - 1 else (1 - run.linear) * n
+    admit(pools, x, v)
+    full_step(pools)
+    return solved
 
 
 @kernel

@@ -16,9 +16,10 @@ from .interface_rows import InterfaceRows
 from .outcome import Timings
 from .recorder import Recorder
 from .run_state import RunState
-from .search_direction import Direction
+from .search_direction import Direction, relative_operator
 from .settings import SolverSettings
 
+_PROXIMAL = 1e-8  # share of z in the relative operator: a step leaves as much, redundant points a regular matrix
 _UNLIKE = 1e-2  # difference of both one-sided differences of a law, over the larger one, from which a state changes
 
 
@@ -50,10 +51,11 @@ class TangentRun(RunState):
     def __init__(self, assembly: Assembly, settings: SolverSettings, recorder: Recorder, solved: SolvedFields) -> None:
         self._solved = solved
         settings = replace(settings, newton=True, window=1, tables=0.0, threads=1, anderson_depth=1)
-        linear = {"linear": 1, "deepest": -np.inf, "make_up": 0.0}
+        linear = {"linear": len(solved.changes), "deepest": -np.inf, "make_up": 0.0}
         super().__init__(assembly, settings, recorder, Timings(), linear)
         # the tangents are in the image already
         self.image.callouts.add({TANGENTS: lambda *_: None})
+        self.image.set({"proximal": _PROXIMAL})
 
     def made_direction(self, settings: SolverSettings, n: int) -> Direction:
         """Search direction whose Newton steps solve the linear system of an instant: by its matrix, or where there is
@@ -61,6 +63,11 @@ class TangentRun(RunState):
         direction = super().made_direction(settings, n)
         if not direction.newton:
             direction.relative, direction.newton = {"on_iteration": 1}, True
+        elif direction.relative.get("n_matrix"):
+            # places and matrix of the first copy, whose factors serve all
+            one = relative_operator(self._solved.assembly)
+            own = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
+            direction.relative = one | own
         direction.newton_z = direction.z
         return direction
 

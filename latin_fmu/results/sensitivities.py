@@ -87,7 +87,7 @@ def in_words(parameter: str) -> str:
 
 @dataclass(frozen=True)
 class HistoryChanges:
-    """Derivatives of the histories of a run by one parameter, per unit of it.
+    """Derivatives of the histories of a run by one parameter: the changes for its ``scale``.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Sensitivities:
     def of(outcome: Outcome, derivatives: Sequence[HistoryChanges]) -> Sensitivities:
         """Those of a finished run."""
         changing = {
-            name: np.stack([_changing(h, d.interfaces[name], d, d.friction[name]) for d in derivatives])
+            name: np.stack([_changing(h, d.interfaces[name], d.friction[name]) for d in derivatives])
             for name, h in outcome.interfaces.items()
         }
         return Sensitivities(derivatives, changing, list(_quantities(outcome, derivatives, changing)), outcome.time)
@@ -167,11 +167,10 @@ class Sensitivities:
             "/sensitivities": StoredGroup.of(named(_ROWS, made), [*label, *named(_ROWS, {"quantity": quantities})])
         }
         along = [*label, *named(LABELS, {"time": self.time, "component": AXES})]
-        scales = np.array([d.scale for d in self.derivatives])
 
         def stacked(values: Sequence[Array | None]) -> Array | None:
             known = [v for v in values if v is not None]
-            return np.einsum("p,p...->p...", scales, np.stack(known)) if len(known) == len(scales) else None
+            return np.stack(known) if len(known) == len(names) else None
 
         for name, share in self.changing.items():
             own = [d.interfaces[name] for d in self.derivatives]
@@ -246,12 +245,12 @@ _ROWS: Final = rows(
 
 
 # -- states that change -----------------------------------------------------------------------------------------------
-def _changing(history: InterfaceHistory, change: InterfaceHistory, of: HistoryChanges, friction: float) -> Array:
+def _changing(history: InterfaceHistory, change: InterfaceHistory, friction: float) -> Array:
     """Share (n_time,) of the area in contact whose state would change within WITHIN."""
     status = history.contact_status
     if status is None or history.gap is None or change.gap is None:
         return np.zeros(len(history.traction))
-    step, n = WITHIN * abs(of.scale), history.normals
+    step, n = WITHIN, history.normals
 
     def leaves(value: Array, slope: Array) -> NDArray[np.bool_]:
         return np.asarray(value < step * np.abs(slope))
@@ -371,17 +370,14 @@ def _quantities(
     time, n, activities = outcome.time, len(derivatives), list[_Activity]()
     for name, history in outcome.interfaces.items():
         ends = [
-            [
-                interface_scalars(_moved(history, d.interfaces[name], sign * _STEP * d.scale), time)
-                for sign in (1.0, -1.0)
-            ]
+            [interface_scalars(_moved(history, d.interfaces[name], sign * _STEP), time) for sign in (1.0, -1.0)]
             for d in derivatives
         ]
-        forces = [d.scale * d.interfaces[name].force() for d in derivatives]
+        forces = [d.interfaces[name].force() for d in derivatives]
         activities.append(activity := _Activity.of(time, changing[name], forces))
         for q in _differences(name, interface_scalars(history, time), ends):
             if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
-                moved = [d.scale * _contact_change(history, d.interfaces[name]) for d in derivatives]
+                moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
                 q = replace(q, changes=np.array(moved))
             yield replace(q, flagged=_flags(q, history, time, activity))
     every = _Activity(
@@ -391,7 +387,7 @@ def _quantities(
     )
     for name, sensor in outcome.sensors.items():
         ends = [
-            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], sign * _STEP * d.scale)) for sign in (1.0, -1.0)]
+            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], sign * _STEP)) for sign in (1.0, -1.0)]
             for d in derivatives
         ]
         for q in _differences(name, sensor_scalars(sensor), ends):
@@ -401,7 +397,7 @@ def _quantities(
             yield replace(q, flagged=every.shares(last))
     for name, bolt in outcome.bolts.items():
         i = int(np.argmax(bolt.force))
-        own = np.array([d.scale * d.bolts[name].force[i] for d in derivatives])
+        own = np.array([d.bolts[name].force[i] for d in derivatives])
         yield QuantitySensitivity(
             f"{name}.{BOLT_FORCE.key}", BOLT_FORCE.unit, float(bolt.force[i]), own, every.shares(i)
         )
