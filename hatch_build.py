@@ -1,13 +1,11 @@
-"""Build hook: a wheel carries the kernels compiled for the machine it is built on, or for ``LATIN_FMU_TARGET``, and for
-Linux and Windows (x86-64), on which compiled FMUs run, and the libraries of other FMUs for all platforms: an FMU made
-on one runs on the others. It carries the models of ``latin-fmu demo``, too.
+"""Build backend and its hook: a wheel carries the kernels compiled for the machine it is built on, and the library of
+the FMUs of this machine. It carries the models of ``latin-fmu demo``, too.
 
-Libraries of compiled FMUs for AArch64 (Linux, macOS) are those of a source tree, or of a wheel for that machine: they
-are 0.4 MB each in a wheel that may have 2, and a pass of the optimiser each in every build.
-
-``LATIN_FMU_TARGET=windows-x86_64`` cross-builds a wheel for Windows (linked, not tried there); ``none`` builds a wheel
-without a library, whose kernels numba compiles at the first run. An editable install compiles the library of this
-machine into ``build/``, where the package finds it until a kernel changes; then see ``python -m latin_fmu.aot``.
+``LATIN_FMU_TARGET`` names other targets, with spaces between them. The wheel is for the first one (cross-built:
+linked, not tried); its FMUs run on each of them: ``linux-x86_64 windows-x86_64`` is a wheel for Linux whose FMUs run on
+Windows, too. Each further target costs half a minute or more, and 0.5 MB. ``none`` builds a wheel without a library,
+whose kernels numba compiles at the first run. An editable install compiles the libraries into ``build/``, where the
+package finds them until a kernel changes; then see ``python -m latin_fmu.aot``.
 """
 
 from __future__ import annotations
@@ -19,6 +17,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+# hatchling builds the whole wheel for pip to read its metadata, as its hooks may change them; this one does not
+os.environ.pop("PIP_BUILD_TRACKER", None)
+
+from hatchling.build import *  # noqa: F403
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 TAGS = {
@@ -28,8 +30,7 @@ TAGS = {
     "darwin-aarch64": "macosx_11_0_arm64",
 }
 
-MODEL_FILES = (".toml", ".md", ".json", ".msh", ".py")  # what a wheel takes of the models: no results, no figures
-COMPILED = ("linux-x86_64", "windows-x86_64")  # targets of compiled FMUs
+MODEL_FILES = (".toml", ".md", ".json", ".msh", ".csv", ".py")  # what a wheel takes of models: no results, no figures
 
 
 def compile_kernels(root: Path, targets: Sequence[str]) -> None:
@@ -39,47 +40,46 @@ def compile_kernels(root: Path, targets: Sequence[str]) -> None:
 
 
 class Kernels(BuildHookInterface):  # type: ignore[type-arg]
-    """Compile the kernels in a process of their own and put the library into the wheel."""
+    """Compile the kernels in a process of their own and put the libraries into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Called for the metadata and for the wheel; the second time the library is there."""
+        """Called for the wheel, not for its metadata."""
         root = Path(self.root)
+        sys.path.insert(0, str(root))
+        from latin_fmu.aot import host
+
+        targets = (os.environ.get("LATIN_FMU_TARGET") or host() or "none").split()
+        if unknown := sorted(set(targets) - {*TAGS, "none"}):
+            raise ValueError(
+                f"LATIN_FMU_TARGET: no such target: {', '.join(unknown)}; allowed: {', '.join(TAGS)}, none"
+            )
+        targets = [target for target in targets if target in TAGS]
+        if not targets:
+            self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
         if version == "editable":
-            self._compile_in_place(root)
+            self._compile_in_place(root, targets)
             return
         for file in sorted(path for path in root.glob("models/**/*") if path.suffix in MODEL_FILES):
             build_data["force_include"][str(file)] = f"latin_fmu/{file.relative_to(root).as_posix()}"
-        sys.path.insert(0, str(root))
+        if not targets:
+            return
         from fmu_build import bridge
-
-        for platform in bridge.PLATFORMS:
-            library = root / "build" / bridge.file_name(platform)
-            if not library.is_file():
-                bridge.compiled(platform, root / "build", bridge.zig(platform))
-            build_data["force_include"][str(library)] = f"fmu_build/bridge/{library.name}"
-        from latin_fmu.aot import host
         from latin_fmu.compiled.library import file_name
 
-        target = os.environ.get("LATIN_FMU_TARGET") or host()
-        if target in (None, "none"):
-            self.app.display_warning("no library of kernels for this machine: numba compiles them at the first run")
-            return
-        targets = sorted({target, *COMPILED})
+        self.app.display_info(f"compiling the kernels for {', '.join(targets)}: one to two minutes")
         compile_kernels(root, targets)
-        for name in map(file_name, targets):
-            build_data["force_include"][str(root / "build" / name)] = f"latin_fmu/{name}"
+        for target in targets:
+            library = root / "build" / bridge.file_name(target)
+            if not library.is_file():
+                bridge.compiled(target, root / "build", bridge.zig(target))
+            build_data["force_include"][str(library)] = f"fmu_build/bridge/{library.name}"
+            build_data["force_include"][str(root / "build" / file_name(target))] = f"latin_fmu/{file_name(target)}"
         build_data["pure_python"] = False
-        build_data["tag"] = f"py3-none-{TAGS[target]}"
+        build_data["tag"] = f"py3-none-{TAGS[targets[0]]}"
 
-    def _compile_in_place(self, root: Path) -> None:
-        """The library of this machine for an editable install, which is good without one, too."""
-        sys.path.insert(0, str(root))
-        from latin_fmu.aot import host
-
-        target = os.environ.get("LATIN_FMU_TARGET") or host()
-        if target in (None, "none"):
-            return
+    def _compile_in_place(self, root: Path, targets: Sequence[str]) -> None:
+        """The libraries for an editable install, which is good without one, too."""
         try:
-            compile_kernels(root, [str(target)])
+            compile_kernels(root, targets)
         except (OSError, subprocess.CalledProcessError) as error:
             self.app.display_warning(f"no library of kernels ({error}): numba compiles them at the first run")

@@ -1,17 +1,20 @@
 """Pages that a program makes, and the files of the repository that the pages link to.
 
-``python docs/pages.py`` writes scene_reference.md (from the tables of the scene) and api.md (from the docstrings).
-mkdocs calls the functions ``on_...``: a page links to files of the repository by their relative path, such as
-``../models/README.md``; the site has a copy of each under ``repository/``, sources as pages of code.
+``python docs/pages.py`` writes the scene reference (from the tables of the scene), api.md (from the docstrings) and
+gallery.md (from the heads of the examples). mkdocs calls the functions ``on_...``: a page links to files of the
+repository by their relative path, such as ``../models/README.md``; the site has a copy of each under ``repository/``,
+sources as pages of code. That of an example has its head as text, its figures, and where its numbers stand.
 """
 
 from __future__ import annotations
 
+import ast
 import inspect
 import os
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,6 +26,16 @@ LINK = re.compile(r"(?<=\]\()([^)#\s]+)")
 MADE = "<!-- Written by docs/pages.py; do not edit. -->"
 WIDTH = 88
 """Columns of code that a page shows without scrolling."""
+PARTS = {
+    "Bodies": ("material", "mesh", "substructure", "temperature"),
+    "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
+    "Loads and supports": ("load", "boundary", "gravity", "port"),
+    "Time and solver": ("time", "initial_state", "solver", "accuracy"),
+    "Sensors and output": ("sensor", "output"),
+}
+"""Tables of a scene by the page of the reference that describes them."""
+SHARED = ("figures", "example_tools", "harness", "calculix")
+"""Scripts that others use, and that show nothing themselves."""
 # Modules beside the package itself whose public names the page of the API lists.
 MODULES = {
     "latin_fmu": "The package",
@@ -94,68 +107,163 @@ def _uri(target: str) -> str:
 
 
 def _code_page(target: str) -> str:
-    """A page that shows a source file."""
+    """A page that shows a source file; of an example its head, figures and numbers before the code."""
+    text = (ROOT / target).read_text(encoding="utf-8")
     language = {".py": "python", ".toml": "toml"}.get(Path(target).suffix, "text")
-    return f"# {target}\n\n````{language}\n{(ROOT / target).read_text(encoding='utf-8')}\n````\n"
+    code = f"````{language}\n{text}\n````\n"
+    if not (target.startswith("examples/") and target.endswith(".py")):
+        return f"# {target}\n\n{code}"
+    title, what = _head(target)
+    up = "../" * _uri(target).count("/")
+    parts = [f"# {title}", _doc(what)]
+    for name, drawing in _drawings().items():
+        if drawing.source() == target:
+            parts.append(f"![{title}]({up}repository/examples/figures/{name}.png)\n\n`{drawing.command}`")
+    parts += [f"**{what}**: {measured}." for what, measured in _measured(target)]
+    if places := [f"[{heading}]({up}{page}#{anchor})" for heading, page, anchor in _places(target)]:
+        parts.append(f"Numbers and text on it: {', '.join(places)}.")
+    return "\n\n".join([*parts, f"## {target}", code])
+
+
+def _head(script: str) -> tuple[str, str]:
+    """First sentence of the head of a script, without its point, and the rest."""
+    text = ast.get_docstring(ast.parse((ROOT / script).read_text(encoding="utf-8"))) or script
+    first, _, rest = text.partition("\n\n")
+    return " ".join(first.split()).rstrip("."), rest
+
+
+@cache
+def _drawings() -> dict[str, Any]:
+    """Figures of the repository by name, with their commands."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    drawings: dict[str, Any] = import_module("figures").DRAWINGS
+    return drawings
+
+
+def _measured(script: str) -> Iterator[tuple[str, str]]:
+    """Rows of tables of the pages, what and measured, that name a script."""
+    for page in sorted(DOCS.glob("*.md")):
+        for line in page.read_text(encoding="utf-8").splitlines():
+            cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+            if line.startswith("| ") and len(cells) == 3 and f"`{script}" in cells[2]:
+                yield re.sub(r" \(\[figure\]\([^)]*\)\)", "", cells[0]).strip(), cells[1]
+
+
+def _places(script: str) -> Iterator[tuple[str, str, str]]:
+    """Sections of the pages, beside the gallery, that show a figure of a script: heading, page, anchor."""
+    names = [name for name, drawing in _drawings().items() if drawing.source() == script]
+    for page in sorted(DOCS.glob("*.md")):
+        heading = ""
+        for line in page.read_text(encoding="utf-8").splitlines():
+            heading = line.lstrip("# ") if line.startswith("#") else heading
+            if page.name != "gallery.md" and any(f"figures/{name}.png" in line for name in names):
+                yield heading, page.name, _slug(heading)
 
 
 # Pages from the sources -----------------------------------------------------------------------------------------------
 
 
-def scene_reference() -> str:
-    """Every table and key of a scene, as Markdown."""
+def scene_reference() -> dict[str, str]:
+    """Every table and key of a scene, as Markdown by page: the first one, and one for each of ``PARTS``."""
     from latin_fmu.scene import reference
     from latin_fmu.scene.describe import is_named, tables_in
     from latin_fmu.scene.schema import Scene
 
-    plain = {key: field for key, field in Scene.model_fields.items() if not tables_in(field.annotation)}
-    parts = [
-        f"{MADE}\n\n# Scene reference",
-        "`latin-fmu reference` prints this page as text, `latin-fmu reference --schema` the schema.",
-        reference.INTRODUCTION,
-        "## Top of the file",
-        _keys(plain),
-    ]
-    for key, field in Scene.model_fields.items():
-        if tables := tables_in(field.annotation):
+    tables = {
+        key: (field, found) for key, field in Scene.model_fields.items() if (found := tables_in(field.annotation))
+    }
+    assert set(tables) == {key for keys in PARTS.values() for key in keys}
+    inner = _inner_tables()
+    # an inner table stands on the page that needs it first; laws stand with the loads
+    place = dict[tuple[Any, ...], str]()
+    for title, keys in sorted(PARTS.items(), key=lambda part: "load" not in part[1]):
+        waiting = [table for key in keys for table in tables[key][1]]
+        while waiting:
+            for field in waiting.pop(0).model_fields.values():
+                found = tuple(tables_in(field.annotation))
+                if found and found not in place:
+                    place[found] = f"{_part_page(title)}#{_slug(_inner_heading(inner[found]))}"
+                    waiting += found
+    pages = {}
+    for title, keys in PARTS.items():
+        page = _part_page(title)
+        parts = [f"{MADE}\n\n# Scene reference: {title}"]
+        for key in keys:
+            field, found = tables[key]
             need = "required" if field.is_required() else "optional"
             parts.append(f"## [{key}.NAME] ({need})" if is_named(field) else f"## [{key}] ({need})")
-            parts += [_table(table) for table in tables]
-    for key, tables in reference.inner_tables().items():
-        parts.append(f"## {key} = {{...}}")
-        parts += [_table(table) for table in tables]
-    parts += ["## Conventions", *_conventions(reference.CONVENTIONS), "## Example"]
-    parts += [
+            parts += [_table(table, place) for table in found]
+        for found, names in inner.items():
+            if place[found].startswith(page):
+                parts += [f"## {_inner_heading(names)}", *(_table(table, place) for table in found)]
+        pages[page] = "\n\n".join(parts) + "\n"
+    plain = {key: field for key, field in Scene.model_fields.items() if key not in tables}
+    parts = [
+        f"{MADE}\n\n# Scene reference",
+        "`latin-fmu reference` prints these pages as text, `latin-fmu reference --schema` the schema.",
+        reference.INTRODUCTION.strip("\n"),
+        "## Tables",
+        "| page | tables |\n|---|---|\n"
+        + "\n".join(
+            f"| [{title}]({_part_page(title)}) | {', '.join(f'`[{key}]`' for key in keys)} |"
+            for title, keys in PARTS.items()
+        ),
+        "## Top of the file",
+        _keys(plain, place),
+        "## Conventions",
+        *_conventions(reference.CONVENTIONS),
+        "## Example",
         f"<!-- file: example.toml -->\n```toml\n{reference.EXAMPLE}```",
         "```sh\nlatin-fmu check example.toml\n```",
     ]
-    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+    return {"scene_reference.md": "\n\n".join(parts) + "\n", **pages}
 
 
-def _table(table: Any) -> str:
-    """Meaning and keys of one table of a scene."""
+def _part_page(title: str) -> str:
+    return f"scene_{title.split()[0].lower()}.md"
+
+
+def _inner_tables() -> dict[tuple[Any, ...], list[str]]:
+    """Keys that hold a table, by the classes of the table: a law is the same under each of its keys."""
+    from latin_fmu.scene import reference
+
+    keys: dict[tuple[Any, ...], list[str]] = {}
+    for key, tables in reference.inner_tables().items():
+        keys.setdefault(tuple(tables), []).append(key)
+    return keys
+
+
+def _inner_heading(keys: list[str]) -> str:
+    return f"{', '.join(keys)} = {{...}}"
+
+
+def _slug(heading: str) -> str:
+    """Anchor of a heading in the site."""
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+
+
+def _table(table: Any, place: dict[tuple[Any, ...], str]) -> str:
+    """Meaning and keys of one table of a scene; ``place`` : links to the tables inside."""
     from latin_fmu.scene.describe import tag_of
 
-    tag, meaning = tag_of(table), " ".join((table.__doc__ or "").split())
+    tag, meaning = tag_of(table), _escaped(" ".join((table.__doc__ or "").split()))
     fields = {name: field for name, field in table.model_fields.items() if tag is None or name != "type"}
-    head = meaning if tag is None else f'**type = "{tag}"**: {meaning}'
-    return _escaped(head) + (f"\n\n{_keys(fields)}" if fields else "")
+    parts = [] if tag is None else [f'### type = "{tag}"']
+    return "\n\n".join([*parts, meaning, *([_keys(fields, place)] if fields else [])])
 
 
-def _keys(fields: dict[str, Any]) -> str:
+def _keys(fields: dict[str, Any], place: dict[tuple[Any, ...], str]) -> str:
     """A table with a row for each key."""
-    from latin_fmu.scene.describe import allowed_text
+    from latin_fmu.scene.describe import allowed_text, tables_in
     from latin_fmu.scene.reference import default_text
 
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     for name, field in fields.items():
-        cells = (
-            f"`{name}`",
-            allowed_text(field),
-            default_text(field).removeprefix("default "),
-            field.description or "",
-        )
-        rows.append("| " + " | ".join(_escaped(cell).replace("|", "\\|") for cell in cells) + " |")
+        allowed = _escaped(allowed_text(field) or "")
+        if link := place.get(tuple(tables_in(field.annotation))):
+            allowed = f"[{allowed.replace('[', chr(92) + '[').replace(']', chr(92) + ']')}]({link})"
+        texts = (_escaped(default_text(field).removeprefix("default ")), _escaped(field.description or ""))
+        rows.append("| " + " | ".join(text.replace("|", "\\|") for text in (f"`{name}`", allowed, *texts)) + " |")
     return "\n".join(rows)
 
 
@@ -175,8 +283,48 @@ def _conventions(text: str) -> Iterator[str]:
 def _escaped(text: str) -> str:
     """Text whose signs are no marks of Markdown outside of code."""
     parts = text.split("`")
-    parts[::2] = [re.sub(r"([*<])", r"\\\1", part) for part in parts[::2]]
+    parts[::2] = [part.replace("*", "\\*").replace("<", "&lt;") for part in parts[::2]]
     return "`".join(parts)
+
+
+def gallery() -> str:
+    """Every figure with its command, and the scripts that draw none, as Markdown."""
+    parts = [
+        f"{MADE}\n\n# Gallery",
+        "A figure leads to its script, or to its model. It is drawn by the command beside it, and again by `python "
+        "examples/figures.py NAME`; it carries the version of the package that drew it (`--list`).",
+    ]
+    rows, shown = ["| | what to see |", "|---|---|"], set()
+    for name, drawing in _drawings().items():
+        source = drawing.source()
+        shown.add(source)
+        title, what = (drawing.says, "") if drawing.says else _head(source)
+        paragraph = "" if what.startswith(" ") else " ".join(what.split("\n\n")[0].split())
+        lead = _escaped(". ".join(paragraph.split(". ")[:2]).rstrip(".") + ".") if paragraph else ""
+        command = "" if drawing.command == "-" else f"<br>`{drawing.command}`"
+        picture = f"[![{title.split(':')[0]}](../examples/figures/{name}.png)](../{source})"
+        rows.append(f"| {picture} | **{title.rstrip('.')}.** {lead.replace('|', chr(92) + '|')}{command} |")
+    others = [
+        path.relative_to(ROOT).as_posix()
+        for folder in (ROOT / "examples", ROOT / "examples" / "benchmarks")
+        for path in sorted(folder.glob("*.py"))
+    ]
+    scripts = [
+        f"| [{script.removeprefix('examples/')}](../{script}) | {_escaped(_head(script)[0])} |"
+        for script in others
+        if script not in shown and Path(script).stem not in SHARED
+    ]
+    return (
+        "\n\n".join(
+            [
+                *parts,
+                "\n".join(rows),
+                "## Scripts without a figure here",
+                "\n".join(["| script | shows |", "|---|---|", *scripts]),
+            ]
+        )
+        + "\n"
+    )
 
 
 def api() -> str:
@@ -197,7 +345,7 @@ def _entry(module: str, name: str, thing: Any) -> str:
     """Signature and docstring of one name; of a class also its public methods and properties."""
     if not callable(thing):
         return f"### {name}\n\n`{module}.{name}` = `{thing!r}`"
-    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(thing)]
+    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(inspect.getdoc(thing) or "")]
     if inspect.isclass(thing) and not issubclass(thing, Exception):
         for own, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, (staticmethod, classmethod)) else member
@@ -255,10 +403,10 @@ SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Examples")
 NAMED = re.compile(r"(?:^|(?<=[.;] ))([A-Za-z_][\w, ]*?) : ")
 
 
-def _doc(thing: Any) -> str:
+def _doc(docstring: str) -> str:
     """A docstring as Markdown: sections as lists of names, indented lines as they are, examples as code."""
     parts, section = [], ""
-    for block in (inspect.getdoc(thing) or "").split("\n\n"):
+    for block in docstring.split("\n\n"):
         lines = block.splitlines()
         if len(lines) > 1 and lines[0] in SECTIONS:
             section, lines = lines[0], lines[2:]
@@ -284,9 +432,14 @@ def _paragraph(text: str) -> str:
     return "\n".join(f"* **{name}**: {_escaped(what)}" for name, what in items)
 
 
+def written() -> dict[str, str]:
+    """The pages that this program writes, by their names."""
+    return {**scene_reference(), "api.md": api(), "gallery.md": gallery()}
+
+
 def main() -> None:
     """Write the pages."""
-    for name, text in (("scene_reference.md", scene_reference()), ("api.md", api())):
+    for name, text in written().items():
         (DOCS / name).write_text(text, encoding="utf-8")
 
 

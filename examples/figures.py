@@ -32,11 +32,19 @@ RUN = ("kernels", "laws", "latin", "time_scheme", "fem")
 class Drawing:
     """Command that draws a figure into the current folder, and the folders of ``latin_fmu`` that it shows.
 
-    Commands run one after the other where ``&&`` joins them; ``-`` : the Python block of README.md.
+    Commands run one after the other where ``&&`` joins them; ``-`` : the Python block of README.md. says : what there
+    is to see, for the gallery, where no head of a script says it.
     """
 
     command: str
     shows: tuple[str, ...] = RUN
+    says: str = ""
+
+    def source(self) -> str:
+        """The file that the gallery links to, from the top of the repository: the script, or the README of a model."""
+        words = (word for word in self.command.split() if word.startswith(("examples/", "models/")))
+        file = next(words, "README.md")
+        return file if file.endswith((".py", ".md")) else str(Path(file).with_name("README.md"))
 
     def digest(self) -> str:
         """Of the sources of what it shows, and of its script."""
@@ -54,15 +62,22 @@ DRAWINGS = {
         "latin-fmu run models/lap_joint/scene.toml -o lap_joint.nc --set output.fields=true "
         "&& latin-fmu plot lap_joint.nc --bodies --interface lower_upper --time 1 -o lap_joint.png",
         (*RUN, "pictures"),
+        "A bolted lap joint: five parts, tightened and pulled; the pressure between the plates is a cone under the "
+        "washer.",
     ),
     "hammer_on_plate": Drawing(
-        "latin-fmu plot models/hammer_on_plate/scene.toml -o hammer_on_plate.png", ("pictures",)
+        "latin-fmu plot models/hammer_on_plate/scene.toml -o hammer_on_plate.png",
+        ("pictures",),
+        "A scene before it runs: parts, interfaces, supports, velocities.",
     ),
-    "friction_force": Drawing("-", RUN),
+    "friction_force": Drawing(
+        "-", RUN, "A study in twelve lines of Python: friction force of a crushing for three coefficients."
+    ),
     "work_precision": Drawing(
         "latin-fmu cost models/beam_in_traction/scene.toml models/two_specimen_crushing/scene.toml "
-        "models/hammer_on_plate/scene.toml --budget 12 -o .",
+        "models/hammer_on_plate/scene.toml --budget 60 -o .",
         (*RUN, "accuracy"),
+        "What accuracy costs: error against CPU time by time scheme, propagator, mesh and step.",
     ),
     "waves_in_bars": _script("waves_in_bars.py"),
     "landing": _script("landing.py"),
@@ -73,7 +88,9 @@ DRAWINGS = {
     "static_friction": _script("static_friction.py"),
     "joint_damping": _script("joint_damping.py", "assembly"),
     "electronics_box_parts": Drawing(
-        "latin-fmu plot models/electronics_box/scene.toml -o electronics_box_parts.png", ("pictures",)
+        "latin-fmu plot models/electronics_box/scene.toml -o electronics_box_parts.png",
+        ("pictures",),
+        "An electronics box of twelve parts, whole and apart, with its interfaces.",
     ),
     "electronics_box": _script("electronics_box.py", "assembly"),
     "stop": _script("fmu_stop.py", "cosim"),

@@ -3,8 +3,9 @@
 Two equal bars (E, rho and length 1, nu = 0) in a line, no friction, a pulse of one second on the end of the first,
 sudden or with a rise over four elements. By characteristics the joint carries the pulse from L/c on and separates when
 it has passed: nothing acts there any more, and no energy is lost. Bonded bars show what mesh and scheme make of the
-front where no joint opens. Prints a table, and the error of the schemes under a load that grows slowly (two crushed
-specimens against a mesh three times as fine). Two minutes. Writes front_through_joint.png.
+front where no joint opens. After the separation the default leaves no pressure, HHT up to 21 % of the pulse. Prints a
+table, and the error of the schemes under a load that grows slowly (two crushed specimens against a mesh three times as
+fine). Two minutes. Writes front_through_joint.png.
 """
 
 from __future__ import annotations

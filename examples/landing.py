@@ -3,7 +3,8 @@
 Unit bar (E, rho, length 1, nu = 0) thrown at a rigid wall with velocity 1: exact force rho c A from the first contact
 to 2 L / c, and no energy lost. Schemes: the default for landing bodies with its viscous contact layer, the same without
 viscosity, HHT and massless contact nodes. The instant of contact falls on several places between two steps; the worst
-of them is drawn. Right: share of the energy kept after one impact. Writes landing.png.
+of them is drawn. Right: share of the energy kept after one impact. At every Courant number from 0.05 to 4 the default
+stays within 8 % of the exact plateau; HHT is at ten times the plateau at 0.05. Writes landing.png.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Signs of a port and what a host sets, for docs/join_your_tool.md. Nothing is run. Writes port_signs.png.
+"""Signs of a port and what a host sets: the figure of docs/join_your_tool.md.
 
-See: a force is the one on the body, positive along the global axis whatever the normal of the face; a port whose motion
-is given returns the force on the model that moves it; of an input the value is that at the start of the step, the rate
-its slope over the step; outputs are those at its end.
+Nothing is run. A force is the one on the body, positive along the global axis whatever the normal of the face; a port
+whose motion is given returns the force on the model that moves it; of an input the value is that at the start of the
+step, the rate its slope over the step; outputs are those at its end.
 """
 
 from __future__ import annotations

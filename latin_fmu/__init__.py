@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from .accuracy.estimate import estimate_error
     from .api import Iteration, check, solve
     from .assembly.backbone import backbone
+    from .assembly.frequency_response import frf
     from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .parametric.study import sweep
@@ -72,6 +73,7 @@ __all__ = [
     "backbone",
     "check",
     "estimate_error",
+    "frf",
     "load_scene",
     "open_results",
     "pressure_map",
@@ -99,6 +101,7 @@ _MODULES: Final = MappingProxyType(
         "backbone": "assembly.backbone",
         "check": "api",
         "estimate_error": "accuracy.estimate",
+        "frf": "assembly.frequency_response",
         "load_scene": "reader",
         "open_results": "results.files",
         "scene_from_dict": "reader",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO, Final, Protocol, cast
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from .assembly.propagator_choice import chosen_propagators
 from .assembly.sensitivities import Tangents
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
-from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line
+from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
 from .errors import InputError, Problems, ResultsError, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
@@ -457,22 +457,34 @@ def check(scene: Scene) -> list[str]:
     >>> latin_fmu.check(latin_fmu.load_scene("models/impact_bar/scene.toml"))[0]
     'scene impact_bar: 1 substructure(s) in 1 class(es), 1 interface(s), 400 steps of 0.005 s'
     """
-    return check_lines(*checked(scene))
+    return checked(scene).text()
 
 
-def check_lines(lines: list[str], remarks: Sequence[Remark]) -> list[str]:
-    """Lines of ``check`` with the remarks, and the verdict at the end."""
-    verdict = "the scene can be solved" + (", with the warnings above" if remarks else "")
-    return [*lines, *(f"warning: {remark}" for remark in remarks), verdict]
+class Checked(NamedTuple):
+    """What ``check`` finds: lines with the sizes of a scene, the remarks on it, and the sizes as plain data."""
+
+    lines: list[str]
+    remarks: tuple[Remark, ...]
+    sizes: dict[str, Any]
+
+    def text(self) -> list[str]:
+        """The lines with the remarks, and the verdict at the end."""
+        verdict = "the scene can be solved" + (", with the warnings above" if self.remarks else "")
+        return [*self.lines, *(f"warning: {remark}" for remark in self.remarks), verdict]
+
+    def report(self) -> dict[str, Any]:
+        """Plain data: ``scene``, ``steps``, ``step`` (s), ``memory_bytes``, ``classes`` of substructures with unknowns
+        and interface channels, ``interfaces``, ``warnings``."""
+        return self.sizes | {"warnings": [{"code": remark.code, "text": str(remark)} for remark in self.remarks]}
 
 
 @computable()
-def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
-    """As ``check``: lines with the sizes of a scene, and the remarks on it."""
+def checked(scene: Scene) -> Checked:
+    """As ``check``, with the data."""
     discretised = discretise(scene)
     prediction = Prediction(discretised)
     check_memory(prediction, stream=True)  # as the command line runs it
-    problem = solver_ready(discretised, {})
+    problem = discretised.build()  # a static start is left to the run
     assembly = problem.assembly
     lines = [
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
@@ -484,11 +496,30 @@ def checked(scene: Scene) -> tuple[list[str], tuple[Remark, ...]]:
     ]
     lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
-    if (start := problem.start) is not None:
-        lines += [c.line(start.bolts.shortening[n], scene.unit_system) for n, c in discretised.cuts.items()]
-    lines += [] if problem.start is None else [f"  start: {problem.start.message}"]
+    lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
+    if scene.time.start.type == "static":
+        lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")
-    return lines, problem.warnings
+    sizes = {
+        "scene": scene.name,
+        "steps": assembly.n_instant,
+        "step": assembly.dt,
+        "memory_bytes": int(memory_need(prediction, stream=True).total),
+        "classes": [
+            {"substructures": list(p.names), "unknowns": p.n_dof, "interface_channels": p.n_channel}
+            for p in assembly.propagators
+        ],
+        "interfaces": [_interface_sizes(u) for u in assembly.interfaces if not u.attached],
+    }
+    return Checked(lines, problem.warnings, sizes)
+
+
+def _interface_sizes(unit: InterfaceUnit) -> dict[str, Any]:
+    """An interface as plain data; ``gap``: the smallest and the largest one, of an interface that may open."""
+    geometry = unit.geometry
+    gap = [float(geometry.gap.min()), float(geometry.gap.max())] if unit.behaviour.opens else None
+    sizes = {"points": geometry.n_point, "area": float(geometry.areas.sum()), "gap": gap}
+    return {"name": unit.name, "behaviour": unit.behaviour.name, "sides": list(unit.sides), **sizes}
 
 
 def _interface_line(unit: InterfaceUnit, by_search: bool, units: UnitSystem) -> str:

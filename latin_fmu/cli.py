@@ -28,6 +28,7 @@ COMMANDS: Final = MappingProxyType(
         "check": "describe",
         "explain": "describe",
         "plot": "describe",
+        "view": "describe",
         "reference": "describe",
         "demo": "describe",
         "cost": "studies",
@@ -38,6 +39,7 @@ COMMANDS: Final = MappingProxyType(
         "srs": "analyses",
         "export": "analyses",
         "modes": "analyses",
+        "frf": "analyses",
         "backbone": "analyses",
     }
 )
@@ -55,6 +57,7 @@ examples:
   latin-fmu run two_specimen_crushing/scene.toml -o crushing.nc
   latin-fmu plot crushing.nc -o crushing.png
   latin-fmu plot two_specimen_crushing/scene.toml -o assembly.png
+  latin-fmu view crushing.nc
   latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
   latin-fmu cost two_specimen_crushing/scene.toml -o study
   latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
@@ -63,6 +66,7 @@ examples:
   latin-fmu stress --quick -o stability.md
   latin-fmu srs out.nc --sensor tip
   latin-fmu modes scene.toml --joints open
+  latin-fmu frf scene.toml --damping 0.02
   latin-fmu backbone scene.toml --mode 1 --amplitude 1um:1mm
   latin-fmu reference
 

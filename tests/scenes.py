@@ -14,7 +14,7 @@ import latin_fmu
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine, placed, rubbing
 
 MODELS = Path(__file__).parents[1] / "models"
-MINUTES = ("bolted_beam", "electronics_box")
+MINUTES = ("bolted_beam", "electronics_box", "thin_beam")
 """Models whose runs take minutes."""
 
 

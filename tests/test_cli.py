@@ -6,8 +6,10 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import xarray as xr
 
 from latin_fmu import SolverError, api
 from latin_fmu.cli import COMMANDS, main
@@ -261,3 +263,32 @@ def test_absurd_numbers_end_in_a_sentence(
     not converge."""
     assert main(["run", scene, "--quiet", "--set", setting, "--set", "time.instants=2"]) == code
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_every_command_whose_output_is_data_prints_json(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing else on stdout, and the numbers of the files that are written."""
+
+    def printed(*words: str) -> Any:
+        assert main([*words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+    found = printed("check", scene)
+    assert found["steps"] == 20
+    assert found["interfaces"][0]["area"] == pytest.approx(1e-4)
+    assert found["classes"][0]["unknowns"] == 72
+    assert all(warning.keys() == {"code", "text"} for warning in found["warnings"])
+    assert found.keys() >= {"memory_bytes", "step", "scene"}
+    assert printed("explain", scene)["effects"]
+    modes = printed("modes", scene, "--count", "2", "-o", "modes.nc")
+    with xr.open_datatree("modes.nc") as tree:
+        assert modes["frequency"]["values"] == tree["modes"]["frequency"].values.tolist()
+    assert modes["frequency"]["units"] == "Hz"
+    study = printed("sweep", scene, "--vary", "load.push.pressure=1e6,2e6", "--jobs", "1", "-o", "study.nc")
+    with xr.open_dataset("study.nc") as stored:
+        assert study["state"]["values"] == stored["state"].values.tolist()
+        assert study.keys() >= set(stored.variables)
+    Path("scene.toml").write_text(SCENE + '[sensor.top]\nface = "right.zmax"\n')
+    assert main(["run", scene, "-q", "-o", "out.nc"]) == 0
+    spectra = printed("srs", "out.nc", "--lowest", "2e4", "--highest", "4e4")
+    assert spectra["top"]["acceleration"]["dims"] == ["response", "frequency", "component"]
+    assert spectra["top"]["quality"] == 10.0

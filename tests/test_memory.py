@@ -17,7 +17,7 @@ from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene
 from latin_fmu.assembly.build import discretise
 from latin_fmu.cli import main
 from latin_fmu.effects import cost
-from latin_fmu.effects.cost import Prediction, memory_need
+from latin_fmu.effects.cost import MemoryNeed, Prediction, memory_need
 from latin_fmu.latin import interface_rows
 from latin_fmu.machine import group_limits, peak_memory
 from latin_fmu.results import dataset
@@ -177,6 +177,29 @@ print((peak_memory() - before) / need)
     assert 0.5 < float(done.stdout) < 2.0
 
 
+def test_newton_steps_and_threads_are_in_the_told_memory() -> None:
+    """A matrix of the active points, vectors of products where steps are long on large faces, none where they are
+    short, vectors of all channels in statics; a tile of vectors for every further thread."""
+
+    def need(step: float, elements: int = 4, **solver: Any) -> MemoryNeed:
+        boxes = {name: Box(STEEL, (0.01, 0.01, 0.01), (elements, elements, 1)) for name in "ab"}
+        quasi_static = solver.pop("quasi_static", False)
+        time = {"end": 10 * step, "step": step, "quasi_static": quasi_static}
+        scene = column(boxes, {"meet": {"friction_coefficient": 0.3}}, time, solver=solver)
+        if quasi_static:
+            scene["boundary"] = {n: {"type": "fixed", "face": f"{n}.{f}"} for n, f in (("a", "zmin"), ("b", "zmax"))}
+        return memory_need(Prediction(discretise(scene_from_dict(scene))))
+
+    points = 25
+    assert need(1e-6).newton == 8.0 * (3 * points) ** 2
+    assert need(1e-6, newton=False).newton == 0.0
+    assert need(1e-3, quasi_static=True).newton == 8.0 * 101 * 6 * points
+    assert need(1e-8, 16, interface_operator="sparse").newton == 0.0
+    assert need(1e-3, 16, interface_operator="sparse").newton > 8.0 * 101 * 3 * 17**2
+    assert need(1e-6, threads=2).threads == 8.0 * 8 * 3 * 50
+    assert need(1e-6).threads == 0.0
+
+
 def test_streamed_histories_are_foreseen_with_the_instants_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run of fewer instants than are kept in memory keeps all of them there."""
     monkeypatch.setattr(cost, "STREAMED", 0.0)
@@ -206,7 +229,10 @@ def small_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dataset, "_WINDOWS", 50)
 
 
-SUMS = ("force", "impulse", "friction_power", "peak_force", "peak_force_raw", "slip", "layer_energy", "joint_power")
+SUMS = (
+    *("force", "impulse", "friction_power", "peak_force", "peak_force_raw", "slip", "layer_energy", "joint_power"),
+    *("accumulated_slip", "friction_energy"),
+)
 """Variables that are summed over time or points, in blocks."""
 
 

@@ -34,7 +34,7 @@ from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sin
 FACTOR = 2.0  # aimed at for totals
 SMALL = 0.05  # shares below are noise
 EDGE, STEP = 0.01, 2e-7  # m, s
-MINUTES = ("bolted_beam", "electronics_box")
+MINUTES = ("bolted_beam", "electronics_box", "thin_beam")
 LAWS = {
     "soft contact": {"behaviour": "soft_contact", "normal_stiffness": 1e15, "friction_coefficient": 0.2},
     "elastic layer": {"behaviour": "elastic_layer", "normal_stiffness": 1e15, "tangential_stiffness": 4e14},

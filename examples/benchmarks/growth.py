@@ -8,7 +8,8 @@
     processes  as many such blocks on each of one and two processes (``processes``)
     threads    blocks within and beyond the cache on one thread and on two
 
-All but the last are seconds of the processor, those of processes without the exchanges. Threads are compared by the
+Of unknowns and blocks the set-up is measured, too: meshes, matrices and interfaces, factors, tables. All but the last
+are seconds of the processor, those of processes without the exchanges. Threads are compared by the
 wall clock, in turn, and the least of the rounds is taken; beside the gain stands the memory that an instant reads, over
 its time: factors twice, in each iteration but the first the matrices or the part of the factors at the interfaces. A
 wall clock means little on a machine with other work: its load is printed. Figure: cost against points, unknowns, blocks
@@ -32,7 +33,8 @@ from processes import INSTANTS, stack, started
 import latin_fmu
 from latin_fmu.latin.windows import Run
 
-Line = list[tuple[float, float]]  # size, s per instant
+Line = list[tuple[float, float]]  # size, s per instant, or of the set-up
+SET_UP = "set-up, "
 PLATES, BLOCKS, TURNS = (12, 16, 24, 40), (6, 10, 14, 20), 3
 STACKS = (2, 4, 8, 16, 32, 64, 128, 256, 512)
 MANY = 64  # blocks from which on the cost of each is compared: their operators do not fit in the cache
@@ -42,10 +44,17 @@ QUICK_STACKS = (2, 4)
 QUICK_THREADED = ((2, 4),)
 
 
-def least(tables: dict[str, Any], rounds: int) -> float:
-    """Seconds of the processor of an instant, the least of the rounds."""
+def least(tables: dict[str, Any], rounds: int) -> tuple[float, float]:
+    """Seconds of the processor of an instant and of the set-up, the least of the rounds."""
     scene = latin_fmu.scene_from_dict(tables)
-    return min(latin_fmu.solve(scene).timings.march for _ in range(rounds)) / INSTANTS
+    runs = [latin_fmu.solve(scene).timings for _ in range(rounds)]
+    return min(run.march for run in runs) / INSTANTS, min(run.setup for run in runs)
+
+
+def measured(what: str, scenes: dict[float, dict[str, Any]], rounds: int) -> dict[str, Line]:
+    """Lines of an instant and of the set-up over the sizes of scenes."""
+    costs = {size: least(tables, rounds) for size, tables in scenes.items()}
+    return {name: [(size, cost[i]) for size, cost in costs.items()] for i, name in enumerate((what, SET_UP + what))}
 
 
 def by_blocks(count: int, rounds: int) -> Line:
@@ -95,7 +104,7 @@ def print_line(what: str, line: Line) -> None:
     """A line of the table with the growth between its ends."""
     (first, cost), (last, highest) = line[0], line[-1]
     growth = np.log(highest / cost) / np.log(last / first)
-    print(f"{what:>10}  " + "  ".join(f"{n:.0f}: {1e3 * s:.3g} ms" for n, s in line) + f"   growth {growth:.2f}")
+    print(f"{what:>27}  " + "  ".join(f"{n:.0f}: {1e3 * s:.3g} ms" for n, s in line) + f"   growth {growth:.2f}")
 
 
 def print_each(line: Line) -> None:
@@ -112,11 +121,16 @@ def drawn(lines: dict[str, Line]) -> Figure:
     """Figure of the cost against points, unknowns, blocks and processes."""
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
     axes: list[Axes] = list(figure.subplots(2, 2).ravel())
+    instants = {what: line for what, line in lines.items() if not what.startswith(SET_UP)}
     for axis, (what, line), colour in zip(
-        axes, lines.items(), (tools.BLUE, tools.GREEN, tools.VERMILION, "black"), strict=True
+        axes, instants.items(), (tools.BLUE, tools.GREEN, tools.VERMILION, "black"), strict=True
     ):
         sizes, costs = np.array(line).T
-        axis.loglog(sizes, 1e3 * costs, "o-", color=colour)
+        axis.loglog(sizes, 1e3 * costs, "o-", color=colour, label="an instant")
+        if SET_UP + what in lines:
+            axis.loglog(sizes, 1e3 * np.array(lines[SET_UP + what])[:, 1], "s--", color=colour, label="set-up")
+            axis.legend(frameon=False)
+            costs = np.concatenate([costs, np.array(lines[SET_UP + what])[:, 1]])
         flat = what == "processes"
         axis.loglog(sizes, 1e3 * costs[0] * (sizes / sizes[0]) ** (0.0 if flat else 1.0), ":", color="0.5")
         ticks = sizes[:: 1 + len(sizes) // 6]
@@ -125,7 +139,7 @@ def drawn(lines: dict[str, Line]) -> Figure:
         axis.set_ylim(0.5 * 1e3 * costs.min(), 2.0 * 1e3 * costs.max())
         tools.label_few(axis)
         axis.set_xlabel("processes, eight blocks on each" if flat else what)
-        axis.set_ylabel("CPU ms per instant")
+        axis.set_ylabel("CPU ms")
         tools.tidy(axis)
     return figure
 
@@ -135,13 +149,10 @@ def main(argv: list[str] | None = None) -> dict[str, Line]:
     chosen = tools.options(argv, __doc__)
     plates, blocks, rounds = QUICK if chosen.quick else (PLATES, BLOCKS, TURNS)
     stacks = QUICK_STACKS if chosen.quick else STACKS
-    lines: dict[str, Line] = {"points of a face": [], "unknowns of a block": [], "blocks": [], "processes": []}
-    for m in plates:
-        cost = in_a_process(m, 2, "automatic")
-        lines["points of a face"].append((float(cost.points), cost.march))
-    for n in blocks:
-        lines["unknowns of a block"].append((3.0 * (n + 1) ** 3, least(stack(1, n), min(rounds, 2))))
-    lines["blocks"] = [(float(count), least(stack(count, 4), rounds)) for count in stacks]
+    faces = [in_a_process(m, 2, "automatic") for m in plates]
+    lines: dict[str, Line] = {"points of a face": [(float(cost.points), cost.march) for cost in faces]}
+    lines |= measured("unknowns of a block", {3.0 * (n + 1) ** 3: stack(1, n) for n in blocks}, min(rounds, 2))
+    lines |= measured("blocks", {float(count): stack(count, 4) for count in stacks}, rounds)
     lines["processes"] = by_blocks(stacks[-1] if chosen.quick else 8, rounds)
     for what, line in lines.items():
         print_line(what, line)

@@ -46,6 +46,7 @@ COURANT: Final = 0.75
 impact bar: 1.1 % off at 1.5, 0.51 % at 0.75, 0.56 % at 0.4)."""
 
 _LOOSEST, _TIGHTEST = 1e-2, 1e-9  # tolerances
+_STRICT = 1e-5  # tolerance below which a run that does not converge is not repeated with a tenth of it
 _FIRST_FACTORS = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0)  # the search starts at the first with a coarser run
 _MARGIN = 0.88  # of the target
 _LARGEST_REFINEMENT, _LARGEST_COST_RATIO = 3.0, 25.0  # of the next run: limits of the extrapolation
@@ -64,8 +65,9 @@ class RefinementSequence:
 
     Attributes
     ----------
-    scene : in short windows, with the tolerance to use. log : called with a line of text after each run.
-    limit : CPU seconds of all runs, at which the last one is stopped. seconds : those of all runs so far.
+    scene : in short windows, with the tolerance to use: a tenth of it after a run for which it did not suffice.
+    log : called with a line of text after each run. limit : CPU seconds of all runs, at which the last one is stopped.
+    seconds : those of all runs so far.
     solution : of the last run ``with_output``.
     """
 
@@ -144,12 +146,19 @@ class RefinementSequence:
         return self._runs[resolution]
 
     def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[MeasuredRun, Solution]:
-        left = None if self.limit is None else max(self.limit - self.seconds, 0.0)
-        run, solution = solved(self.scene, scene, resolution, max_cpu=left)
-        self.seconds += run.cpu
-        label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
-        self.log(label if run.converged else f"{label}: {run.status}")
-        return run, solution
+        while True:
+            left = None if self.limit is None else max(self.limit - self.seconds, 0.0)
+            tolerance = self.scene.solver.tolerance
+            scene = scene.model_copy(update={"solver": with_tolerance(scene, tolerance)})
+            run, solution = solved(self.scene, scene, resolution, max_cpu=left)
+            self.seconds += run.cpu
+            label = f"{run.cpu:7.2f} s  mesh x {resolution.mesh:.3g}, steps x {resolution.time:.3g}{note}"
+            self.log(label if run.converged else f"{label}: {run.status}")
+            # every instant met the tolerance, and what is left adds up to too much work
+            left_over = not run.converged and solution.complete and all(w.converged for w in solution.windows)
+            if not left_over or tolerance <= _STRICT:
+                return run, solution
+            self.scene = self.scene.model_copy(update={"solver": with_tolerance(self.scene, 0.1 * tolerance)})
 
     @property
     def runs(self) -> list[MeasuredRun]:

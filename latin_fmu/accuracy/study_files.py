@@ -196,12 +196,13 @@ def _searches(axes: Axes, study: Study, quantity: str) -> None:
     if found and is_target(study.scene, quantity):
         places = [s.cpu for s, _ in found], [100 * max(e, 1e-5) for _, e in found]
         axes.plot(*places, linestyle="none", marker="*", markersize=11, color=BAD, label="searches", zorder=5)
-        for mesh in {s.resolution.mesh for s, _ in found}:  # searches that end on one mesh stand side by side
+        meshes = dict.fromkeys(s.resolution.mesh for s, _ in sorted(found, key=lambda f: f[0].cpu))
+        for i, mesh in enumerate(meshes):  # one label for the searches that end on a mesh; the next one's opposite
             same = [(s, e) for s, e in found if s.resolution.mesh == mesh]
             targets = [f"{100 * (s.target or 0.0):g}" for s, _ in same]
             place = max(s.cpu for s, _ in same), 100 * max(same[-1][1], 1e-5)
-            text = f"{', '.join(targets)} %"
-            axes.annotate(text, place, (-2, -12), fontsize=6, color=BAD, textcoords="offset points")
+            text, offset = f"{', '.join(targets)} %", (-2, 7 if i % 2 else -12)
+            axes.annotate(text, place, offset, fontsize=6, color=BAD, textcoords="offset points")
 
 
 def tolerance_map(axes: Axes, study: Study, quantity: str) -> None:

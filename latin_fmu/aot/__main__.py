@@ -3,6 +3,7 @@ for targets (``linking.TARGETS``)."""
 
 from __future__ import annotations
 
+import gc
 import logging
 import sys
 
@@ -15,4 +16,5 @@ if __name__ == "__main__":
     wanted = sys.argv[1:] or [own for own in [host()] if own is not None]
     if unknown := sorted(set(wanted) - TARGETS.keys()):
         sys.exit(f"python -m latin_fmu.aot: no such target: {', '.join(unknown)}; allowed: {', '.join(TARGETS)}")
+    gc.disable()  # a quarter of numba's time otherwise: what it makes lives to the end
     build(library.PACKAGE.parent / "build", wanted)

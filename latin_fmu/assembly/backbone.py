@@ -68,6 +68,7 @@ _PLACE: Final = "place of the amplitude"
 _MOST: Final = 1000  # increments up to an amplitude
 _CUTS: Final = 5  # of all increments in two, where one does not converge
 _ITERATIONS: Final = 200  # of an increment
+_FEW: Final = 40  # sliding points: a front of some elements in width
 _MOVES: Final = 1e-9  # of the largest displacement of the mode: below, a sensor does not move in it
 
 
@@ -88,8 +89,8 @@ def backbone(
     ----------
     mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) aimed at, > 0, m; the result
         has those reached. sensor : whose amplitude is meant; None for the point that moves most in the mode.
-    loop : half, full or masing. increments : of load from 0 to an amplitude, a half loop has twice as many; all are cut
-        in two, again and again, where one does not converge.
+    loop : half, full or masing. increments : of load from 0 to an amplitude, a half loop that is measured has twice as
+        many; all are cut in two, again and again, where one does not converge.
     tolerance : of the static iteration, whose residuals are the floor of the losses. progress : called with the number
         of increments done, that of all, iterations and error of the last one.
 
@@ -263,7 +264,8 @@ class _Path:
         for level in levels[::-1].tolist():
             if load[-1] > 0.0:
                 go(-level, 2 * increments)
-            top, other = go(level, 2 * increments), go(-level, 2 * increments)
+            # on the way up nothing is measured, and how it is cut hardly counts
+            top, other = go(level, increments), go(-level, 2 * increments)
             marks.append((top, other, go(level, 2 * increments) if loop == "full" else other))
         top, other, end = np.array(marks[::-1]).T
         return _Path(np.array(load), top, other, end)
@@ -408,6 +410,11 @@ class Backbone(Stored):
             sizes = readable(float(a), self.units.label("m"), 4), f"{f:.6g} Hz", f"{100 * zeta:.4g}"
             table.append((*sizes, readable(float(d), self.units.label("J"), 4), str(s), str(o)))
         lines = [head, "", *aligned(table)]
+        few = (self.slipping > 0) & (self.slipping < _FEW)
+        if few.any():
+            most = readable(float(self.amplitude[few].max()), self.units.label("m"), 3)
+            rule = "their loss holds where a mesh with shorter elements at the rims of the pressure gives the same"
+            lines += ["", f"up to {most} fewer than {_FEW} points slide: {rule}"]
         if self.loop == "masing":
             open_or_close = "some open or close here: " if self.opening.any() else ""
             rule = "Masing's rule holds where no point has slid before and all keep their pressure"

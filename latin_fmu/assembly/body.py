@@ -406,7 +406,10 @@ def build_bodies(
         material = scene.material[description.material]
         old = None if known is None else known.get(name)
         if old is not None and old.of(description, material):
-            bodies[name] = Body(name, old.mesh, old.shape, description, units=scene.unit_system)
+            plain = old.added is None and not old.rigid_faces
+            if not (plain and old.description == description and old.units == scene.unit_system):
+                old = Body(name, old.mesh, old.shape, description, units=scene.unit_system)
+            bodies[name] = old
         elif description.box is not None:
             box = description.box
             key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)

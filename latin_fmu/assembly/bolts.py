@@ -107,8 +107,8 @@ class BoltCut:
             )
         return (self.table.tension or 0.0) / self.area
 
-    def line(self, shortening: float, units: UnitSystem) -> str:
-        """Section and place of the cut, target and shortening, for the command ``check``."""
+    def line(self, units: UnitSystem) -> str:
+        """Section and place of the cut, and target, for the command ``check``."""
         at = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in self.point)
         force = self.table.tension
         target = ""
@@ -117,10 +117,7 @@ class BoltCut:
                 f"{force:.6g} {units['N']}{self._torque(units)}, mean stress {force / self.area:.4g} {units['Pa']}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
-        return (
-            f"  bolt {self.name}: section {section} at [{at}], {target}"
-            f"shortened by {shortening:.4g} {units['m']}, order {self.table.order}"
-        )
+        return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}"
 
     def _torque(self, units: UnitSystem) -> str:
         """The torque that the target is of, in words."""

@@ -13,6 +13,8 @@ from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
+from ..scene.boundaries import Boundary
+from ..scene.ports import Port
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
 from ..scene.settings import ReducedPropagatorTable
@@ -120,11 +122,12 @@ def discretise(
         sensors |= port_places(scene, bodies)
     # central differences need diagonal dashpots
     explicit = scene.time.scheme.type == CENTRAL
+    known = KeptOperators() if kept is None else kept
     conditions = {
-        name: conditions_on(body, scene.boundaries_of(name), problems, scene.ports_of(name), explicit)
+        name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)
         for name, body in bodies.items()
     }
-    units = _units(scene, bodies, conditions, problems, remarks)
+    units = _units(scene, bodies, conditions, problems, remarks, known)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     if behaviours:
@@ -181,15 +184,33 @@ def _problem(
     return problem
 
 
+def _conditions(
+    body: Body,
+    boundaries: dict[str, Boundary],
+    ports: dict[str, Port],
+    explicit: bool,
+    problems: Problems,
+    known: KeptOperators,
+) -> Conditions:
+    """``conditions_on`` a body, or those of the scene solved last where they are the same."""
+    return known.again(
+        f"conditions {body.name}",
+        (body, boundaries, ports, explicit),
+        lambda: conditions_on(body, boundaries, problems, ports, explicit),
+    )
+
+
 def _units(
     scene: Scene,
     bodies: dict[str, Body],
     conditions: Mapping[str, Conditions],
     problems: Problems,
     remarks: list[Remark],
+    known: KeptOperators,
 ) -> list[InterfaceUnit]:
-    """Interfaces of a scene, and those that stand for its springs and couplings."""
-    made = [build_interface(n, i, bodies, conditions, problems, remarks) for n, i in scene.interface.items()]
+    """Interfaces of a scene, and those that stand for its springs and couplings; ``known`` : of the scene solved
+    last."""
+    made = [build_interface(n, i, bodies, conditions, problems, remarks, known) for n, i in scene.interface.items()]
     if scene.spring:
         made += spring_units(scene, bodies, problems)
     if scene.coupling:

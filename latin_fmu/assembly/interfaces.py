@@ -33,6 +33,7 @@ from ..scene.schema import Scene
 from ..scene.units import UnitSystem
 from .body import Body, build_bodies, own_points, selection
 from .conditions import Conditions
+from .models import KeptOperators
 
 MATCHING = 1e-3
 """Lateral distance of paired nodes over the spacing of nodes."""
@@ -408,17 +409,22 @@ def build_interface(
     conditions: Mapping[str, Conditions],
     problems: Problems,
     remarks: list[Remark],
+    known: KeptOperators,
 ) -> InterfaceUnit | None:
-    """The interface with its geometry; None, with its problems reported, where its faces do not fit."""
+    """The interface with its geometry; None, with its problems reported, where its faces do not fit. ``known`` : of the
+    scene solved last, whose points and traces serve where the faces are the same."""
     sides = [_side(bodies, side) for side in interface.sides if side != GROUND]
     units = sides[0][0].units
-    if interface.against_ground:
-        pair = _on_ground(name, interface, sides[0], problems)
-    else:
-        pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, problems)
-        remarks += [] if pair is None else remarks_of("area", _area_remarks(name, interface, pair, units))
-    if pair is None:
+    place = interface.sides, interface.points_from, interface.search, interface.ground, interface.behaves_open
+    owners = [thing for body, _ in sides for thing in (body, conditions[body.name])]
+    placed = known.again(
+        f"interface {name}", (*place, *owners), lambda: _placed(name, interface, sides, conditions, problems)
+    )
+    if placed is None:
         return None
+    pair, frames, cells = placed
+    if not interface.against_ground:
+        remarks += remarks_of("area", _area_remarks(name, interface, pair, units))
     gap = _gap(name, interface, pair, units, problems, remarks)
     if gap is not None and interface.form is not None:
         gap = _formed(name, interface.form, pair, gap, units["m"], problems)
@@ -432,12 +438,6 @@ def build_interface(
     if behaviour.elastic and pressure > 0 and interface.normal_stiffness:
         # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
-    frames = local_frames(pair.normals)
-    trace = pair.traces[pair.owner]
-    assert trace is not None
-    # a direction that is held has no row: the nodes of its point are in the others
-    weights = sp.csr_array(trace[::3, ::3] + trace[1::3, 1::3] + trace[2::3, 2::3])
-    cells = cells_between(sides[pair.owner][1], weights)
     geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells)
     if pressure > 0 and gap.max() > 0:
         problems.add(
@@ -447,6 +447,24 @@ def build_interface(
             remedy="close the gap of the meshes, or leave the preload out",
         )
     return InterfaceUnit(name, interface.sides, behaviour, geometry, pressure)
+
+
+def _placed(
+    name: str, interface: Interface, sides: Sequence[Side], conditions: Mapping[str, Conditions], problems: Problems
+) -> tuple[FacePair, Array, Index] | None:
+    """The faces of an interface with the frames (n_point, 3, 3) and the cells (n_cell, 4) of its points; None, with its
+    problems reported, where they do not fit."""
+    if interface.against_ground:
+        pair = _on_ground(name, interface, sides[0], problems)
+    else:
+        pair = _face_pair(name, interface, (sides[0], sides[1]), conditions, problems)
+    if pair is None:
+        return None
+    trace = pair.traces[pair.owner]
+    assert trace is not None
+    # a direction that is held has no row: the nodes of its point are in the others
+    weights = sp.csr_array(trace[::3, ::3] + trace[1::3, 1::3] + trace[2::3, 2::3])
+    return pair, local_frames(pair.normals), cells_between(sides[pair.owner][1], weights)
 
 
 def with_behaviours(

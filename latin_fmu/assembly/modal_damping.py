@@ -18,12 +18,13 @@ Matrices C of velocities give, to first order, for a mode phi of the mass M that
 
 or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
 (``assembly.models.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and
-that of absorbing faces and wave ports. Not in it: dampers between bodies, viscous joints, friction, modal damping.
+that of absorbing faces, wave ports, dampers and viscous joints, and modal damping up to a frequency. Not in it:
+friction, modal damping of a reduced basis without such a limit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,7 +35,7 @@ import scipy.sparse as sp
 from ..latin.assembly import Array
 from ..propagator import SubstructureModel
 from ..propagator.model import diagonal_matrix
-from ..propagator.reduction import Vibration
+from ..propagator.vibration import Vibration
 from ..scene.schema import Scene
 from ..scene.settings import GeneralizedAlphaTable, ReducedPropagatorTable
 from ..time_scheme import HHT, GeneralizedAlpha, QuasiStatic, TimeScheme
@@ -58,7 +59,8 @@ class ModalDamping:
     ----------
     time_scheme : name of the scheme, and why where it is chosen automatically. step : s.
     scheme : (n_mode,) ratio of the time scheme, of critical, 0 for rigid motions. landing : (n_mode,) of the viscous
-        layer at faces that may open. bodies : (n_mode,) of Rayleigh damping, absorbing faces and wave ports.
+        layer at faces that may open. bodies : (n_mode,) of bodies, dampers, viscous joints, absorbing faces and wave
+        ports.
     remedy : what lowers the numerical damping where it exceeds ``LIMIT``, else empty.
     """
 
@@ -88,8 +90,7 @@ class RunMatrices:
     Attributes
     ----------
     scene : of the run. scheme, reason : its time scheme, and why where it is chosen automatically. dt : step, s.
-    mass : (n_full, n_full), kg, as the scheme takes it. viscosity : of the landing layers, N s m-1. damping : of the
-        bodies, N s m-1.
+    mass : (n_full, n_full), kg, as the scheme takes it. viscosity : of the landing layers, N s m-1.
     """
 
     scene: Scene
@@ -98,7 +99,6 @@ class RunMatrices:
     dt: float
     mass: sp.csr_array
     viscosity: sp.csr_array
-    damping: sp.csr_array
 
 
 @dataclass(frozen=True)
@@ -181,20 +181,20 @@ def run_matrices(
         mass, viscosity = (model.inertia, None) if faces is None else (faces.mass, faces.viscosity)
         if scheme.explicit and faces is not None:
             mass = model.with_lumped_mass.inertia if faces.lumped is None else diagonal_matrix(faces.lumped)
-        own = (mass, viscosity, model.damping)
-        blocks.append(tuple(none if matrix is None else matrix for matrix in own))
+        blocks.append((mass, none if viscosity is None else viscosity))
     whole = (sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*blocks, strict=True))
     return RunMatrices(scene, scheme, reason, discretised.dt, *whole)
 
 
-def modal_damping(matrices: RunMatrices, modes: Modes) -> ModalDamping:
-    """Damping of modes in a run (module docstring)."""
+def modal_damping(matrices: RunMatrices, modes: Modes, damping: Callable[[Array], Array]) -> ModalDamping:
+    """Damping of modes in a run (module docstring); ``damping`` : Phi^T C Phi (m, m) of the assembly from motions
+    (n_full, m)."""
     scheme, dt = matrices.scheme, matrices.dt
     omega, vectors = _marched(modes, matrices.mass)
     full, elastic = modes.expansion @ vectors, np.flatnonzero(omega > 0.0)
     of_scheme, of_layer, of_bodies = np.zeros((3, len(omega)))
-    for ratio, matrix in ((of_layer, matrices.viscosity), (of_bodies, matrices.damping)):
-        ratio[elastic] = (_squares(matrix, full) / (2 * np.maximum(omega, 1e-300)))[elastic]
+    for ratio, squares in ((of_layer, _squares(matrices.viscosity, full)), (of_bodies, np.diagonal(damping(full)))):
+        ratio[elastic] = (squares / (2 * np.maximum(omega, 1e-300)))[elastic]
     of_scheme[elastic] = [scheme_damping(scheme, float(w), dt) for w in omega[elastic]]
     for i in np.flatnonzero(of_layer):  # its velocities have the weights of the scheme
         of_layer[i] = scheme_damping(scheme, float(omega[i]), dt, float(of_layer[i])) - of_scheme[i]

@@ -9,12 +9,13 @@ last bit. A key that is not listed here can therefore cost time, but never give 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
+from pydantic import BaseModel
 
 from ..errors import SceneError
 from ..fem.contact_layer import blended_mass, landing_viscosity, layer_of, longest_edge, without_contact_mass
@@ -34,6 +35,7 @@ _OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "
 """Fields of a model that no operator depends on."""
 
 
+Made = TypeVar("Made")
 Kept = dict[bytes, list[tuple[float, Any]]]
 """Operators of static problems by ``ModelClass.key``."""
 
@@ -52,6 +54,16 @@ class KeptOperators:
     models: list[SubstructureModel] = field(default_factory=list)
     propagators: list[Propagator] = field(default_factory=list)
     made_with: tuple[Any, ...] = ()
+    _parts: dict[str, tuple[tuple[Any, ...], Any]] = field(default_factory=dict)
+
+    def again(self, name: str, given: tuple[Any, ...], make: Callable[[], Made]) -> Made:
+        """The part of this name of the scene solved last, where the same was ``given`` for it: objects of the scene or
+        arrays that are equal, others that are the same. Else what ``make`` returns, kept for the next scene."""
+        known = self._parts.get(name)
+        if known is None or len(known[0]) != len(given) or not all(map(_same, known[0], given)):
+            self._parts[name] = known = given, make()
+        part: Made = known[1]
+        return part
 
     def adopt(self, model: SubstructureModel) -> None:
         """Give a model the reduced matrices of one with equal matrices, where there is one."""
@@ -90,7 +102,7 @@ def _same(a: Any, b: Any) -> bool:
         return a.shape == b.shape and all(np.array_equal(x, y) for x, y in parts)
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
-    return type(a) is type(b) and isinstance(a, str | int | float) and a == b
+    return type(a) is type(b) and isinstance(a, str | int | float | tuple | dict | BaseModel) and bool(a == b)
 
 
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes

@@ -49,8 +49,9 @@ from ..interface import Rods
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
+from ..laws.viscous_joint import ViscousJoint
 from ..propagator import SubstructureModel
-from ..propagator.reduction import Vibration
+from ..propagator.vibration import Vibration
 from ..results.dataset import Stored
 from ..results.groups import StoredGroup, describe_mesh, in_units, root_attributes
 from ..results.quantities import AXES, LABELS, MESH, NODES, columns, named, rows
@@ -107,7 +108,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     joined = JoinedAssembly.of(scene, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)
-    damping = None if matrices is None else modal_damping(matrices, modes)
+    damping = None if matrices is None else modal_damping(matrices, modes, joined.damping_of)
     return _named(joined, modes, damping, joints)
 
 
@@ -119,13 +120,14 @@ class JoinedAssembly:
     ----------
     discretised : the scene with a scheme that moves no mass. parts : matrices of its substructures, full dofs.
     vibration : stiffness and mass (n, n) of the dofs that are left. expansion : (n_full, n) from these to the full
-        dofs. remarks : how each interface was taken.
+        dofs. damping : (n_full, n_full) of bodies and viscous joints, N s m-1. remarks : how each interface was taken.
     """
 
     discretised: DiscretisedProblem
     parts: Parts
     vibration: Vibration
     expansion: sp.csr_array
+    damping: sp.csr_array
     remarks: tuple[str, ...]
 
     @staticmethod
@@ -136,7 +138,7 @@ class JoinedAssembly:
         discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
-        rows, springs, remarks = [sp.csr_array((0, parts.n))], [], []
+        rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and scene.bolt:
@@ -144,6 +146,10 @@ class JoinedAssembly:
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
+            if isinstance(unit.behaviour, ViscousJoint):
+                viscosity = [unit.behaviour.normal_viscosity, unit.behaviour.tangential_viscosity]
+                every = np.ones(unit.geometry.n_point, dtype=bool)
+                dashpots.append(_layer(unit, parts, np.repeat(viscosity, [1, 2]), every))
         if joints == "open":
             # g g^T / k: bolts without tension let their shanks slide
             springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
@@ -155,7 +161,16 @@ class JoinedAssembly:
             weight = _STIFF * float(k.diagonal().max())
             k = sp.csr_array(k + weight * (left.T @ left))
         vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
-        return JoinedAssembly(discretised, parts, vibration, expansion, tuple(remarks))
+        return JoinedAssembly(discretised, parts, vibration, expansion, sum(dashpots, parts.damping), tuple(remarks))
+
+    def damping_of(self, full: Array) -> Array:
+        """Phi^T C Phi (m, m) of motions (n_full, m), modal damping of bodies included where it has a limit."""
+        projected: Array = full.T @ (self.damping @ full)
+        for name, model in self.parts.models.items():
+            if model.modal_rows is not None:
+                rates = model.modal_rows @ full[self.parts.where[name]]
+                projected += rates.T @ rates
+        return projected
 
     def modes(self, count: int) -> Modes:
         """Rigid motions and at least ``count`` elastic modes where there are as many."""
@@ -187,16 +202,19 @@ class Parts:
     where: dict[str, slice]
     stiffness: sp.csr_array
     mass: sp.csr_array
+    damping: sp.csr_array
     expansion: sp.csr_array
 
     @staticmethod
     def of(models: Sequence[SubstructureModel]) -> Parts:
         """The parts in the order given."""
         where, _ = consecutive({m.name: m.n_full for m in models})
-        blocks = [
-            sp.csr_array(sp.block_diag(matrices, format="csr"))
-            for matrices in zip(*((m.stiffness, m.inertia, m.expansion) for m in models), strict=True)
+        none = sp.csr_array
+        of_each = [
+            (m.stiffness, m.inertia, none((m.n_full, m.n_full)) if m.damping is None else m.damping, m.expansion)
+            for m in models
         ]
+        blocks = [sp.csr_array(sp.block_diag(matrices, format="csr")) for matrices in zip(*of_each, strict=True)]
         return Parts({m.name: m for m in models}, where, *blocks)
 
     def of_body(self, name: str, matrix: sp.csr_array) -> sp.csr_array:
@@ -250,7 +268,7 @@ def _joint(
         return parts.jump(unit, local=False), None, "joined"
     if unit.behaviour.elastic and not unit.behaviour.opens:
         stiffness = np.repeat([unit.behaviour.normal_stiffness, unit.behaviour.tangential_stiffness], [1, 2])  # type: ignore[attr-defined]
-        return None, _spring(unit, parts, stiffness, np.ones(geometry.n_point, dtype=bool)), "elastic layer"
+        return None, _layer(unit, parts, stiffness, np.ones(geometry.n_point, dtype=bool)), "elastic layer"
     if not unit.behaviour.opens:
         return None, None, "open: it has no stiffness"
     if joints == "open":
@@ -265,12 +283,12 @@ def _joint(
         return parts.jump(unit, local=False), None, words
     components = np.array([layer is None, sticks, sticks])
     rows = parts.jump(unit, local=True)[np.flatnonzero((closed[:, None] & components).ravel())]
-    spring = None if layer is None else _spring(unit, parts, np.array([layer, 0.0, 0.0]), closed)
+    spring = None if layer is None else _layer(unit, parts, np.array([layer, 0.0, 0.0]), closed)
     return sp.csr_array(rows), spring, words
 
 
-def _spring(unit: InterfaceUnit, parts: Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
-    """Stiffness (n, n) of springs per area (3,), N m-3, in the local frames of some points."""
+def _layer(unit: InterfaceUnit, parts: Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
+    """Matrix (n, n) of springs or dashpots per area (3,), N m-3 or N s m-3, in the local frames of some points."""
     jump = parts.jump(unit, local=True)
     weights = (unit.geometry.areas * points)[:, None] * stiffness
     return sp.csr_array(jump.T @ sp.diags_array(weights.ravel()) @ jump)
@@ -350,7 +368,7 @@ _DAMPING: Final = rows(
     scheme_damping | 1 | mode | damping ratio of the time scheme in a run with the step of the scene \
         | share of critical damping
     landing_damping | 1 | mode | damping ratio of the viscous layer at faces that may open | share of critical damping
-    body_damping | 1 | mode | damping ratio of Rayleigh damping, absorbing faces and wave ports \
+    body_damping | 1 | mode | damping ratio of bodies, dampers, viscous joints, absorbing faces, wave ports \
         | share of critical damping
     """,
     {

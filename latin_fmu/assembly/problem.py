@@ -441,20 +441,20 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
     """Model of a substructure and the flat indices of its channels (n_channel,)."""
     body, held, scheme = problem.bodies[name], problem.conditions[name], problem.scheme
     units, layout, layer = problem.units, problem.layout, problem.layers.get(name)
-    traces, areas, preloads, channels = [], [], [], []
-    for i, side in [(i, side) for i, side, owner in body_sides(units) if owner == name]:
+    areas, preloads, channels = [], [], []
+    own = [(i, side) for i, side, owner in body_sides(units) if owner == name]
+    for i, side in own:
         unit, n_component = units[i], units[i].behaviour.n_component
-        trace = unit.geometry.local_trace(side, n_component)
-        assert trace is not None
-        traces.append(trace)
         areas.append(np.repeat(unit.geometry.areas, n_component))
         pressed = np.zeros((unit.geometry.n_point, n_component))
         # F.N = -P on side E
         pressed[:, 0] = unit.preload * (-1.0 if side == 0 else 1.0)
         preloads.append(pressed.ravel())
         channels.append(layout.channels(i, side).ravel())
-    n_full = body.full_size()
-    trace = sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, n_full))
+    known, sides = KeptOperators() if problem.kept is None else problem.kept, [(units[i], side) for i, side in own]
+    # what the traces in the local frames follow from
+    given = [x for u, s in sides for x in (u.geometry.traces[s], u.geometry.frames, u.behaviour.n_component)]
+    trace = known.again(f"trace {name}", (body, *given), lambda: _trace(body, sides))
     area = np.concatenate(areas) if areas else np.zeros(0)
     if any(p.any() for p in preloads):  # the initial stress is in equilibrium: it holds the preload
         # the load that holds the preload: opposite to it
@@ -487,6 +487,16 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
+
+
+def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:
+    """Trace (n_channel, 3 n_node) from the nodes of a body to the channels of its sides of interfaces."""
+    traces = []
+    for unit, side in sides:
+        trace = unit.geometry.local_trace(side, unit.behaviour.n_component)
+        assert trace is not None, "a side of a body has a trace"
+        traces.append(trace)
+    return sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, body.full_size()))
 
 
 def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:

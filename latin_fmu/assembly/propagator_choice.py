@@ -114,7 +114,7 @@ class ClassSize:
     factor, flops : entries of the Cholesky factor and multiplications that make it, interface block excluded.
     swept : entries of the factor that a substitution on the interfaces reads; 0 where they have dense matrices.
     product : entries, of eight bytes, that a product of the iteration reads where they have none. columns : solved for
-    to fill tables of the interfaces.
+    to fill tables of the interfaces. modal : modes in modal damping that has a limit.
     """
 
     unknowns: int
@@ -129,6 +129,7 @@ class ClassSize:
     swept: float = 0.0
     product: float = 0.0
     columns: float = 0.0
+    modal: int = 0
 
     @property
     def sparse(self) -> int:
@@ -167,8 +168,9 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         pattern = shared_analysis(Pattern(stiffness, last, rank))
         factor, multiplications = float(pattern.panel_start[-1]), flops(pattern)
     sizes = n, len(last), trace.shape[0], members, stiffness.nnz, mass, damping
+    modal = 0 if model.modal_rows is None else len(model.modal_rows)
     # a product by substitution reads the face forward and backward
-    return ClassSize(*sizes, factor, multiplications, swept, 2.0 * swept)
+    return ClassSize(*sizes, factor, multiplications, swept, 2.0 * swept, modal=modal)
 
 
 def divided(
@@ -214,11 +216,12 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
     if size.swept and settings.kind == "direct":
         # the dashpots are in a second factor, in single precision: dense matrices there are none
         interface, condensed = 0.5 * factor, 0.0
+    modal = 8.0 * size.modal * (3 * size.unknowns + size.interface)
     own = {
-        "direct": factor + 2 * interface,
+        "direct": factor + 2 * interface + modal,
         "explicit": 0.0,
         "reduced": 2 * factor + 8.0 * size.unknowns * size.basis(settings.modes),
-        "cg": 2 * interface,
+        "cg": 2 * interface + modal,
     }[settings.kind]
     states = 8.0 * _STATE_VECTORS * size.members * size.unknowns
     return own + 4 * condensed + _SPARSE_BYTES * size.sparse + states

@@ -349,6 +349,57 @@ class CondensedFactor:
         return self.backward(y, self.schur_inverse @ c)
 
 
+class LowRankFactor:
+    """``InterfaceFactor`` of A' = A + R^T R from one of A, by Woodbury's identity.
+
+    With H = A_II^-1 R_I^T, the Cholesky factor L of 1 + R_I H, W = H L^-T and V = (R_G^T - A_GI H) L^-T,
+
+        A'_II^-1 = A_II^-1 - W W^T,    S' = S + V V^T,    A'_GI A'_II^-1 = A_GI A_II^-1 + V W^T
+
+    so that half solutions take dot products more with the k rows of W^T and V^T:
+
+        c' = c - V r,  r = W^T b_I,        x_I' = x_I - W (r + V^T x_G)
+
+    Parameters
+    ----------
+    base : factor of A. rows : R (k, n).
+
+    Attributes
+    ----------
+    inside : W^T (k, n), zeros at the interface. edge : V^T (k, n_last).
+    """
+
+    def __init__(self, base: InterfaceFactor, rows: Array) -> None:
+        self.base, self.interior, self.last = base, base.interior, base.last
+        y, coupling = base.forward(np.ascontiguousarray(rows.T))
+        inner = base.backward(y, np.zeros_like(coupling))
+        triangle = la.cholesky(np.eye(len(rows)) + rows @ inner, lower=True)
+        self.inside: Array = la.solve_triangular(triangle, inner.T, lower=True)
+        self.edge: Array = la.solve_triangular(triangle, coupling.T, lower=True)
+        self.schur: Array = base.schur + self.edge.T @ self.edge
+        answer = self.edge @ base.schur_inverse
+        small = np.eye(len(rows)) + answer @ self.edge.T
+        inverse = base.schur_inverse - answer.T @ la.solve(small, answer, assume_a="pos")
+        self.schur_inverse: Array = 0.5 * (inverse + inverse.T)
+
+    def forward(self, b: Array) -> tuple[Array, Array]:
+        """(y, c) for b (n, m); r stands behind the y of the base."""
+        y, c = self.base.forward(b)
+        r = self.inside @ b
+        return np.concatenate([y, r]), c - self.edge.T @ r
+
+    def backward(self, y: Array, x_last: Array) -> Array:
+        """Full solution (n, m) from ``forward``, or the y = 0 of the base, and the interface values (n_last, m)."""
+        own, r = y[: len(self.interior)], y[len(self.interior) :]
+        weights = self.edge @ x_last + (r if len(r) else 0.0)
+        return self.base.backward(own, x_last) - self.inside.T @ weights
+
+    def solve(self, b: Array) -> Array:
+        """A'^-1 b for b (n, m)."""
+        y, c = self.forward(b)
+        return self.backward(y, self.schur_inverse @ c)
+
+
 class DiagonalFactor:
     """``cholesky.InterfaceFactor`` of a diagonal matrix.
 

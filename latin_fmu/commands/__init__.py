@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO
@@ -354,6 +354,21 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """Declare SCENE and ``--set``."""
     parser.add_argument("scene", metavar="SCENE", type=Path, help="scene file (TOML)")
     add_settings(parser, "change one setting of the scene; may be repeated")
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Declare the option ``--json``."""
+    switch(parser, "--json", "print JSON, and nothing else, on stdout")
+
+
+def tell(arguments: argparse.Namespace, lines: Sequence[str], data: Callable[[], Mapping[str, Any]]) -> None:
+    """Print what was found on stdout: lines of text, or with ``--json`` its data."""
+    print(json_lines(data()) if arguments.json else "\n".join(lines))
+
+
+def tell_written(arguments: argparse.Namespace, text: str) -> None:
+    """Print a line on files that were written; on stderr beside JSON."""
+    (say if arguments.json else print)(text)
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:

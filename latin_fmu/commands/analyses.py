@@ -1,5 +1,6 @@
 """Subcommands ``srs`` and ``export``, spectra and histories of the sensors of a results file, ``modes``, natural
-frequencies of an assembly, and ``backbone``, frequency and damping of one of them against the amplitude."""
+frequencies of an assembly, ``frf``, its frequency responses, and ``backbone``, frequency and damping of a mode against
+the amplitude."""
 
 from __future__ import annotations
 
@@ -11,7 +12,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
-from . import CONVERGED, AddParser, Waiting, add_scene, check_netcdf, declare, option, output_file, read_scene, switch
+from . import (
+    CONVERGED,
+    AddParser,
+    Waiting,
+    add_json,
+    add_scene,
+    check_netcdf,
+    declare,
+    option,
+    output_file,
+    read_scene,
+    switch,
+    tell,
+    tell_written,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,8 +65,9 @@ driven faces are held.
 
 The table has the effective mass of each mode for a base that moves along x, y or z, in % of the mass of the assembly,
 and the damping ratio, in % of critical, that a run of the scene gives each mode: of the time scheme with the
-step of the scene, of the viscous layer at faces that may open (landing_damping), and of the bodies where they have
-Rayleigh damping, absorbing faces or wave ports. A line says what lowers the first two where they exceed 0.005 %.
+step of the scene, of the viscous layer at faces that may open (landing_damping), and of Rayleigh damping, dampers,
+viscous joints, absorbing faces and wave ports where the scene has some. A line says what lowers the first two where
+they exceed 0.005 %.
 """
 _BACKBONE_EXAMPLES = """\
 examples:
@@ -66,14 +82,30 @@ from 0, four times the loss: joints where nothing slid before and no point opens
 Writes STEM.csv, STEM.nc and STEM.png. Measured points are the first three columns of a file: amplitude of the sensor,
 frequency in Hz, damping ratio.
 """
+_FRF_EXAMPLES = """\
+examples:
+  latin-fmu frf scene.toml --damping 0.02
+  latin-fmu frf scene.toml --drive tip.z --drive shock --kind receptance --highest 5000 -o tip
+
+The assembly is linear: its joints sticking, open or bonded, as for modes. A drive is base.x, base.y or base.z
+(everything that holds the assembly moves along an axis: transmissibility), SENSOR.x, SENSOR.y or SENSOR.z (a unit force
+there) or a load of the scene, scaled to a resultant of 1. Without --drive the base moves along each axis.
+
+Modes up to 1.5 times the highest frequency are taken, and the static response to each drive stands for the others.
+Damping is a ratio of critical of all modes (--damping 0.02), one of each (--damping 0.01,0.02, the last one for the
+rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbing faces. Friction is not in it.
+
+Writes STEM.csv, STEM.nc and STEM.png.
+"""
 _MOST_MODES, _MOST_POINTS = 1000, 200
 _AMPLITUDE = re.compile(r"([-+.0-9eE]*[.0-9])\s*([A-Za-z]*)")
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
 def register(add: AddParser) -> None:
-    """Declare the four subcommands."""
+    """Declare the five subcommands."""
     _register_modes(add)
+    _register_frf(add)
     _register_backbone(add)
     text = "write the motions of the sensors of a results file as a table and as a universal file (UNV 58)"
     parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
@@ -87,7 +119,19 @@ def register(add: AddParser) -> None:
     option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
     option(parser, "--quality", "Q", "amplification of the oscillators (default: 10)", float)
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    add_json(parser)
     option(parser, "-o --output", "STEM", "default: RESULT_srs beside the results", Path)
+
+
+def _targets(stem: Path, *suffixes: str) -> list[Path]:
+    """Files of a stem with these suffixes, which can be written."""
+    from ..results.writing import check_target
+
+    # not ``with_suffix``: a stem may have dots
+    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes]
+    for target in targets:
+        check_target(target)
+    return targets
 
 
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
@@ -102,8 +146,62 @@ def _register_modes(add: AddParser) -> None:
     joints = ("sticking", "open", "bonded")
     parser.add_argument("--joints", choices=joints, default=joints[0], help="default: sticking")
     option(parser, "--count", "N", "elastic modes (default: 10)", int, default=10)
+    add_json(parser)
     option(parser, "-o --output", "MODES.nc", "also write frequencies and shapes", output_file)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
+
+
+def _register_frf(add: AddParser) -> None:
+    text = "make frequency responses of the clamped assembly to its base or to forces: table, dataset and figure"
+    add_scene(parser := declare(add, "frf", text, _frf, _FRF_EXAMPLES))
+    text = "base.x, SENSOR.x or a load, repeatable (default: base along each axis)"
+    option(parser, "--drive", "NAME", text, action="append", default=[])
+    option(
+        parser, "--sensor", "NAME", "where the motion is taken, repeatable (default: all)", action="append", default=[]
+    )
+    option(parser, "--damping", "R[,R..]", "ratio to critical of the modes (default: damping of the scene)", _ratios)
+    kinds = ("receptance", "mobility", "accelerance")
+    parser.add_argument("--kind", choices=kinds, default="accelerance", help="per force (default: accelerance)")
+    parser.add_argument(
+        "--joints", choices=("sticking", "open", "bonded"), default="sticking", help="default: sticking"
+    )
+    option(parser, "--lowest", "HZ", "first frequency (default: a tenth of the first natural one)", float)
+    option(parser, "--highest", "HZ", "last frequency (default: that of the tenth mode)", float)
+    option(parser, "--points", "N", "frequencies, by equal factors; more at peaks (default: 400)", int, default=400)
+    parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    option(parser, "-o --output", "STEM", "default: SCENE_frf in the current folder", Path)
+
+
+def _ratios(text: str) -> list[float]:
+    """Damping ratios, separated by commas.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError : they are no numbers.
+    """
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no ratio, or ratios separated by commas") from None
+
+
+def _frf(arguments: argparse.Namespace) -> int:
+    from ..assembly.frequency_response import frf
+    from ..pictures.response_picture import response_figure
+    from ..pictures.style import save_figure
+    from ..results.writing import write_bytes
+
+    scene = read_scene(arguments)
+    targets = _targets(arguments.output or Path(f"{scene.name}_frf"), "csv", "nc", "png")
+    given = {key: getattr(arguments, key) for key in ("damping", "kind", "joints", "lowest", "highest", "points")}
+    with Waiting("modes"):
+        made = frf(scene, arguments.drive, sensors=arguments.sensor, **given)
+    print("\n".join(made.lines()))
+    write_bytes(targets[0], made.as_csv().encode())
+    made.save(targets[1])
+    save_figure(response_figure(made, arguments.along), targets[2])
+    print(f"frequency responses: {', '.join(map(str, targets))}")
+    return CONVERGED
 
 
 def _register_backbone(add: AddParser) -> None:
@@ -116,6 +214,7 @@ def _register_backbone(add: AddParser) -> None:
     parser.add_argument("--loop", choices=("half", "full", "masing"), default="half", help="default: half")
     option(parser, "--increments", "N", "increments of load up to an amplitude (default: 4)", int, default=4)
     option(parser, "--tolerance", "T", "of the static iteration (default: 1e-9)", float, default=1e-9)
+    add_json(parser)
     option(parser, "--measured", "FILE", "points to draw beside: amplitude, frequency, damping ratio", Path)
     text = "units of amplitude and damping in that file (default: those of the scene, 1)"
     parser.add_argument("--measured-units", nargs=2, metavar=("LENGTH", "RATIO"), help=text)
@@ -128,7 +227,7 @@ def _backbone(arguments: argparse.Namespace) -> int:
     from ..assembly.backbone import backbone
     from ..pictures.backbone_picture import backbone_figure
     from ..pictures.style import save_figure
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     scene = read_scene(arguments)
     lowest, highest = _amplitudes(arguments.amplitude, scene.unit_system)
@@ -137,10 +236,7 @@ def _backbone(arguments: argparse.Namespace) -> int:
         raise InputError([problem], "bad argument")
     levels = np.geomspace(lowest, highest, arguments.points) if highest > lowest else np.array([highest])
     measured = _measured(arguments, scene.unit_system)
-    stem = arguments.output or Path(f"{scene.name}_backbone")
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(arguments.output or Path(f"{scene.name}_backbone"), "csv", "nc", "png")
     with Waiting("tightening") as waiting:
         made = backbone(
             scene,
@@ -152,11 +248,11 @@ def _backbone(arguments: argparse.Namespace) -> int:
             tolerance=arguments.tolerance,
             progress=lambda done, total, *_: waiting.reached((done + 1) / total, "loops"),
         )
-    print("\n".join(made.lines()))
+    tell(arguments, made.lines(), made.groups()["/backbone"].report)
     write_bytes(targets[0], made.as_csv().encode())
     made.save(targets[1])
     save_figure(backbone_figure(made, measured), targets[2])
-    print(f"backbone: {', '.join(map(str, targets))}")
+    tell_written(arguments, f"backbone: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
@@ -225,12 +321,12 @@ def _modes(arguments: argparse.Namespace) -> int:
         check_export_folder(arguments.vtk)
     with Waiting("natural frequencies"):
         modes = vibration_modes(read_scene(arguments), arguments.joints, arguments.count)
-    print("\n".join(modes.lines()))
+    tell(arguments, modes.lines(), modes.groups()["/modes"].report)
     if arguments.output is not None:
         modes.save(arguments.output)
-        print(f"modes: {arguments.output}")
+        tell_written(arguments, f"modes: {arguments.output}")
     if arguments.vtk is not None:
-        print(f"for ParaView: {modes.export(arguments.vtk)}")
+        tell_written(arguments, f"for ParaView: {modes.export(arguments.vtk)}")
     return CONVERGED
 
 
@@ -242,13 +338,10 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..results.groups import in_units, units_of
     from ..results.sensors import spectrum_lines
     from ..results.spectra import as_csv, spectrum_group
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
-    # not ``with_suffix``: a stem may have dots
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "nc", "png")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(stem, "csv", "nc", "png")
     file = arguments.results
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
@@ -256,23 +349,22 @@ def _srs(arguments: argparse.Namespace) -> int:
         in_g = acceleration_unit(units, arguments.g)
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
-    print("\n".join(spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)))
+    lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
+    tell(arguments, lines, lambda: {name: group.report() for name, group in groups.items()})
     write_bytes(targets[0], as_csv([(name, spectrum) for name, (spectrum, _) in spectra.items()], units, in_g).encode())
     write_netcdf(made, targets[1])
     save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
-    print(f"spectra: {', '.join(map(str, targets))}")
+    tell_written(arguments, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
 
 
 def _export(arguments: argparse.Namespace) -> int:
     from ..results.export import sensors_as_csv, universal_file
     from ..results.files import open_results, readable
-    from ..results.writing import check_target, write_bytes
+    from ..results.writing import write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_sensors")
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("csv", "unv")]
-    for target in targets:
-        check_target(target)
+    targets = _targets(stem, "csv", "unv")
     with closing(open_results(arguments.results)) as tree, readable(arguments.results):
         known = _sensors(tree, arguments, "nothing to export")
         names = arguments.sensor or known

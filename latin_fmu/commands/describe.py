@@ -1,4 +1,4 @@
-"""Subcommands that solve nothing: ``check``, ``explain``, ``plot``, ``reference`` and ``demo``."""
+"""Subcommands that solve nothing: ``check``, ``explain``, ``plot``, ``view``, ``reference`` and ``demo``."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from . import (
     REMARKED,
     AddParser,
     Waiting,
+    add_json,
     add_max_cpu,
     add_scene,
     add_settings,
@@ -30,6 +31,7 @@ from . import (
     read_scene,
     say,
     switch,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -40,14 +42,15 @@ if TYPE_CHECKING:
 
 
 def register(add: AddParser) -> None:
-    """Declare the five subcommands."""
+    """Declare the six subcommands."""
     text = "read a scene, build its meshes and interfaces, print sizes and warnings"
     add_scene(parser := declare(add, "check", text, _check))
     add_strict(parser)
+    add_json(parser)
     text = "print which effects a scene has, why, what each costs and which key switches it"
     add_scene(parser := declare(add, "explain", text, _explain))
     add_strict(parser)
-    switch(parser, "--json", "print JSON instead")
+    add_json(parser)
     text = (
         "also solve the scene coarsely and print what matters in it, then with one effect changed at a time: what each"
     )
@@ -60,6 +63,7 @@ def register(add: AddParser) -> None:
     parser = declare(add, "reference", text, _reference)
     switch(parser, "--schema", "print the JSON schema instead")
     _register_plot(add)
+    _register_view(add)
     _register_demo(add)
 
 
@@ -85,13 +89,23 @@ def _register_plot(add: AddParser) -> None:
     option(parser, "--frames", "N", "of a film: number of pictures (default: 40)", int)
 
 
+def _register_view(add: AddParser) -> None:
+    text = "write a results file as one HTML page: bodies that deform, fields of the interfaces, curves over time"
+    parser = declare(add, "view", text, _view, _VIEW_EXAMPLES)
+    parser.add_argument("file", metavar="OUT.nc", type=Path, help="results file of a run with output.fields = true")
+    option(parser, "-o --output", "PAGE.html", "default: beside the file, as html", output_file)
+    option(parser, "--from", "S", "first instant (default: the first one stored)", float, dest="first")
+    option(parser, "--to", "S", "last instant (default: the last one stored)", float, dest="last")
+    option(parser, "--frames", "N", "number of instants (default: up to 400, as many as fit into 20 MB)", int)
+
+
 def _check(arguments: argparse.Namespace) -> int:
     from .. import api
 
     with Waiting("check"):
-        lines, remarks = api.checked(read_scene(arguments))
-    print("\n".join(api.check_lines(lines, remarks)))
-    return REMARKED if arguments.strict and remarks else CONVERGED
+        found = api.checked(read_scene(arguments))
+    tell(arguments, found.text(), found.report)
+    return REMARKED if arguments.strict and found.remarks else CONVERGED
 
 
 def _explain(arguments: argparse.Namespace) -> int:
@@ -110,7 +124,7 @@ def _explain(arguments: argparse.Namespace) -> int:
         with Waiting("size of the compiled FMU"):
             size = _compiled_size(arguments)
         report, text = report | {"compiled_fmu_bytes": size}, f"{text}\n\nCompiled FMU: {size / 1e6:.2g} MB"
-    print(json.dumps(report, indent=2, allow_nan=False) if arguments.json else text)
+    tell(arguments, [text], lambda: report)
     if limited:
         return LIMITED
     return REMARKED if arguments.strict and explanation.warnings else CONVERGED
@@ -179,6 +193,45 @@ def _film(arguments: argparse.Namespace, target: Path, waiting: Waiting) -> None
     waiting.reached(0.0, "film")
     with closing(open_results(arguments.file)) as tree, readable(arguments.file):
         save_film(tree, target, window, arguments.interface, arguments.magnify, arguments.map, waiting.reached)
+
+
+_VIEW_EXAMPLES = """\
+examples:
+  latin-fmu run scene.toml -o out.nc --set output.fields=true --set output.surfaces=true
+  latin-fmu view out.nc
+"""
+_PAGES: Final = (".html", ".htm")
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    from ..pictures.viewer import page
+    from ..results.files import open_results, readable
+    from ..results.writing import check_target, write_bytes
+
+    target = arguments.output or arguments.file.with_suffix(".html")
+    if target.suffix.lower() not in _PAGES:
+        raise InputError.of("bad argument", "--output", "a page is written as HTML", str(target), ", ".join(_PAGES))
+    check_target(target)
+    if problems := _window_problems(arguments):
+        raise ResultsError(problems, "the page cannot be made")
+    chosen = (arguments.first, arguments.last, arguments.frames)
+    with Waiting("page"), closing(open_results(arguments.file)) as tree, readable(arguments.file):
+        made = page(tree, *chosen)
+    print(f"page: {write_bytes(target, made.encode())}")
+    return CONVERGED
+
+
+def _window_problems(arguments: argparse.Namespace) -> list[Problem]:
+    """Numbers of a window of time that are out of range."""
+    problems = []
+    if arguments.frames is not None and not 2 <= arguments.frames <= 1000:
+        problems.append(Problem("--frames", "out of range", str(arguments.frames), "2 to 1000"))
+    problems += [
+        Problem(f"--{key}", "out of range", str(value), "a number >= 0 [s]")
+        for key, value in (("from", arguments.first), ("to", arguments.last))
+        if value is not None and not value >= 0.0
+    ]
+    return problems
 
 
 def _is_scene(file: Path) -> bool:
@@ -255,15 +308,11 @@ def _check_options(arguments: argparse.Namespace, film: bool) -> None:
         problems.append(Problem("--details", "this option is for the figure of the run", remedy="leave it out"))
     if film and arguments.time is not None:
         problems.append(Problem("--time", "a film has a window of time", remedy="give --from and --to"))
-    if arguments.frames is not None and not 2 <= arguments.frames <= 1000:
-        problems.append(Problem("--frames", "out of range", str(arguments.frames), "2 to 1000"))
     if arguments.magnify is not None and not 0.0 <= arguments.magnify < float("inf"):
         problems.append(Problem("--magnify", "out of range", str(arguments.magnify), "a number >= 0"))
-    problems += [
-        Problem(f"--{key}", "out of range", str(value), "a number >= 0 [s]")
-        for key, value in (("time", arguments.time), ("from", arguments.first), ("to", arguments.last))
-        if value is not None and not value >= 0.0
-    ]
+    if arguments.time is not None and not arguments.time >= 0.0:
+        problems.append(Problem("--time", "out of range", str(arguments.time), "a number >= 0 [s]"))
+    problems += _window_problems(arguments)
     if problems:
         raise ResultsError(problems, "the figure cannot be drawn")
 

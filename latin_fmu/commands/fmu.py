@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from zipfile import ZipFile
 
 from ..errors import InputError, LatinError, NeedsPythonError, Problem
 from . import (
@@ -138,7 +139,9 @@ def _fmu(arguments: argparse.Namespace) -> int:
     if problems:
         print("\n".join([f"{target} is not valid:", *(f"  {problem}" for problem in problems)]))
         return BAD_INPUT
-    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB), {verdict}")
+    with ZipFile(target) as archive:
+        platforms = sorted({name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")})
+    print(f"FMU: {target} ({target.stat().st_size / 1e6:.1f} MB, for {', '.join(platforms)}), {verdict}")
     return CONVERGED
 
 

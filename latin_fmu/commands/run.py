@@ -23,6 +23,7 @@ from . import (
     Progress,
     StopSignals,
     Waiting,
+    add_json,
     add_max_cpu,
     add_scene,
     add_strict,
@@ -66,7 +67,7 @@ def register(add: AddParser) -> None:
     text = "results file (default: <name of the scene>.nc in the current folder)"
     option(parser, "-o --output", "OUT.nc", text, output_file)
     add_strict(parser)
-    switch(parser, "--json", "print a JSON report, and nothing else, on stdout")
+    add_json(parser)
     switch(parser, "-q --quiet", "no progress and no summary")
     text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
     switch(parser, "--details", text)

@@ -18,6 +18,7 @@ from . import (
     NOT_CONVERGED,
     AddParser,
     Waiting,
+    add_json,
     add_max_cpu,
     add_scene,
     add_settings,
@@ -27,6 +28,7 @@ from . import (
     output_file,
     say,
     switch,
+    tell_written,
 )
 
 if TYPE_CHECKING:
@@ -84,7 +86,7 @@ def _register_cost(add: AddParser) -> None:
     text = f"CPU seconds per scene, about, which no run exceeds (default {_BUDGET:g}, {_QUICK:g} with --quick)"
     option(parser, "--budget", "SECONDS", text, float)
     switch(parser, "--quick", "a small budget")
-    switch(parser, "--json", "print JSON (a list), and nothing else, on stdout")
+    add_json(parser)
     switch(parser, "-q --quiet", "no progress")
 
 
@@ -94,7 +96,7 @@ def _register_stress(add: AddParser) -> None:
     switch(parser, "--quick", "the cases that take less than a minute together")
     text = "CPU seconds that the cases may take together; those left out then are counted (exit code"
     add_max_cpu(parser, f"{text} {LIMITED}), the rows of the others are reported")
-    switch(parser, "--json", "print one JSON list, and nothing else, on stdout")
+    add_json(parser)
     text = "write the report (Markdown) here, and its figure beside it as png"
     option(parser, "-o --output", "REPORT.md", text, output_file)
 
@@ -112,6 +114,7 @@ def _register_sweep(add: AddParser) -> None:
     add_max_cpu(parser, "CPU seconds that a point may take; one that reaches them has not converged")
     switch(parser, "--histories", "keep the forces of the interfaces over time")
     switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
+    add_json(parser)
     switch(parser, "-q --quiet", "no progress")
 
 
@@ -206,6 +209,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
         from ..machine import usable_cores
         from ..parametric.point import STATES
         from ..parametric.study import sweep
+        from ..results.groups import StoredGroup
     output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
     # workers of a cluster have their own cores
     default = usable_cores() if arguments.scheduler is None else 1
@@ -227,8 +231,10 @@ def _sweep(arguments: argparse.Namespace) -> int:
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
+    if arguments.json:
+        print(json_lines(StoredGroup.of_dataset(study).report()))
     if not arguments.quiet:
-        print(f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
+        tell_written(arguments, f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 

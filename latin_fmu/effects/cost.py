@@ -29,14 +29,19 @@ from ..assembly.propagator_choice import (
     PropagatorSettings,
     chosen_propagators,
     class_size,
+    factor_bytes,
     interfaces_of,
     operator_bytes,
 )
 from ..assembly.statics import something_acts, static_scene
+from ..cholesky.substitution import LANES
 from ..errors import SceneError
 from ..interface.laws import bonds
 from ..kernels.energy_parts import TERMS
+from ..kernels.krylov import VECTORS
 from ..latin.assembly import Array, InterfaceUnit, class_points
+from ..latin.search_direction import LARGEST
+from ..latin.tied_bodies import MOST_TIED
 from ..machine import memory_room
 from ..propagator.direct import ConjugateGradients
 from ..propagator.interface_probing import ROUGH, Points, truncation_of
@@ -321,6 +326,8 @@ def _march(run: RunSize, size: ClassSize, iterations: float) -> Array:
     if run.static:
         return numbers(entry=2.0 * factor + dense)
     if kind == "direct":
+        # modal damping: in the product with C and in both half solves
+        dense += 3.0 * size.modal * n
         return numbers(entry=2.0 * factor + dense, sparse=size.sparse, value=n)
     if kind == "explicit":
         return numbers(sparse=size.stiffness + size.damping, value=n)
@@ -495,15 +502,26 @@ _OPERATORS: Final = 2.2  # peak while operators are made, over their size
 _COPIES: Final = 3.0  # stored fields: as they were kept, as one array, and while they are written
 _LIBRARIES: Final = 15e6  # loaded after the set-up
 _WIDEST: Final = 4.0  # columns of the table of convergence, over the mean number of iterations
-_PARTS = ("operators and meshes", "histories of interfaces", "fields", "energies and sensors", "records of windows")
+_PARTS = (
+    "operators and meshes",
+    "Newton steps",
+    "threads",
+    "histories of interfaces",
+    "fields",
+    "energies and sensors",
+    "records of windows",
+)
 
 
 @dataclass(frozen=True)
 class MemoryNeed:
-    """Bytes that a run needs, beside those that the process has taken: operators and meshes, histories of interfaces
-    and their copies, stored fields, energies and sensors, records of the windows."""
+    """Bytes that a run needs, beside those that the process has taken: operators and meshes, vectors and factors of
+    Newton steps, work of further threads, histories of interfaces and their copies, stored fields, energies and
+    sensors, records of the windows."""
 
     operators: float
+    newton: float
+    threads: float
     interfaces: float
     fields: float
     energies: float
@@ -543,7 +561,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     if stream and 8.0 * kept * instants > STREAMED:
         instants = min(instants, IN_MEMORY)
     numbers = kept + 9 * points + opening + 15 * most  # as histories in global axes, and copies of one interface
-    numbers += output.surfaces * (2 * points + 9 * most)
+    numbers += output.surfaces * (4 * points + 9 * most)
     per_cell = 6 * (output.stress + output.strain) + 3 * (output.principal_stress and output.stress)
     per_node = 6 * output.keeps_fields + 6 * output.nodal_stress
     per_node += 3 * (output.principal_stress and output.nodal_stress)
@@ -552,11 +570,33 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     window = run.n_instant / run.window
     return MemoryNeed(
         operators=_LIBRARIES + _CELL * cells + _OPERATORS * p.memory,
+        newton=_newton_bytes(p),
+        # a tile of vectors of the largest class each, for substitutions of its set-up and its pieces
+        threads=8.0 * LANES * (scene.solver.threads - 1) * max(c.size.unknowns for c in run.classes),
         interfaces=8.0 * numbers * instants,
         fields=8.0 * _COPIES * stored * (per_cell * cells + per_node * nodes),
         energies=8.0 * n_time * (terms + 12 * (len(scene.sensor) + 2 * len(scene.port)) + 4),
         windows=window * (8.0 + 16.0 * run.iterations * (1.0 + _WIDEST)),
     )
+
+
+def _newton_bytes(p: Prediction) -> float:
+    """Matrix of the active points; where products take its place the vectors of the method, and the factor of the tied
+    assembly that preconditions them, in single precision, as it is made and in the image of the run."""
+    settings, run, units = settings_of(p.scene), p.run, p.discretised.units
+    if not settings.newton or settings.window != 1 or not settings.anderson_depth or run.at_once or not units:
+        return 0.0
+    if run.static:
+        return 8.0 * (VECTORS + 1) * run.n_flat
+    unknowns = float(sum(u.geometry.n_point * u.behaviour.n_component for u in units))
+    sizes = [c.size for c in run.classes]
+    if not any(size.swept for size in sizes):
+        return 8.0 * min(float(LARGEST), unknowns**2)
+    if short_steps(p.discretised, sizes):
+        return 0.0
+    tied = factor_bytes(sum(size.members * size.unknowns for size in sizes)) / 8.0
+    tied = min(tied, MOST_TIED * sum(size.members * size.factor for size in sizes))
+    return 8.0 * (VECTORS + 1) * unknowns + 2 * 4.0 * tied
 
 
 def least_output(p: Prediction) -> float:

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..interface.laws import FRICTION, bonds
 from ..latin.assembly import InterfaceUnit
 from ..reader import scene_from_dict
+from ..results.summary import readable
 from ..scene.boundaries import Absorbing, Driven
 from ..scene.fields import split_face
 from ..scene.materials import DAMPING_KEYS
@@ -171,14 +172,21 @@ def damping(p: Prediction) -> Effect:
         why = [f"material.*.{key}" for key in DAMPING_KEYS]
         return _off("damping", why, "no material has any", "rayleigh_mass or rayleigh_stiffness > 0")
     reason, memory = f"damping by {len(keys)} key(s)", p.total("damping")
+    # of the reduced propagator they are a few numbers
+    modal = [c.size for c in p.run.classes if c.size.modal and p.run.propagator.kind != "reduced"]
+    if modal:
+        vectors = readable(sum(24.0 * s.modal * s.unknowns for s in modal), "B", 3)
+        reason += f"; {sum(s.modal * s.members for s in modal)} modes in modal damping, {vectors} of vectors"
+        reason += " that every instant reads"
     layers = sum(
         len(c.members) * (m.expansion.T @ m.landing @ m.expansion).nnz
         for c in p.discretised.classes
         # landing dashpots are part of the damping matrix, and go on without damping of materials
         if (m := c.members[0]).landing is not None
     )
-    cost = saved(p, p.run.scaled(damping=layers / memory if memory else 0.0))  # contact layers stay
-    return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=12 * memory)
+    cost = saved(p, p.run.scaled(damping=layers / memory if memory else 0.0, modal=0.0))  # contact layers stay
+    memory = 12 * memory + sum(24 * s.modal * s.unknowns for s in modal)
+    return Effect("damping", True, keys, reason, "set them to 0", ("damping product",), cost, memory=memory)
 
 
 def absorbing_ends(p: Prediction) -> Effect:

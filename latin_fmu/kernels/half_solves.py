@@ -8,6 +8,8 @@ dashpots k in the factor, and the tractions of an instant enter before ``backwar
     half_solution += L^-1 T^T area (F - F_0)
 
 with the tractions F_0 of the last instant, which are among the loads of ``forward`` (``substructure``).
+
+Modal damping adds k dot products to both halves (``cholesky.factor.LowRankFactor``); such a class is not swept.
 """
 
 from __future__ import annotations
@@ -60,6 +62,14 @@ def forward(pools: Any, c: int) -> None:
     order = pools.fixed_int[row.order : row.order + n]
     load, inner = work[row.load : row.load + n * m], work[row.inner : row.inner + row.n_inner * m]
     x = work[row.half_solution : row.half_solution + n * tile_width(m)]
+    modal = work[row.modal : row.modal + row.n_modal * m]
+    for p in range(row.n_modal):
+        inside = pools.fixed[row.modal_inside + p * n : row.modal_inside + (p + 1) * n]
+        for j in range(m):
+            total = 0.0
+            for i in range(n):
+                total += inside[i] * load[i * m + j]
+            modal[p * m + j] = total
     if m >= TILED:  # lanes without a member
         x[:] = 0.0
     alone = m == 1  # without a loop over the members, as most classes are
@@ -76,6 +86,11 @@ def forward(pools: Any, c: int) -> None:
             continue
         for j in range(m):
             inner[i * m + j] = x[place_of(n, m, n_interior + i, j)]
+    for p in range(row.n_modal):
+        edge = pools.fixed[row.modal_edge + p * row.n_inner : row.modal_edge + (p + 1) * row.n_inner]
+        for i in range(row.n_inner):
+            for j in range(m):
+                inner[i * m + j] -= edge[i] * modal[p * m + j]
 
 
 @kernel
@@ -107,6 +122,16 @@ def backward(pools: Any, c: int) -> None:
             continue
         for j in range(m):
             out[order[i] * m + j] = x[place_of(n, m, i, j)]
+    modal = work[row.modal : row.modal + row.n_modal * m]
+    for p in range(row.n_modal):
+        inside = pools.fixed[row.modal_inside + p * n : row.modal_inside + (p + 1) * n]
+        edge = pools.fixed[row.modal_edge + p * row.n_inner : row.modal_edge + (p + 1) * row.n_inner]
+        for j in range(m):
+            weight = modal[p * m + j]
+            for i in range(row.n_inner):
+                weight += edge[i] * last[i * m + j]
+            for i in range(n):
+                out[i * m + j] -= inside[i] * weight
 
 
 @kernel

@@ -55,6 +55,8 @@ def respond_to_change(pools: Any, x: Array) -> None:
         # channels of ground keep 0: their motion does not change
         q[j], w[j] = x[j], 0.0
     each_class(pools, CHANGE, 0, 0)
+    for c in range(len(pools.classes)):
+        work[run.counts + 1] += pools.classes[c].m  # solved through Y
     complete(pools, 1)
     for g in range(len(pools.groups)):
         outgoing(pools, g, 0, 0, pools.groups[g].n_point)

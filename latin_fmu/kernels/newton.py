@@ -346,6 +346,8 @@ def continues(pools: Any, iteration: int) -> bool:
         course[ACTIVE], course[BEGUN] = 1.0, now
         return True
     cost = price_of_products(pools) if run.krylov == 1 else float(EXPECTED * run.newton_price)
+    if run.krylov == 1:  # as many products as there are unknowns, at most: none where all points have opened
+        cost = min(cost, activate(pools) * run.newton_price + BESIDE)
     span = min(RECENT, iteration) if run.static == 1 else 2
     past = _merit(pools, iteration - span)
     left = _left(now, past, span, 1.0)

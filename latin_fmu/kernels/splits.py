@@ -296,9 +296,27 @@ def tile_of(row: Any, work: Array) -> Array:
 
 
 @kernel
+def add_modal(pools: Any, c: int, factor: float, x: Array, out: Array) -> None:
+    """out += factor R^T R x of modal damping."""
+    row = pools.classes[c]
+    n, m = row.n, row.m
+    for p in range(row.n_modal):
+        own = pools.fixed[row.modal_rows + p * n : row.modal_rows + (p + 1) * n]
+        for j in range(m):
+            rate = 0.0
+            for i in range(n):
+                rate += own[i] * x[i * m + j]
+            rate *= factor
+            for i in range(n):
+                out[i * m + j] += own[i] * rate
+
+
+@kernel
 def add_product(pools: Any, c: int, which: int, factor: float, x: Array, out: Array) -> None:
     """out += factor A x for A = M, K, C or a part of C (``MASS`` ...); nothing where the class has none."""
     row, work = pools.classes[c], pools.moving
+    if which == DAMPING and row.n_modal > 0:
+        add_modal(pools, c, factor, x, out)
     n, starts_at, columns_at, values_at, diagonal_at, together_at, parts_at = _matrix(row, which)
     if n == 0:
         return

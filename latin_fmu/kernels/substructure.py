@@ -388,6 +388,7 @@ def interface_load(pools: Any, c: int, flat: Array) -> bool:
             return False
         # half a solution of no load: nothing was substituted while it rested
         work[row.half_solution : row.half_solution + row.n * tile_width(m)] = 0.0
+        work[row.modal : row.modal + row.n_modal * m] = 0.0
         work[row.passed] = 0.0
     inner, last = (work[row.inner : row.inner + n_inner * m], work[row.inner_answer : row.inner_answer + n_inner * m])
     free_a = work[row.free_a : row.free_a + n_inner * m]

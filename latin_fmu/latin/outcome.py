@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interface.laws import SEPARATION
+from ..interface.laws import SEPARATION, SLIP
 
 Array = NDArray[np.float64]
 
@@ -117,14 +117,35 @@ class InterfaceHistory:
         slip: Array = np.linalg.norm(self.slip_path(time), axis=2)
         return slip
 
+    @property
+    def _along(self) -> Array:
+        """Velocity of side E' relative to E along the face, (n_time, n_point, 3), m s-1."""
+        jump = self.velocity[:, 1] - self.velocity[:, 0]
+        along: Array = jump - np.einsum("tpc,pc->tp", jump, self.normals)[:, :, None] * self.normals
+        return along
+
     def slip_path(self, time: Array) -> Array:
         """Displacement of side E' along the face of E since the first of the instants, (n_time, n_point, 3), m: the
         velocities at all instants, integrated (trapezoid; end of the step without inertia)."""
-        jump = self.velocity[:, 1] - self.velocity[:, 0]
-        jump = jump - np.einsum("tpc,pc,pd->tpd", jump, self.normals, self.normals)
+        jump = self._along
         mean = jump[1:] if self.quasi_static else 0.5 * (jump[1:] + jump[:-1])
         moved = np.cumsum(np.diff(time)[:, None, None] * mean, axis=0)
         return np.concatenate([np.zeros((1, *jump.shape[1:])), moved])
+
+    def slid(self, time: Array) -> tuple[Array, Array]:
+        """Length of the way of side E' along the face of E while it slides, m, and energy dissipated by friction per
+        area, J m-2, since the first of the instants, (n_time, n_point) each.
+
+        Both take velocities and tractions of the end of each step, as ``friction_power`` does, whose sum over time is
+        that of the energies over the areas; the way counts in steps that end in sliding.
+        """
+        jump = self._along
+        slides = np.ones(jump.shape[:2], dtype=bool) if self.contact_status is None else self.contact_status == SLIP
+        rates = np.linalg.norm(jump, axis=2) * slides, np.einsum("tpc,tpc->tp", self.traction, jump)
+        step = np.diff(time)[:, None]
+        start = np.zeros((1, len(self.points)))
+        way, energy = (np.concatenate([start, np.cumsum(step * rate[1:], axis=0)]) for rate in rates)
+        return way, energy
 
     @property
     def _penetrable(self) -> bool:

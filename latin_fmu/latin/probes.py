@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..propagator.image import Image
-from ..propagator.model import SubstructureModel
+from ..propagator.model import SubstructureModel, node_values
 from .assembly import Array, Assembly, Index
 from .outcome import BoltHistory, ReactionHistory, SensorHistory
 
@@ -117,8 +117,12 @@ class Support:
         # what the equation of motion of the march has: lumped in explicit schemes
         mass = model.mass if explicit and model.nodal is None else self.model.mass
         e, nothing = self.sum, sp.csr_array((3, self.model.n_full))
-        matrices = (self.model.stiffness, self.model.damping, mass)
-        return sp.csr_array(sp.vstack([nothing if matrix is None else e @ matrix for matrix in matrices]))
+        rows = [
+            nothing if matrix is None else e @ matrix for matrix in (self.model.stiffness, self.model.damping, mass)
+        ]
+        if (modal := self.model.modal_rows) is not None:
+            rows[1] = rows[1] + sp.csr_array((e @ modal.T) @ modal)
+        return sp.csr_array(sp.vstack(rows))
 
     @cached_property
     def loads(self) -> Array:
@@ -333,7 +337,7 @@ class Probes:
         if not propagator.forcing.moves:
             return values
         imposed = (propagator.forcing.imposed_u, propagator.forcing.imposed_v)[kind]
-        return values + np.stack([propagator.members[member].node_values(imposed(t)[:, member]) for t in instants])
+        return values + np.stack([node_values(propagator.members[member], imposed(t)[:, member]) for t in instants])
 
 
 def sensor_histories(

@@ -13,7 +13,7 @@ from ..fem.dissection import dissected
 from ..propagator.interface_sweeps import NONE, interface_last
 from .assembly import Array, Assembly, Index
 
-_MOST: Final = 4
+MOST_TIED: Final = 4
 """Numbers of its factor, in single precision, over those of the factors of the bodies, up to which it is made."""
 _CACHE: Final = 16_000_000  # bytes of panels up to which four rows at a time are faster
 
@@ -52,7 +52,7 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     matrix.sort_indices()
     face = np.unique(trace.indices).astype(np.int64)
     shape = shared_analysis(Pattern(matrix, NONE, _rank(assembly, matrix, face), face))
-    if int(shape.panel_start[-1]) > _MOST * known:
+    if int(shape.panel_start[-1]) > MOST_TIED * known:
         return {}
     factor = CholeskyFactor(matrix, NONE, None, np.float32, shape, face)
     places = sp.csr_array((trace.data, shape.position[trace.indices], trace.indptr), shape=trace.shape)

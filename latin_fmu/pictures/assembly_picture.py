@@ -20,15 +20,13 @@ from ..scene.fields import GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
 from ..scene.units import UnitSystem
-from .frame import Skin, View, arrow, axes_with_units, draw, skin_of
-from .style import Colour, colours, styled
+from .frame import Skin, View, arrow, axes_with_units, draw, shifts_apart, skin_of
+from .style import PARTS, Colour, colours, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# light enough for the strong colours of interfaces to stand out
-PARTS: Final = ("#A6BDD7", "#E8C9A0", "#B5D3A8", "#D9B3C7", "#C9C3E6", "#E5DF9B", "#A9D6D2", "#D8CCC0")
 SUPPORTS: Final = {
     "fixed": "#303030",
     "symmetry": "#8A8A8A",
@@ -93,7 +91,9 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     everything = np.concatenate([s.points for s in skins.values()])
     mean = float(np.mean([body.mesh.size for body in bodies.values()]))
     distance = min(_APART * float(np.ptp(everything, axis=0).max()), _APART_OF_BODY * mean)
-    shifts = _shifts(assembly, distance)
+    joined = [([*joint.nodes], joint.normal) for joint in assembly.joints if len(joint.nodes) == 2]
+    pairs = [(sides[0], sides[1], normal) for sides, normal in joined]
+    shifts = shifts_apart(list(bodies), pairs, distance)
     apart = [s.moved(shifts[name]) for name, s in skins.items()]
     figure, axes = _layout(apart, above)
     draw(axes[0], list(skins.values()), above)
@@ -195,21 +195,6 @@ def _paint(assembly: _Assembly, skins: dict[str, Skin], strong: Mapping[str, Col
             skins[body] = skins[body].painted(nodes, _rgb(strong[joint.name]))
             if body in joint.gap:
                 skins[body] = skins[body].faded(nodes, joint.gap[body])
-
-
-def _shifts(assembly: _Assembly, distance: float) -> dict[str, Array]:
-    """Shift of every body (3,) of the exploded view: along the normals of its interfaces, least squares over all."""
-    names = list(assembly.bodies)
-    rows, wanted = [np.ones(len(names))], [np.zeros(3)]  # the bodies together stay where they are
-    for joint in assembly.joints:
-        if len(joint.nodes) == 2:
-            first, second = joint.nodes
-            row = np.zeros(len(names))
-            row[names.index(first)], row[names.index(second)] = -1.0, 1.0
-            rows.append(row)
-            wanted.append(distance * joint.normal)
-    shifts = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0]
-    return dict(zip(names, shifts, strict=True))
 
 
 _Vector = tuple[Array, Array, str, str, bool]

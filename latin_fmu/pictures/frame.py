@@ -7,11 +7,12 @@ distance, so large ones are cut.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..fem.mesh import Array, Index, Mesh, boundary
 from ..results.summary import prefix_for
@@ -292,20 +293,51 @@ def edges_of(skin: Skin, view: View) -> tuple[Index, Array]:
 
     1: sharp edges and outlines of the body; 0.25: edges of the mesh.
     """
-    facets, normals = skin.facets, skin.normals()
+    pairs, one, other = edges(skin)
+    normals = skin.normals()
+    front = normals @ view.viewer > 0
+    outline = front[one] != front[other]
+    seen = front[one] | front[other]
+    return pairs[seen], np.where((_sharp(normals, one, other) | outline)[seen], 1.0, 0.25)
+
+
+def edges(skin: Skin) -> tuple[Index, Index, Index]:
+    """Edges of all facets, (n_edge, 2), and the two facets that share each, which are one at a free edge."""
+    facets = skin.facets
     pairs = np.concatenate([facets[:, [i, (i + 1) % 4]] for i in range(4)])
     owner = np.tile(np.arange(len(facets)), 4)
     # the last corner of a triangle is there twice: no edge
     real = pairs[:, 0] != pairs[:, 1]
     pairs, owner = np.sort(pairs[real], axis=1), owner[real]
-    edges, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-    inverse = inverse.ravel()
-    last = np.zeros(len(edges), dtype=np.int64)
+    found, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+    last = np.zeros(len(found), dtype=np.int64)
     # of several writes the last one stays: with ``first`` both facets of an edge are known
-    last[inverse] = owner  # the other facet of an edge that two facets share
-    one, other = owner[first], last
-    front = normals @ view.viewer > 0
-    sharp = np.einsum("ei,ei->e", normals[one], normals[other]) < _SHARP
-    outline = front[one] != front[other]
-    seen = front[one] | front[other]
-    return edges[seen], np.where((sharp | outline | (one == other))[seen], 1.0, 0.25)  # one facet: a free edge
+    last[inverse.ravel()] = owner
+    return found, owner[first], last
+
+
+def _sharp(normals: Array, one: Index, other: Index) -> NDArray[np.bool_]:
+    """Whether two facets make an edge of the body, or one has a free edge."""
+    sharp: NDArray[np.bool_] = (np.einsum("ei,ei->e", normals[one], normals[other]) < _SHARP) | (one == other)
+    return sharp
+
+
+def sharp_edges(skin: Skin) -> Index:
+    """Edges of the body, (n_edge, 2): facets meet at them at an angle, or there is one facet only."""
+    found, one, other = edges(skin)
+    return found[_sharp(skin.normals(), one, other)]
+
+
+def shifts_apart(bodies: Sequence[str], joints: Iterable[tuple[str, str, Array]], distance: float) -> dict[str, Array]:
+    """Shift of every body (3,) of an exploded view: along the normals of the interfaces, least squares over all.
+
+    joints : two bodies and the normal from the first one to the second.
+    """
+    rows, wanted = [np.ones(len(bodies))], [np.zeros(3)]  # the bodies together stay where they are
+    for first, second, normal in joints:
+        row = np.zeros(len(bodies))
+        row[bodies.index(first)], row[bodies.index(second)] = -1.0, 1.0
+        rows.append(row)
+        wanted.append(distance * normal)
+    shifts = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0]
+    return dict(zip(bodies, shifts, strict=True))

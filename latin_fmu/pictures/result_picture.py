@@ -85,13 +85,13 @@ def bodies_in_motion(
     """
     from matplotlib.figure import Figure
 
-    bodies, chosen = _bodies(tree), _interface(tree, interface)
+    bodies, chosen = stored_bodies(tree), _interface(tree, interface)
     meshes = {name: _mesh(dataset) for name, dataset in bodies.items()}
     length = units_of(tree.attrs).label("m")
     rest = np.concatenate([mesh.nodes for mesh in meshes.values()])
     size, largest = float(np.ptp(rest, axis=0).max()), _largest_displacement(bodies, instants)
     if magnify is None:
-        magnify = _round(_SEEN * size / largest) if largest > 0 else 1.0
+        magnify = magnification(size, largest)
     scales = _Scales(largest, 0.0 if chosen is None else _largest_pressure(tree, chosen, instants), magnify, rest)
     flat = np.ptp(View.at(_AZIMUTH, _ELEVATION).project(rest), axis=0)
     height = float(np.clip(6.6 * flat[1] / max(float(flat[0]), 1e-300) + 2.2, 3.6, 6.4))
@@ -129,7 +129,7 @@ def stored_instants(tree: xr.DataTree) -> Array:
     ------
     ResultsError : the file has no displacements of bodies.
     """
-    return np.asarray(next(iter(_bodies(tree).values()))["time"].values, dtype=float)
+    return np.asarray(next(iter(stored_bodies(tree).values()))["time"].values, dtype=float)
 
 
 def _largest_displacement(bodies: Mapping[str, xr.Dataset], instants: Array) -> float:
@@ -143,8 +143,13 @@ def _largest_pressure(tree: xr.DataTree, interface: str, instants: Array) -> flo
     return float(np.abs(np.einsum("tpi,pi->tp", np.nan_to_num(chosen), dataset["normal"].values)).max(initial=0.0))
 
 
-def _bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """Substructures with displacements and meshes."""
+def stored_bodies(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """Substructures with displacements and meshes.
+
+    Raises
+    ------
+    ResultsError : the file has none.
+    """
     children = tree["substructures"].children if "substructures" in tree.children else {}
     bodies = {name: node.to_dataset() for name, node in children.items()}
     bodies = {name: d for name, d in bodies.items() if "displacement" in d and "cell_nodes" in d}
@@ -199,6 +204,11 @@ def _draw_deformed(
     axes_with_units(axis, scales.rest, view, length)
     axis.set_title(f"displacement, drawn {scales.factor:g} times as large", fontsize=9)
     _colour_bar(figure, axis, SEQUENTIAL, scales.displacement / divisor, f"displacement ({unit})")
+
+
+def magnification(size: float, largest: float) -> float:
+    """Factor by which the ``largest`` displacement is about 5 % of the size of the assembly, both in m."""
+    return _round(_SEEN * size / largest) if largest > 0 else 1.0
 
 
 def _round(factor: float) -> float:
@@ -316,9 +326,14 @@ class Window:
         return np.asarray(inside[np.unique(np.rint(chosen).astype(int))])
 
 
+_Map = tuple[str, Array, str, str]
+"""Name, values, their unit (UDUNITS) and the colour map of a map."""
+
+
 @styled
 def map_figure(tree: xr.DataTree, interface: str | None = None, time: float | None = None) -> Figure:
-    """Pressure on an interface in its mean plane, with the state of every point, and friction where it has any.
+    """Pressure on an interface in its mean plane, with the state of every point, and where it has any, friction, the
+    accumulated slip and the energy dissipated by friction (``output.surfaces``).
 
     Parameters
     ----------
@@ -341,24 +356,24 @@ def map_in_motion(tree: xr.DataTree, interface: str | None, instants: Array) -> 
     dataset = _surface(tree, interface)
     chosen = dataset.sel(time=instants, method="nearest")
     # over all instants, so that colours mean the same in each of them
-    ranges = [_range(field) for field in _tractions(chosen)]
     rubs = float(dataset.attrs.get("friction_coefficient", 0.0)) > 0.0
+    maps = _maps(chosen, rubs)
+    ranges = [_range(values) for _, values, _, _ in maps]
+    rows, columns = (2, 2) if len(maps) > 2 else (1, len(maps))
     width, height = (float(np.ptp(dataset[name].values)) for name in ("surface_x", "surface_y"))
     tall = float(np.clip(4.2 * height / max(width, 1e-300), 2.0, 5.5)) + 1.6
-    figure = Figure(figsize=(10.0 if rubs else 5.4, tall), layout="constrained")
+    figure = Figure(figsize=(10.0 if rubs else 5.4, rows * tall), layout="constrained")
 
     def draw_instant(time: float) -> None:
         figure.clear()
-        axes = figure.subplots(1, 2 if rubs else 1, squeeze=False, sharex=True, sharey=True)[0]
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
         now = dataset.sel(time=[time], method="nearest")
-        pressure, friction = (field[0] for field in _tractions(now))
-        _draw_field(figure, axes[0], dataset, pressure, ranges[0], PRESSURE, "pressure")
-        if rubs:
-            _draw_field(figure, axes[1], dataset, friction, ranges[1], SEQUENTIAL, "friction")
+        for axis, (name, values, unit, colours), ends in zip(axes, _maps(now, rubs), ranges, strict=True):
+            _draw_field(figure, axis, dataset, (name, values[0], unit, colours), ends)
         if "contact_status" in dataset:
             _draw_states(figure, axes[0], dataset, now["contact_status"].values[0])
-        name = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}"
-        figure.suptitle(f"{name}, {readable(time, 's', figure=True)}")
+        head = f"{tree.attrs.get('scene_name', 'run')}: interface {dataset.attrs['name']}"
+        figure.suptitle(f"{head}, {readable(time, 's', figure=True)}")
 
     return figure, draw_instant
 
@@ -383,11 +398,18 @@ def _surface(tree: xr.DataTree, interface: str | None) -> xr.Dataset:
     raise ResultsError([Problem("--interface", what, interface, listed(meshed), remedy)], _NOTHING)
 
 
-def _tractions(dataset: xr.Dataset) -> tuple[Array, Array]:
-    """Pressure and magnitude of friction, (n_time, n_point), Pa."""
+def _maps(dataset: xr.Dataset, rubs: bool) -> list[_Map]:
+    """Pressure, and of an interface that ``rubs`` magnitude of friction, accumulated slip and dissipated energy."""
     traction, normal = np.nan_to_num(dataset["traction"].values), dataset["normal"].values
-    along = np.einsum("tpc,pc->tp", traction, normal)
-    return -along, np.linalg.norm(traction - along[:, :, None] * normal, axis=2)
+    along, pascal = np.einsum("tpc,pc->tp", traction, normal), unit_of(dataset["traction"], "Pa")
+    maps: list[_Map] = [("pressure", -along, pascal, PRESSURE)]
+    if rubs:
+        maps.append(("friction", np.linalg.norm(traction - along[:, :, None] * normal, axis=2), pascal, SEQUENTIAL))
+        for name, unit in (("accumulated_slip", "m"), ("friction_energy", "J m-2")):
+            if name in dataset:
+                values = np.nan_to_num(dataset[name].values)
+                maps.append((name.replace("_", " "), values, unit_of(dataset[name], unit), SEQUENTIAL))
+    return maps
 
 
 def _range(values: Array) -> tuple[float, float]:
@@ -403,10 +425,8 @@ def _places(dataset: xr.Dataset) -> tuple[Array, str]:
     return places / length, metre
 
 
-def _draw_field(
-    figure: Figure, axis: Axes, dataset: xr.Dataset, values: Array, ends: tuple[float, float], colours: str, name: str
-) -> None:
-    """Values at the points, linear in between."""
+def _draw_field(figure: Figure, axis: Axes, dataset: xr.Dataset, drawn: _Map, ends: tuple[float, float]) -> None:
+    """Values (n_point,) at the points, linear in between."""
     from matplotlib.tri import Triangulation
 
     # a triangle has no fourth corner
@@ -414,11 +434,12 @@ def _draw_field(
     quads = cells[cells[:, 3] >= 0]
     corners = np.concatenate([cells[:, :3], quads[:, [0, 2, 3]]])  # the other half
     (x, y), metre = _places(dataset)
-    scale, pascal = prefix_for(ends[1], unit_of(dataset["traction"], "Pa"), figure=True)
+    name, values, stored, colours = drawn
+    scale, unit = prefix_for(ends[1], stored, figure=True)
     low, top = ends[0] / scale, max(ends[1] / scale, 1e-300)
     triangles = Triangulation(x, y, corners)
     image = axis.tripcolor(triangles, values / scale, shading="gouraud", cmap=colours, vmin=low, vmax=top)
-    figure.colorbar(image, ax=axis, label=f"{name} ({pascal})", shrink=0.75)
+    figure.colorbar(image, ax=axis, label=f"{name} ({unit})", shrink=0.75)
     axis.set(aspect="equal", title=name, xlabel=f"along the interface ({metre})", ylabel=f"across ({metre})")
 
 

@@ -31,6 +31,8 @@ DISTINCT: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
 """Line styles in the order of the colours, so that curves differ in grey print, too."""
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<")
+PARTS: Final = ("#A6BDD7", "#E8C9A0", "#B5D3A8", "#D9B3C7", "#C9C3E6", "#E5DF9B", "#A9D6D2", "#D8CCC0")
+"""Colours of bodies, light enough for the strong colours of interfaces to stand out."""
 SEQUENTIAL: Final = "viridis"
 """Colour map from 0 up; its lightness rises evenly."""
 PRESSURE: Final = "inferno_r"

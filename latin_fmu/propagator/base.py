@@ -33,7 +33,7 @@ from .forcing import Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
 from .interface_probing import Table
-from .model import Array, Histories, SubstructureModel, closest_reduced
+from .model import Array, Histories, SubstructureModel, closest_reduced, node_values
 
 _STEPS_KEPT = 4
 
@@ -357,7 +357,7 @@ def full_velocity(propagator: Propagator, member: int) -> Array:
 
 def _at_nodes(propagator: Propagator, field: Array, imposed: Array, member: int) -> Array:
     model = propagator.members[member]
-    return model.node_values(model.expansion @ field[:, member] + imposed[:, member])
+    return node_values(model, model.expansion @ field[:, member] + imposed[:, member])
 
 
 def accuracy_remarks(propagators: Sequence[Propagator]) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..cholesky.factor import CholeskyFactor, DiagonalFactor
+from ..cholesky.factor import CholeskyFactor, DiagonalFactor, LowRankFactor
 from ..cholesky.pieces import pieces, row_parts
 from ..cholesky.substitution import TILED
 from ..kernels.products import lower_count, lower_pattern, lower_values, pack_triangle
@@ -223,6 +223,8 @@ def constants(
     for name, matrix in (("mass", None if static else ops.mass), ("stiffness", stiffness)):
         put_symmetric(block, row, name, matrix, halves)
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
+    if row["n_modal"]:
+        row["modal_rows"] = block.put(ops.modal)
     put_matrix(block, row, "probe", probe)
     put_matrix(block, row, "sensor", sensor)
     if propagator.energy:
@@ -281,7 +283,11 @@ def _put_traces(block: BlockLayout, row: Row, ops: Any) -> None:
 
 def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
     """Arrays of the substitutions; a diagonal matrix has all dofs on the interface and no supernode."""
-    row["factored"], row["n_piece"] = 1, 0
+    row["factored"], row["n_piece"], row["n_modal"] = 1, 0, 0
+    if isinstance(factor, LowRankFactor):
+        row["n_modal"] = len(factor.inside)
+        row["modal_inside"], row["modal_edge"] = block.put(factor.inside), block.put(factor.edge)
+        factor = factor.base
     if isinstance(factor, CholeskyFactor):
         shape = factor.symbolic
         row |= {
@@ -314,6 +320,7 @@ def _factor(block: BlockLayout, row: Row, factor: Any) -> None:
 
 def move_panels(fixed: Array, row: Row, factor: Any) -> None:
     """Let a factor keep its panels in their place in the fixed block, ``fixed``, and nowhere else."""
+    factor = factor.base if isinstance(factor, LowRankFactor) else factor
     if isinstance(factor, CholeskyFactor):
         factor.keep_in(fixed.view(factor.dtype)[row["panels"] : row["panels"] + row["n_panels"]])
 
@@ -329,7 +336,7 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
     landing = model.landing
     if landing is not None:
         reduced, damped = model.reduced_landing
-        row["damped"] = int(damped)
+        row["damped"] = int(damped or row["n_modal"] > 0)
         put_symmetric(block, row, "landing", reduced, {})
     if not row["n_motion"]:
         return
@@ -342,6 +349,9 @@ def _borders(block: BlockLayout, row: Row, propagator: Any) -> None:
         # rows of the motions: with the dofs, then among themselves
         with_dofs = sp.csr_array(shapes.T @ (matrix @ p))
         border = sp.csr_array(sp.hstack([with_dofs, sp.csr_array(shapes.T @ (matrix @ shapes))]))
+        if name == "damping" and model.modal_rows is not None:
+            moved = model.modal_rows @ shapes
+            border = sp.csr_array(border + moved.T @ np.hstack([model.modal_rows @ p, moved]))
         put_matrix(block, row, f"border_{name}", border)
 
 

@@ -23,7 +23,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import CholeskyFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, LowRankFactor, interface_factor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator, nodal_forces
@@ -148,11 +148,13 @@ class IterativeFactor:
 class ImplicitOperators(Operators):
     """Operators of one class at one time step; ``factor`` : of A.
 
-    gain : velocities of the interface dofs per S^-1 times force, of the time scheme. with_dashpots : of a swept class
+    gain : velocities of the interface dofs per S^-1 times force, of the time scheme. modal : R (k, n) of modal damping
+        R^T R, beside ``damping``. with_dashpots : of a swept class
     its factor for dashpots (n_channel,), N s m-1, in the numbers of a type.
     """
 
     gain: float
+    modal: Array | None = None
     with_dashpots: Callable[[Array, Any], CholeskyFactor] | None = None
 
 
@@ -160,6 +162,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     """Factorise and condense (once per class and time step)."""
     mass, damping, stiffness = model.reduced
     dofs, trace, rank = model.at_interface
+    modal = None if model.modal_rows is None else np.ascontiguousarray(model.modal_rows @ model.expansion)
     c_mass, c_damping, c_stiffness = scheme.operator(dt)
     factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
@@ -183,10 +186,15 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
             factor = IterativeFactor(matrix, dofs)
         else:
             factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), model.store)
+        if modal is not None:
+            factor = LowRankFactor(factor, np.sqrt(c_damping) * modal)
         compliance = projected(trace, gain, factor.schur_inverse)
     area, massless = model.channel_area, model.massless
+    if modal is not None and damping is None:
+        # kernels take products with the damping where it has rows
+        damping = sp.csr_array(mass.shape)
     same = (mass, damping, stiffness, factor, dofs, trace, model.spread, area, compliance, massless)
-    return ImplicitOperators(*same, gain, on_dashpots)
+    return ImplicitOperators(*same, gain, modal, on_dashpots)
 
 
 _HEAVY = 1e30
@@ -226,6 +234,8 @@ class DirectPropagator(Propagator):
             unbalance += nodal_forces(self, traction)
         if ops.damping is not None and state.v.any():
             unbalance -= ops.damping @ state.v
+        if ops.modal is not None and state.v.any():
+            unbalance -= ops.modal.T @ (ops.modal @ state.v)
         inertia = self.forcing.inertia(0)
         return unbalance if inertia is None else unbalance - inertia
 

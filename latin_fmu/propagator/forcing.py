@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..time_scheme import TimeScheme
-from .model import Array, Histories, Index, SubstructureModel
+from .model import Array, Histories, Index, SubstructureModel, damping_forces
 
 MotionState = tuple[Array, Array, Array]
 """Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each."""
@@ -225,7 +225,7 @@ class _Motion:
         reduce = member.expansion.T
         self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
-        self._damping = None if member.damping is None else reduce @ (member.damping @ self.pattern)
+        self._damping = None if (damped := damping_forces(member, self.pattern)) is None else reduce @ damped
 
     def begin(self, given: Array, dt: float, accelerated: NDArray[np.bool_] | None = None) -> None:
         """Histories from given velocities, or where ``accelerated`` from accelerations (n_time, n_motion)."""

@@ -98,6 +98,8 @@ def takes_sweeps(model: SubstructureModel, interfaces: Interfaces) -> bool:
     channels = model.channel_area.size
     if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
         return False
+    if model.modal is not None:  # modal damping joins all interface dofs: no local tables, no part of a factor
+        return False
     if form in ("exact", "sparse"):
         return True
     if channels < _smallest(model, interfaces.step):

@@ -19,7 +19,9 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from ..cholesky.factor import InterfaceFactor
+from ..errors import Problem, SceneError
 from ..operator_store import NO_STORE, OperatorStore
+from .vibration import Vibration
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -28,6 +30,7 @@ _KEPT = frozenset(
     (
         "reduced",
         "reduced_stiffness",
+        "modal_rows",
         "reduced_landing",
         "stiffness_by_nodes",
         "_alike",
@@ -42,8 +45,10 @@ _KEPT = frozenset(
         "with_lumped_mass",
     )
 )
-_OF_MASS = frozenset(("reduced", "operator_pattern", "massless", "with_lumped_mass"))
+_OF_MASS = frozenset(("reduced", "modal_rows", "operator_pattern", "massless", "with_lumped_mass"))
 
+MOST_MODES = 300
+"""Modes of a substructure in modal damping: each is a vector of its dofs, that the march reads three times."""
 _ROUND_OFF = 1e-14  # of a trace: share of a unit direction
 _BY_NODES = 500_000  # entries up to which zeros are added: larger matrices are read from memory, zeros too
 _MOST_ADDED = 1.5  # entries with zeros over those without, at most
@@ -244,6 +249,32 @@ class SubstructureModel:
     store: OperatorStore = NO_STORE
     """Where operators are looked for, and kept."""
 
+    @cached_property
+    def modal_rows(self) -> Array | None:
+        """R (k, n_full) of modal damping R^T R up to a frequency, beside ``damping``; None where there is none, or no
+        such limit.
+
+        The rows are sqrt(2 zeta omega) lambda^-1 phi^T K of the elastic modes, K phi = lambda M phi on the free dofs:
+        sqrt(2 zeta omega) phi^T M on these, and on prescribed motions less the static response to them.
+
+        Raises
+        ------
+        SceneError : more modes than ``MOST_MODES``.
+        """
+        if self.modal is None or self.mass is None or not np.isfinite(self.modal[1]):
+            return None
+        (ratio, below), e = self.modal, self.expansion
+        mass, _, stiffness = self.reduced
+        rank = None if self.ordering is None else reduced_rank(e, self.ordering)
+        found = Vibration(stiffness, mass, rank).below((2 * np.pi * below) ** 2, MOST_MODES)
+        if found is None:
+            where, what = f"substructure.{self.name}.modal_damping.below", f"more than {MOST_MODES} modes are below"
+            remedy = 'lower it, or take solver.propagator = "reduced", or damp the material'
+            raise SceneError([Problem(where, what, f"{below:g} Hz", remedy=remedy)], "the scene cannot be built")
+        values, modes = found
+        rows: Array = np.sqrt(2 * ratio * values**-1.5)[:, None] * (self.stiffness @ (e @ modes)).T
+        return rows
+
     @property
     def n_full(self) -> int:
         """Number of full dofs."""
@@ -363,11 +394,6 @@ class SubstructureModel:
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other
 
-    def node_values(self, full: Array) -> Array:
-        """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
-        values = full if self.nodal is None else self.nodal @ full
-        return values.reshape(-1, 3)
-
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:
     """P^T A P for an expansion P, with the ``zeros`` of A where they are wanted and P is a selection."""
@@ -391,6 +417,21 @@ def _sharing(model: SubstructureModel, other: SubstructureModel, names: frozense
         if key in model.__dict__:
             other.__dict__[key] = model.__dict__[key]
     return other
+
+
+def node_values(model: SubstructureModel, full: Array) -> Array:
+    """Vectors at the nodes (n_node, 3) of full dofs (n_full,)."""
+    values = full if model.nodal is None else model.nodal @ full
+    return values.reshape(-1, 3)
+
+
+def damping_forces(model: SubstructureModel, velocities: Array) -> Array | None:
+    """C v (n_full, k), N, modal damping included; None where there is no damping."""
+    forces = None if model.damping is None else model.damping @ velocities
+    if model.modal_rows is None:
+        return forces
+    modal = model.modal_rows.T @ (model.modal_rows @ velocities)
+    return modal if forces is None else forces + modal
 
 
 def with_load(model: SubstructureModel, load: LoadTerm) -> SubstructureModel:

@@ -20,89 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import interface_factor
 from .model import Array, SubstructureModel, closest_reduced, reduced_rank
+from .vibration import Vibration
 
 _EXCITED = 1e-9  # cosine between a mode and a force, below which the mode stays at rest
 _EQUAL = 1e-6  # relative difference of eigenvalues of one group
-DENSE = 1500
-"""Dofs up to which every mode is computed."""
-_SHIFT = 1e-7  # of trace(K) / trace(M): far below the first elastic eigenvalue, far above round-off
-_RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
 _CHOICE = 4  # low modes among which the strongest are chosen, times their number
-_REFINEMENTS, _EXACT = 60, 1e-13  # of static responses: each takes off the shift over the first eigenvalue
-_BALANCED = 1e-12  # what the inertia of the rigid motions leaves of a force, against the force
 _DEPENDENT = 1e-9  # squared norm of what a static response adds to the basis, against its own
-
-
-class Vibration:
-    """Stiffness and mass of the free dofs, (n, n), and one factor for modes and static responses: that of K + shift M.
-
-    rank : (n,) elimination order of the dofs, or None. shift : s-2; a share of trace(K) / trace(M) where None.
-    dense : dofs up to which every mode is computed, ``DENSE`` where None.
-    """
-
-    def __init__(
-        self,
-        stiffness: sp.csr_array,
-        mass: sp.csr_array,
-        rank: Array | None = None,
-        shift: float | None = None,
-        dense: int | None = None,
-    ) -> None:
-        self.stiffness, self.mass, self._dense = stiffness, mass, DENSE if dense is None else dense
-        self.shift = _SHIFT * stiffness.trace() / mass.trace() if shift is None else shift
-        nothing = np.zeros(0, dtype=np.int64)
-        self._factor = interface_factor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
-
-    @property
-    def n(self) -> int:
-        """Number of dofs."""
-        return int(self.stiffness.shape[0])
-
-    def modes(self, requested: int) -> tuple[Array, Array, Array]:
-        """Rigid motions, eigenvalues and elastic modes: at least ``requested`` in all, or all there are."""
-        if self.n <= max(self._dense, 2 * requested):
-            values, vectors = la.eigh(self.stiffness.toarray(), self.mass.toarray())
-        else:
-            inverse = spla.LinearOperator((self.n, self.n), matvec=self._inverse, dtype=np.float64)
-            start = np.cos(np.arange(self.n))  # the same modes every time
-            values, vectors = spla.eigsh(
-                self.stiffness, requested, self.mass, sigma=-self.shift, v0=start, OPinv=inverse
-            )
-            order = np.argsort(values)
-            values, vectors = values[order], vectors[:, order]
-        free = values < _RIGID * self.shift
-        return vectors[:, free], values[~free], vectors[:, ~free]
-
-    def _inverse(self, b: Array) -> Array:
-        solved: Array = self._factor.solve(b.reshape(self.n, 1))[:, 0]
-        return solved
-
-    def static(self, rigid: Array, forces: Array) -> Array:
-        """Static responses to forces (n, n_force), orthogonal to the rigid motions in the mass.
-
-        K x = b - M R R^T b, R^T M x = 0: a free body is accelerated by what is not in balance (inertia relief).
-        """
-        pulled = self.mass @ rigid
-        balanced = forces - pulled @ (rigid.T @ forces)
-        # the weight of a free body leaves round-off only, which is no response
-        balanced[
-            :, np.abs(balanced).max(axis=0, initial=0.0) <= _BALANCED * np.abs(forces).max(axis=0, initial=0.0)
-        ] = 0.0
-        largest = np.abs(balanced).max(initial=0.0)
-        x: Array = np.zeros_like(forces)
-        for _ in range(_REFINEMENTS):
-            # the factor is that of K + shift M: what the shift takes off is put back round by round
-            left = balanced - self.stiffness @ x
-            if np.abs(left).max(initial=0.0) <= _EXACT * largest:
-                break
-            x = x + self._factor.solve(left)
-            # rigid motions are soft with the shift: round-off along them grows by 1 / shift
-            x = x - rigid @ (pulled.T @ x)
-        return x
 
 
 def lowest_modes(body: Vibration, n_mode: int, excited: Array) -> tuple[Array, Array]:
@@ -236,12 +161,8 @@ def reduce_model(
         rigid, modes = lowest_modes(body, n_mode, excited)
     else:
         rigid, modes = strongest_modes(body, n_mode, _forces(model, exciting))
-    kept = np.column_stack([rigid, modes])
-    # static responses beyond what the modes hold
-    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, mass)])
-    # orthonormal in the mass already: an ordinary eigenproblem
-    eigenvalues, turn = la.eigh(elastic.T @ (stiffness @ elastic))
-    q = np.column_stack([_excitable(rigid, excited), elastic @ turn])
+    eigenvalues, elastic = ritz_vectors(body, rigid, modes, forces)
+    q = np.column_stack([_excitable(rigid, excited), elastic])
     # signs by a rule: eigenvectors of two machines may differ in theirs
     q = q * _signs(q)
     full = e @ q
@@ -259,6 +180,16 @@ def reduce_model(
         displacement=q.T @ (mass @ start[:, 0]),
         velocity=q.T @ (mass @ start[:, 1]),
     )
+
+
+def ritz_vectors(body: Vibration, rigid: Array, modes: Array, forces: Array) -> tuple[Array, Array]:
+    """Eigenvalues (m,), s-2, and Ritz vectors (n, m), mass-orthonormal, of elastic modes and of the static responses to
+    forces (n, n_force), as far as these are not in the span of modes and rigid motions."""
+    kept = np.column_stack([rigid, modes])
+    elastic = np.column_stack([modes, _added(body.static(rigid, forces), kept, body.mass)])
+    # orthonormal in the mass already: an ordinary eigenproblem
+    eigenvalues, turn = la.eigh(elastic.T @ (body.stiffness @ elastic))
+    return eigenvalues, elastic @ turn
 
 
 def modal_damping(model: SubstructureModel, eigenvalues: Array) -> Array:

@@ -164,8 +164,8 @@ def result_groups(
     for name, interface in () if streamed else outcome.interfaces.items():
         time, indicator = outcome.interface_time, outcome.interface_indicator.get(name)
         whole = surfaces and len(time) == len(outcome.time)
-        slip = np.linalg.norm(slip_in_contact(interface, time), axis=2) if whole else None
-        groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, slip)
+        ways = _ways(interface, time) if whole else None
+        groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, ways)
     for name, substructure in outcome.substructures.items():
         if _has_fields(substructure):
             groups[f"/substructures/{name}"] = substructure_group(substructure, recovered.get(name))
@@ -186,25 +186,26 @@ def interface_group(
     time: Array,
     indicator: float | None = None,
     surfaces: bool = False,
-    slip: Array | None = None,
+    ways: Mapping[str, Array] | None = None,
 ) -> StoredGroup:
     """Group ``interfaces/<name>``; ``indicator`` is sqrt(eta) restricted to this interface; ``surfaces``: with pressure
-    and, where it is known, the ``slip`` (n_time, n_point), m."""
+    and, where they are known, the sums over time at the points (``_ways``)."""
     peak, duration, raw = InterfaceFields.of_history(history, time).peaks
     made = {
         "impulse": history.impulse(time),
         "peak_force": peak,
         "peak_force_raw": raw,
         "pressure": history.pressure() if surfaces else None,
-        "slip": slip,
         "error_indicator": indicator,
     }
+    if ways is not None:
+        made |= {**ways, "slip": np.linalg.norm(ways["slip"], axis=2)}
     stored = [*columns(INTERFACE, history), *named(INTERFACE_MADE, made)]
     along = [*named(LABELS, {"time": time, "side": SIDES, "component": AXES}), *columns(POINTS, history)]
     attrs: dict[str, object] = {"behaviour": history.behaviour, "face_E": history.sides[0], "face_Ep": history.sides[1]}
     if history.friction_coefficient is not None:
         attrs["friction_coefficient"] = float(history.friction_coefficient)
-    if surfaces and slip is None:
+    if surfaces and ways is None:
         attrs["slip"] = "none: it needs the velocities at all instants (output.interfaces_every = 1)"
     meshed = history.cells is not None and len(history.cells) > 0
     if meshed:
@@ -215,6 +216,15 @@ def interface_group(
     if meshed:
         _describe_surface(group)
     return group
+
+
+def _ways(history: InterfaceHistory, time: Array) -> dict[str, Array]:
+    """What is summed up at the points over all instants, by the name of the row (``INTERFACE_MADE``): ``slip`` (n_time,
+    n_point, 3) as a vector; of an interface with friction the others (n_time, n_point)."""
+    ways = {"slip": slip_in_contact(history, time)}
+    if history.friction_power is not None and history.has_friction:
+        ways |= dict(zip(("accumulated_slip", "friction_energy"), history.slid(time), strict=True))
+    return ways
 
 
 def _in_plane(history: InterfaceHistory) -> Array:
@@ -254,16 +264,16 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
     run_time = outcome.time[:: stream.every]
     pushed = {name: np.zeros(len(run_time)) for name in outcome.interfaces}
     impulse = dict.fromkeys(pushed, np.zeros(3))
-    moved: dict[str, Array | float] = dict.fromkeys(pushed, 0.0)
+    reached: dict[str, dict[str, Array]] = {name: {} for name in pushed}
     for first, time, histories in stream.blocks():
         groups, last = {}, first + len(time)
         for name, history in histories.items():
-            slip = None
+            ways = None
             if surfaces and stream.every == 1:
-                path = slip_in_contact(history, time) + moved[name]
-                slip, moved[name] = np.linalg.norm(path, axis=2), path[-1]
+                ways = {key: way + reached[name].get(key, 0.0) for key, way in _ways(history, time).items()}
+                reached[name] = {key: way[-1] for key, way in ways.items()}
             indicator = outcome.interface_indicator.get(name)
-            group = interface_group(history, time, indicator, surfaces, slip)
+            group = interface_group(history, time, indicator, surfaces, ways)
             group.variables["impulse"].values += impulse[name]
             impulse[name] = group.variables["impulse"].values[-1].copy()
             pushed[name][first:last] = normal_resultant(InterfaceFields.of_history(history, time))

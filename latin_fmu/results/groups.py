@@ -63,6 +63,15 @@ class StoredGroup:
         data = {name: v for name, v in made.items() if name not in self.labels}
         return xr.Dataset(data, {name: made[name] for name in made if name in self.labels}, self.attrs)
 
+    def report(self) -> dict[str, Any]:
+        """Plain data for strict JSON: the attributes, and of each variable ``dims``, ``units`` where it has some, and
+        ``values`` (None for a number that is not finite)."""
+        made: dict[str, Any] = {name: _plain(np.asarray(value)) for name, value in self.attrs.items()}
+        for name, variable in self.variables.items():
+            units = {"units": variable.attrs["units"]} if "units" in variable.attrs else {}
+            made[name] = {"dims": list(variable.dims), **units, "values": _plain(variable.values)}
+        return made
+
     def indexes(self) -> dict[str, StoredVariable]:
         """Coordinates that label their own dimension."""
         return {name: v for name, v in self.variables.items() if name in self.labels and v.dims == (name,)}
@@ -73,6 +82,13 @@ class StoredGroup:
         for variable in self.variables.values():
             sizes.update(zip(variable.dims, variable.values.shape, strict=True))
         return sizes
+
+
+def _plain(values: NDArray[Any]) -> Any:
+    """Values as numbers and texts of Python."""
+    if values.dtype.kind == "f":
+        values = np.where(np.isfinite(values), values.astype(object), np.array(None))
+    return values.tolist()
 
 
 def _written_as(values: NDArray[Any]) -> NDArray[Any]:

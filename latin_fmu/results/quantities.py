@@ -155,6 +155,8 @@ INTERFACE_MADE: Final = rows(
     peak_force_raw  | N   |                | largest normal resultant of all instants | has no limit where bodies land
     pressure        | Pa  | time point     | normal pressure, positive in compression | local-stage field
     slip | m | time point | distance that side Ep has moved along the face of E while in contact, from the start
+    accumulated_slip | m | time point | length of the way of side Ep along the face of E while it slides, from the start
+    friction_energy | J m-2 | time point | energy dissipated by friction per area, from the start
     error_indicator | 1 | | error indicator sqrt(eta) of this interface | largest over the windows, at their last \
         iteration
     """

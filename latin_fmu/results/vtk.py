@@ -155,7 +155,7 @@ def _interface_piece(instant: xr.Dataset) -> _Piece:
         "velocity_E": velocity[0],
         "velocity_Ep": velocity[1],
     }
-    for name in ("gap", "contact_status", "slip"):
+    for name in ("gap", "contact_status", "slip", "accumulated_slip", "friction_energy"):
         if name in instant:
             point_data[name] = instant[name].values
     return _Piece(points, _interface_cells(instant), point_data, {})

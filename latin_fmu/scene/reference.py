@@ -91,7 +91,7 @@ Damping        rayleigh_mass a and rayleigh_stiffness b give C = a M + b K, a da
                the angular frequency w; damping_ratios gives both from the ratios at two frequencies. A loss factor
                has no exact counterpart in time: loss_factor = eta with at_frequency = f is b = eta / (2 pi f), exact
                at f, smaller below and larger above in proportion to the frequency. modal_damping of a substructure
-               gives each of its elastic modes one ratio; only the reduced propagator has modes.
+               gives each of its elastic modes up to a frequency one ratio, whatever its frequency.
 Point masses   They are part of the mass of their substructure: in dynamics, modes, momentum, and the mass centre
                that initial_spin turns about; body_force, per volume, does not act on them. On a face without point
                and inertia a mass is spread evenly; with either it is a rigid mass on the mean motion of the face,

@@ -172,7 +172,7 @@ class Output(SceneTable):
     principal_stress: Annotated[Flag, about("principal values of the stresses that are kept")] = False
     strain: Annotated[Flag, about("mean strain of the elements; keeps displacements, too")] = False
     surfaces: Annotated[
-        Flag, about("pressure and slip at the points of the interfaces, for maps on their surfaces")
+        Flag, about("pressure, slip and friction energy at the points of interfaces, for maps on their surfaces")
     ] = False
     reactions: Annotated[
         Flag, about("resultant force of every boundary that holds or drives a face of an elastic substructure")

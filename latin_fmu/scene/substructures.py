@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
@@ -36,6 +36,7 @@ from .raw_scene import (
     exactly_one,
     face_problems,
     given,
+    is_explicit,
     moves,
     named_tables,
     reference_problems,
@@ -115,12 +116,14 @@ class ModalDampingTable(SceneTable):
     """Damping C = M Phi diag(2 zeta omega) Phi^T M of the elastic modes of a substructure, its interfaces free, held as
     its boundaries hold it; rigid motions and the motion of driven faces lose nothing.
 
-    With the reduced propagator only; its static shapes count as modes of their own frequencies.
+    Not with explicit steps. With the reduced propagator its static shapes count as modes of their own frequencies;
+    otherwise `below` is required, and each mode is a vector of the unknowns of the body that every instant reads.
     """
 
     ratio: Annotated[Real, about("damping ratio zeta of each mode", "1", gt=0, lt=1)]
     below: Annotated[
-        Real | None, about("frequency up to which modes are damped; all of the basis where left out", "Hz", gt=0)
+        Real | None,
+        about("frequency up to which modes are damped; where left out, all of the reduced basis", "Hz", gt=0),
     ] = None
 
 
@@ -136,9 +139,9 @@ class Substructure(SceneTable):
     bending_modes: Annotated[
         Flag, about("incompatible modes, so that 8-node hexahedra represent bending; eliminated inside each element")
     ] = False
-    modal_damping: Annotated[ModalDampingTable | None, about("damping of the modes, with the reduced propagator")] = (
-        None
-    )
+    modal_damping: Annotated[
+        ModalDampingTable | None, about("damping of the modes, one ratio for all up to a frequency")
+    ] = None
     initial_velocity: Annotated[Vector, about("uniform velocity at t = 0", "m s-1")] = (0.0, 0.0, 0.0)
     initial_spin: Annotated[
         Vector, about("angular velocity at t = 0, about the mass centre (small rotations)", "rad s-1")
@@ -358,15 +361,22 @@ def _modal_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]:
     """Modal damping of a body that has no modes in the run."""
     if table.get("rigid") is True:
         yield Problem(f"{where}.modal_damping", "a rigid body has no elastic modes", None, None, "remove it")
-    kind = chosen_type(single_table(raw, "solver"), "propagator")
-    if kind != "reduced":
-        yield Problem(
-            f"{where}.modal_damping",
-            "modes are known to the reduced propagator only",
-            f"solver.propagator = {shown(kind or 'automatic')}",
-            'solver.propagator = "reduced"',
-            "choose it, or damp the material by damping_ratios at two frequencies",
-        )
+    if single_table(raw, "time").get("quasi_static") is True:
+        what = "damping acts on rates: not with quasi_static = true"
+        yield Problem(f"{where}.modal_damping", what, None, None, "remove it, or leave quasi_static out")
+    if is_explicit(raw):
+        what, remedy = "explicit steps know no modes", "damp the material by rayleigh_mass, or choose another scheme"
+        yield Problem(f"{where}.modal_damping", what, None, "an implicit time scheme", remedy)
+    solver, modal = single_table(raw, "solver"), table["modal_damping"]
+    if chosen_type(solver, "propagator") == "reduced":
+        return
+    if isinstance(modal, Mapping) and not given(modal, "below"):
+        what = "'below' is missing: the modes of a mesh are as many as its unknowns"
+        remedy = 'give the highest frequency of interest, or take solver.propagator = "reduced"'
+        yield Problem(f"{where}.modal_damping", what, None, "a frequency [Hz]", remedy)
+    if (form := chosen_type(solver, "interface_operator")) in ("exact", "sparse"):
+        what = "modal damping joins all points of an interface, so that it has a dense matrix"
+        yield Problem("solver.interface_operator", what, shown(form), "automatic, dense", "leave it out")
 
 
 def _is_file(base_dir: Path, name: str) -> bool:

@@ -154,6 +154,17 @@ def test_the_search_grows_towards_a_sharper_target() -> None:
     assert sum(mesh * steps for mesh, steps in runs) < 4.0 * max(runs)[0] * max(runs)[1]
 
 
+def test_a_tolerance_that_leaves_too_much_work_is_lowered() -> None:
+    """At 0.01 every instant converges, and what is left adds up to 1.03 times the work that is allowed."""
+    lines: list[str] = []
+    choice = choose(latin_fmu.load_scene(MODELS / "hammer_on_plate/scene.toml"), 0.1, 60.0, lines.append)
+    assert choice.reached, choice.sentence
+    assert any("Lower solver.tolerance" in line for line in lines)
+    assert choice.solution is not None
+    assert choice.solution.converged
+    assert choice.sentence.endswith("tolerance 0.001")
+
+
 def test_the_command_line_aims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, out = str(MODELS / "impact_bar/scene.toml"), str(tmp_path / "a.nc")
     assert main(["run", scene, "-o", out, "--accuracy", "5%", "--json"]) == 0

@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 
 from latin_fmu import InputError, SceneError, SolverError, api, cli, load_scene, scene_from_dict, solve, sweep
+from latin_fmu.assembly import build, interfaces, problem
 from latin_fmu.assembly.models import KeptOperators
 from latin_fmu.parametric import study as study_module
 from latin_fmu.parametric.point import parameters_of, read_parameter, to_and_fro
@@ -173,12 +174,41 @@ def test_operators_are_factorised_once_where_no_parameter_enters_them(
 
 
 @pytest.mark.parametrize(
+    ("vary", "counts"),
+    [
+        ({FRICTION: [0.05, 0.1], PRESSURE: [1e8, 2e8]}, {"conditions_on": 2, "_placed": 1, "_trace": 2}),
+        ({"interface.crush.gap": [0.0, 1e-6, 2e-6]}, {"conditions_on": 2, "_placed": 1, "_trace": 2}),
+        ({"boundary.lower_x.face": ["lower.xmin", "lower.xmax"]}, {"conditions_on": 3, "_placed": 2, "_trace": 2}),
+    ],
+)
+def test_nothing_is_discretised_twice(
+    monkeypatch: pytest.MonkeyPatch, vary: dict[str, list[Any]], counts: dict[str, int]
+) -> None:
+    """Conditions of bodies, points of interfaces and traces are made anew where what they follow from changes."""
+    made: list[str] = []
+    for module, name in ((build, "conditions_on"), (interfaces, "_placed"), (problem, "_trace")):
+        original: Callable[..., Any] = getattr(module, name)
+
+        def counting(*given: Any, _of: Callable[..., Any] = original, _name: str = name) -> Any:
+            made.append(_name)
+            return _of(*given)
+
+        monkeypatch.setattr(module, name, counting)
+    study = sweep(load_scene(SCENE, TINY), vary)
+    assert (study["state"] < 2).all()
+    assert {name: made.count(name) for name in counts} == counts
+
+
+@pytest.mark.parametrize(
     "changes",
     [
         ("material.steel.young_modulus=190e9",),
         ("material.steel.density=7000.0",),
         ("substructure.upper.box.size=[0.01,0.01,0.012]",),
         ("boundary.lower_base.type=fixed",),
+        ("boundary.lower_x.face=lower.xmax",),
+        ("interface.crush.sides=['upper.zmin','lower.zmax']",),
+        ("interface.crush.points_from=E",),
         ("time.step=2e-6",),
         ("time.scheme=generalized_alpha",),
         ("solver.precision=float32",),

@@ -14,8 +14,8 @@ from latin_fmu import api
 from latin_fmu.cli import main
 from latin_fmu.errors import ResultsError
 from latin_fmu.fem.mesh import Array, box_mesh
-from latin_fmu.pictures.assembly_picture import _assembly, _shifts, assembly_figure
-from latin_fmu.pictures.frame import Skin, View, draw, edges_of, skin_of
+from latin_fmu.pictures.assembly_picture import _assembly, assembly_figure
+from latin_fmu.pictures.frame import Skin, View, draw, edges_of, shifts_apart, skin_of
 from latin_fmu.pictures.result_picture import _on_facets, _round, result_figure, stored_instants
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.stability.scenes import Box, Material, column
@@ -113,7 +113,8 @@ def test_assembly_names_what_it_draws() -> None:
 
 def test_bodies_move_apart_along_the_normals() -> None:
     assembly = _assembly(scene_from_dict(tower()), [])
-    shifts = _shifts(assembly, 0.5)
+    pairs = [(*joint.nodes, joint.normal) for joint in assembly.joints if len(joint.nodes) == 2]
+    shifts = shifts_apart(list(assembly.bodies), pairs, 0.5)
     np.testing.assert_allclose(shifts["b"] - shifts["a"], [0, 0, 0.5], atol=1e-12)
     np.testing.assert_allclose(shifts["c"] - shifts["b"], [0, 0, 0.5], atol=1e-12)
 

@@ -12,7 +12,7 @@ from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
-from latin_fmu.propagator import LoadTerm, SubstructureModel, reduction
+from latin_fmu.propagator import LoadTerm, SubstructureModel, vibration
 from latin_fmu.propagator.reduction import reduce_model
 
 from .conftest import make_model
@@ -140,7 +140,7 @@ def test_modes_that_matter_are_taken_before_lower_ones():
 @pytest.mark.parametrize("exciting", [None, np.ones((4, 1))], ids=["lowest", "strongest"])
 def test_sparse_eigenvalues_are_the_dense_ones(monkeypatch, exciting):
     dense = reduce_model(bar(held=False), 4, np.ones((4, 1)), exciting=exciting)
-    monkeypatch.setattr(reduction, "DENSE", 10)
+    monkeypatch.setattr(vibration, "DENSE", 10)
     sparse = reduce_model(bar(held=False), 4, np.ones((4, 1)), exciting=exciting)
     np.testing.assert_allclose(sparse.eigenvalues, dense.eigenvalues, rtol=1e-7)
     np.testing.assert_allclose(np.abs(sparse.loads), np.abs(dense.loads), rtol=1e-6, atol=1e-9)

@@ -39,6 +39,21 @@ def test_pressure_and_slip(solved: latin_fmu.Solution) -> None:
     assert "needs the velocities at all instants" in thinned["interfaces/crush"].attrs["slip"]
 
 
+def test_friction_energy_and_accumulated_slip(solved: latin_fmu.Solution) -> None:
+    """The energies of the points sum up to the work of friction; each is mu times the pressure over the way slid."""
+    group, history = solved.to_datatree()["interfaces/crush"], solved.interfaces["crush"]
+    energy, way = group["friction_energy"].values, group["accumulated_slip"].values
+    work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:] * np.diff(solved.time))])  # type: ignore[index]
+    assert energy @ history.areas == pytest.approx(work, abs=1e-12 * work[-1])
+    assert work[-1] > 0.0
+    slides, step = history.contact_status == 2, np.diff(way, axis=0)
+    limit = history.mu * history.pressure()
+    assert np.diff(energy, axis=0)[slides[1:]] == pytest.approx((limit[1:] * step)[slides[1:]], rel=1e-6)
+    assert (step[~slides[1:]] == 0.0).all()
+    assert (way >= 0.999 * np.where(slides.all(axis=0), group["slip"].values, 0.0)).all()
+    assert group["friction_energy"].attrs["units"] == "J m-2"
+
+
 def test_slip_without_inertia_is_the_difference_of_displacements() -> None:
     time = {"end": 4e-6, "instants": 4, "quasi_static": True}
     law = {"type": "table", "times": [0, 4e-6], "values": [0, 1]}
@@ -63,6 +78,7 @@ def test_vtk_has_surface_cells(solved: latin_fmu.Solution, tmp_path: Path) -> No
     surface = meshio.read(tmp_path / "vtk" / "interface_crush_00010.vtu")
     assert [(block.type, len(block.data)) for block in surface.cells] == [("quad", 4)]
     assert surface.point_data["slip"].max() > 0
+    assert surface.point_data["friction_energy"].max() > 0
     assert surface.point_data["pressure"] == pytest.approx(-solved.interfaces["crush"].traction[10, :, 2])
     assert "contact_status" in surface.point_data
 

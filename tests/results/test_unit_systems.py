@@ -132,7 +132,7 @@ def test_checks_in_the_units_of_the_scene(tmp_path: Path) -> None:
         codes = {remark.code for remark in latin_fmu.api.checked(scene)[1]}
         assert not codes & {"material", "size", "load", "gap"}, (system, codes)
     wrong = tables("mm-t-s-MPa", tmp_path) | {"units": "SI"}
-    lines, remarks = latin_fmu.api.checked(latin_fmu.scene_from_dict(wrong, tmp_path))
+    lines, remarks, _ = latin_fmu.api.checked(latin_fmu.scene_from_dict(wrong, tmp_path))
     assert any('units = "mm-t-s-MPa"' in remark for remark in remarks)
     in_pascal = tables("mm-t-s-MPa", tmp_path)
     in_pascal["material"]["steel"]["young_modulus"] = 210e9

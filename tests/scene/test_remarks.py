@@ -115,6 +115,14 @@ def test_explain_gives_the_remarks_of_check(change: str | None) -> None:
     told = explain(known)
     assert {(r.code, str(r)) for r in told.warnings} == {r for r in full if r[0] not in ("resolution", "start")}
     assert any("latin-fmu check" in text for text in told.unchecked)
+    assert not any("latin-fmu backbone" in text for text in told.unchecked)
+
+
+def test_explain_says_how_small_losses_of_bolted_joints_are_found() -> None:
+    for friction, said in ((0.3, True), (0.0, False)):
+        settings = [f"contact.all.friction_coefficient={friction}"]
+        told = explain(latin_fmu.load_scene(MODELS / "lap_joint" / "shock.toml", settings))
+        assert any("latin-fmu backbone" in text for text in told.unchecked) is said
 
 
 MODEL_FILES = [

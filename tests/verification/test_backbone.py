@@ -232,7 +232,9 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     points.write_text("um;Hz;percent\n10;1100;0.1\n100;950;1.4\n")
     words = ["backbone", str(scene), "--amplitude", "5um:0.05mm", "--points", "3", "--sensor", "tip", "-o", str(stem)]
     assert main([*words, "--measured", str(points), "--measured-units", "um", "%"]) == 0
-    assert "mode 1, 1274.26" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "mode 1, 1274.26" in out
+    assert "fewer than 40 points slide" in out
     tree = xr.open_datatree(f"{stem}.nc")
     assert tree["backbone/amplitude"].attrs["units"] == "m"
     assert tree["backbone/frequency"].values[0] == pytest.approx(exact(5e-6)[0], rel=1e-4)

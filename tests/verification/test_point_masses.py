@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import latin_fmu
 from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import SceneError
-from latin_fmu.stability.scenes import Box, Material, column
+from latin_fmu.stability.scenes import Box, Material, column, placed
 
 E, RHO, L, SIDE, N = 210e9, 7800.0, 1.0, 0.05, 20
 MASS = RHO * L * SIDE**2
@@ -179,7 +179,10 @@ def test_logarithmic_decrement(material: dict[str, Any], ratio: float) -> None:
     assert decrement / np.sqrt(4 * np.pi**2 + decrement**2) == pytest.approx(ratio, rel=1e-2)
 
 
-def modal_history(mode: int, damping: dict[str, float], periods: int = 6, n: int = 200) -> np.ndarray:
+REDUCED: dict[str, Any] = {"type": "reduced", "modes": 8}
+
+
+def modal_history(mode: int, damping: dict[str, float], propagator: Any, periods: int = 6, n: int = 200) -> np.ndarray:
     """Coordinate of a mode of a clamped bar in modal damping after a blow."""
     frequency = (2 * mode - 1) * FIRST
     blow = {"face": "bar.xmax", "traction": [1e6, 0.0, 0.0], "law": {"type": "half_sine", "duration": 0.25 / frequency}}
@@ -187,7 +190,7 @@ def modal_history(mode: int, damping: dict[str, float], periods: int = 6, n: int
         "load": {"blow": blow},
         "time": {"end": periods / frequency, "instants": n * periods, "scheme": "newmark"},
         "output": {"fields": True},
-        "solver": {"propagator": {"type": "reduced", "modes": 8}},
+        "solver": {"propagator": propagator},
     }
     fields = latin_fmu.solve(bar(body={"modal_damping": damping}, **tables)).substructures["bar"]
     shape = np.zeros_like(fields.nodes)
@@ -197,34 +200,93 @@ def modal_history(mode: int, damping: dict[str, float], periods: int = 6, n: int
 
 
 @pytest.mark.parametrize(
-    ("mode", "below", "ratio"), [(1, None, 0.02), (3, None, 0.02), (1, 2 * FIRST, 0.02), (3, 2 * FIRST, 0.0)]
+    ("mode", "below", "ratio", "propagator"),
+    [
+        (1, None, 0.02, REDUCED),
+        (3, None, 0.02, REDUCED),
+        (1, 2 * FIRST, 0.02, REDUCED),
+        (3, 2 * FIRST, 0.0, REDUCED),
+        (1, 2 * FIRST, 0.02, "direct"),
+        (3, 2 * FIRST, 0.0, "direct"),
+        (3, 20 * FIRST, 0.02, "automatic"),
+    ],
 )
-def test_modal_damping(mode: int, below: float | None, ratio: float) -> None:
+def test_modal_damping(mode: int, below: float | None, ratio: float, propagator: Any) -> None:
     """One ratio for all modes, none above the limit."""
-    q = modal_history(mode, {"ratio": 0.02} | ({} if below is None else {"below": below}))
+    q = modal_history(mode, {"ratio": 0.02} | ({} if below is None else {"below": below}), propagator)
     peaks = [i for i in range(120, len(q) - 1) if q[i] > max(q[i - 1], q[i + 1])]
     decrement = np.log(q[peaks[0]] / q[peaks[-1]]) / (len(peaks) - 1)
     assert len(peaks) >= 5
     assert decrement / np.sqrt(4 * np.pi**2 + decrement**2) == pytest.approx(ratio, rel=1e-2, abs=1e-5)
 
 
-def test_modal_damping_leaves_driven_and_rigid_motions_alone() -> None:
+@pytest.mark.parametrize("propagator", [REDUCED, "direct"])
+def test_modal_damping_leaves_driven_and_rigid_motions_alone(propagator: Any) -> None:
     """A bar whose end is driven at its own velocity goes on uniformly; so does a free one."""
     driven = {"root": {"type": "velocity", "face": "bar.xmin", "components": ["x"], "value": [2.0]}}
-    body = {"initial_velocity": [2.0, 0.0, 0.0], "modal_damping": {"ratio": 0.3}}
-    solver = {"propagator": {"type": "reduced", "modes": 8}}
-    time = {"end": 2e-3, "instants": 200}
+    body = {"initial_velocity": [2.0, 0.0, 0.0], "modal_damping": {"ratio": 0.3, "below": 20 * FIRST}}
+    solver, time = {"propagator": propagator}, {"end": 2e-3, "instants": 200}
     for boundary in (WALLS | driven, {}):
         scene = bar(body=body, boundary=boundary, solver=solver, time=time, output={"fields": True, "energy": True})
         velocity = latin_fmu.solve(scene).substructures["bar"].velocity[-1]
         np.testing.assert_allclose(velocity[:, 0], 2.0, rtol=1e-9)
 
 
+def rubbed(propagator: Any, scheme: Any = "hht", count: int = 1, **body: Any) -> latin_fmu.Solution:
+    """Blocks in modal damping of 5 % of all modes: one that is shaken at its side, or ``count`` alike that rub on a
+    ground."""
+    steel = Material(210e9, 7800.0, 0.3, name="steel")
+    keys = {"modal_damping": {"ratio": 0.05, "below": 1e9}} | body
+    box, blow = Box(steel, (0.02, 0.02, 0.04), (1, 1, 2), keys=keys), {"type": "half_sine", "duration": 10e-6}
+    names = [f"b{i}" for i in range(count)]
+    scene = placed(
+        {name: (box, (0.1 * i, 0.0, 0.0)) for i, name in enumerate(names)},
+        {"end": 30e-6, "instants": 30, "scheme": scheme},
+        interface={f"on_{n}": {"sides": [f"{n}.zmin", "ground"], "friction_coefficient": 0.1} for n in names},
+        load={
+            f"push_{n}": {"face": f"{n}.zmax", "traction": [2e6 * (i + 1), 0.0, -3e7], "law": blow}
+            for i, n in enumerate(names)
+        },
+        solver={"propagator": propagator, "tolerance": 1e-10},
+        output={"energy": True, "fields": True},
+    )
+    if count == 1:
+        shake = {"type": "velocity", "face": "b0.xmin", "components": ["x"], "value": [0.1], "law": blow}
+        scene |= {"interface": {}, "boundary": {"side": shake}}
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(scene))
+    assert solution.converged
+    return solution
+
+
+@pytest.mark.parametrize(("count", "propagator"), [(1, "direct"), (2, "direct"), (9, "direct"), (2, "cg")])
+def test_modal_damping_by_a_low_rank_addition_is_that_of_all_modes(count: int, propagator: str) -> None:
+    """One, two and nine bodies of a class take different loops; the single one has a driven side."""
+    added, reduced = rubbed(propagator, count=count), rubbed({"type": "reduced", "modes": 400}, count=count)
+    for name, fields in added.substructures.items():
+        exact = reduced.substructures[name].displacement
+        assert fields.displacement == pytest.approx(exact, abs=1e-9 * np.abs(exact).max())
+    without = rubbed(propagator, count=count, modal_damping={"ratio": 0.05, "below": 1.0})
+    exact = reduced.substructures["b0"].displacement
+    assert np.abs(without.substructures["b0"].displacement - exact).max() > 0.01 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("scheme", ["hht", "newmark", "generalized_alpha", "massless_contact"])
+def test_energy_balance_with_modal_damping(scheme: str) -> None:
+    """What modal damping takes away is accounted for, beside the viscosity of a contact layer, too."""
+    energy = rubbed("direct", scheme, count=2).outcome.energy
+    assert energy is not None
+    put_in = np.abs(energy["work_of_loads"]).max()
+    assert energy["damping_dissipation"][-1] > 0.01 * put_in
+    assert np.abs(energy["balance"]).max() < 1e-10 * put_in
+
+
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({}, "modes are known to the reduced propagator only"),
-        ({"solver": {"propagator": "explicit"}}, "modes are known to the reduced propagator only"),
+        ({}, "'below' is missing"),
+        ({"solver": {"propagator": "explicit"}}, "explicit steps know no modes"),
+        ({"solver": {"interface_operator": "sparse"}}, "modal damping joins all points of an interface"),
+        ({"time": {"end": 1e-3, "instants": 2, "quasi_static": True}}, "damping acts on rates"),
         ({"body": {"rigid": True}}, "a rigid body has no elastic modes"),
     ],
 )

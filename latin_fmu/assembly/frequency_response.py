@@ -1,0 +1,434 @@
+"""Frequency response functions of an assembly whose joints stay as they are: transmissibility, receptance.
+
+    (K + i w C - w^2 M) u = f        on the motions of the clamped assembly (``modes.JoinedAssembly``)
+
+in Ritz coordinates u = Phi q: rigid motions, the elastic modes up to ``_BEYOND`` times the highest frequency, and the
+static response to each excitation, as far as these do not hold it (residual vectors; with inertia relief where a motion
+is free, ``propagator.reduction``). The static response stands for the modes that are left out: the result is exact at
+w = 0, and the error of the rest falls as the fourth power of w over the first frequency left out.
+
+Excitation is a unit force, at a sensor or spread as a load of the scene, or a base: everything that holds the assembly
+(fixed, symmetric and driven faces, the ground) moves along an axis with the displacement s. With u = r s + v, r the
+rigid translation of all bodies, damping acts on the motion v relative to the base, and
+
+    (K + i w C - w^2 M) v = w^2 M r s,        transmissibility (r s + v) / s
+
+C is 2 zeta_j omega_j of each Ritz vector, or what the scene has: Rayleigh damping, modal damping of bodies, dampers,
+viscous joints, absorbing faces, wave ports, which may couple the modes. Friction and the numerical damping of a run are
+not in it.
+
+Groups of a file::
+
+    /                            frequency; provenance and scene, as attributes
+    /drives/<drive>/<sensor>     transmissibility, receptance, mobility or accelerance: magnitude (frequency, component)
+                                 under that name, and phase
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, Problem, did_you_mean, listed
+from ..latin.assembly import Array
+from ..propagator.reduction import ritz_vectors
+from ..results.dataset import Stored
+from ..results.groups import StoredGroup, in_units, root_attributes
+from ..results.quantities import AXES, LABELS, named, rows
+from ..results.summary import aligned
+from ..scene.schema import Scene
+from ..scene.units import SI, UnitSystem, unit_text
+from .modal_damping import Modes
+from .modes import JoinedAssembly, Joints, pressed_points
+
+Kind = Literal["receptance", "mobility", "accelerance"]
+Complex = NDArray[np.complex128]
+KINDS: Final = get_args(Kind)
+BASE: Final = "base"
+_POWER: Final = MappingProxyType({"receptance": 0, "mobility": 1, "accelerance": 2})  # of i w
+_BEYOND: Final = 1.5  # highest natural frequency of the basis over the highest frequency
+_FIRST: Final = 10  # elastic modes that are computed at least, where there are as many
+_MOST: Final = 1000
+_POINTS: Final = (1, 100_000)
+_LOWEST: Final = 0.1  # of the first natural frequency, where no lowest frequency is given
+_AT_PEAKS: Final = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])  # half widths of a peak
+_SHARE: Final = 1e-6  # of the mass that a base moves
+_AT_ONCE: Final = 2**22  # numbers in the matrices of frequencies that are solved together
+_HEADING: Final = "no frequency response"
+
+
+def frf(
+    scene: Scene,
+    drives: Sequence[str] = (),
+    frequencies: ArrayLike | None = None,
+    *,
+    sensors: Sequence[str] = (),
+    damping: float | Sequence[float] | None = None,
+    kind: Kind = "accelerance",
+    joints: Joints = "sticking",
+    lowest: float | None = None,
+    highest: float | None = None,
+    points: int = 400,
+) -> FrequencyResponse:
+    """Frequency responses of the clamped assembly of a scene (module docstring).
+
+    Parameters
+    ----------
+    drives : what excites it: "base.x", "base.y", "base.z" (of the base, if a sensor has that name, too); "SENSOR.x",
+        ... a unit force there; the name of a load, scaled to a resultant of 1. None given: the base along every axis
+        along which something is held.
+    frequencies : (n,), Hz, > 0; None: ``points`` by equal factors from ``lowest`` to ``highest``, and more at the
+        natural frequencies between. sensors : where the motion is taken; all where none is given.
+    damping : ratio to critical of all modes, or of one after the other, the last one of the rest; None: the damping of
+        the scene. kind : of responses to forces: displacement, velocity or acceleration. joints : as for
+        ``vibration_modes``. lowest, highest : Hz; default: a tenth of the first natural frequency, the tenth one.
+
+    Returns
+    -------
+    Responses by drive and sensor, complex (n, 3) along x, y, z: per unit of force, or of the same motion of the base.
+
+    Raises
+    ------
+    InputError : a drive, sensor, frequency or ratio that does not fit the scene, or no damping at all.
+    SceneError : the scene cannot be built.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/lap_joint/shock.toml")
+    >>> response = latin_fmu.frf(scene, ["end.z"], [100.0, 1000.0], damping=0.02, kind="receptance")
+    >>> response.response["end.z"]["end"].shape
+    (2, 3)
+    """
+    ratios = _checked(scene, sensors, damping, (kind, points, frequencies, lowest, highest))
+    joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {})
+    excitations = _Excitations(joined, scene, joined.modes(_FIRST))
+    if not len(excitations.modes.omega):
+        raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
+    names = list(drives) or excitations.held
+    columns = np.column_stack([excitations.column(name) for name in names])
+    given = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
+    top = highest if given is None else float(given.max())
+    basis = _Basis.of(excitations, columns, top, ratios)
+    if given is None:
+        given = basis.frequencies(lowest, highest, points)
+    response: dict[str, dict[str, Complex]] = {name: {} for name in names}
+    motions = basis.responses(given, columns)
+    rate = (2j * np.pi * given) ** _POWER[kind]
+    for sensor in sensors or scene.sensor:
+        rows_of = excitations.rows(sensor) @ basis.vectors
+        for i, name in enumerate(names):
+            moved = motions[:, :, i] @ rows_of.T
+            if (axis := _base_axis(name)) is None:
+                response[name][sensor] = rate[:, None] * moved
+            else:  # the base moves by 1, the sensor relative to it by w^2 Z^-1 M r
+                response[name][sensor] = np.eye(3)[axis] + (2 * np.pi * given[:, None]) ** 2 * moved
+    return FrequencyResponse(
+        name=scene.name,
+        scene=scene.text(),
+        kind=kind,
+        joints=joints,
+        damping=_in_words(ratios),
+        natural_frequency=basis.omega[basis.n_rigid : basis.n_mode] / (2 * np.pi),
+        n_static=len(basis.omega) - basis.n_mode,
+        frequency=given,
+        response=response,
+        units=scene.unit_system,
+    )
+
+
+def _checked(
+    scene: Scene,
+    sensors: Sequence[str],
+    damping: float | Sequence[float] | None,
+    options: tuple[str, int, ArrayLike | None, float | None, float | None],
+) -> Array | None:
+    """Ratios (n,) of the modes, None where they are those of the scene. Raises InputError: what needs no meshes."""
+    kind, points, frequencies, lowest, highest = options
+    problems, known = [], list(scene.sensor)
+    if not known:
+        problems.append(Problem("sensor", "the scene has none", remedy="add [sensor.NAME] tables to the scene"))
+    for name in sensors if known else ():
+        if name not in known:
+            what = "no sensor of this name"
+            problems.append(Problem("sensor", what, name, listed(known), did_you_mean(name, known)))
+    if kind not in KINDS:
+        problems.append(Problem("kind", "unknown", kind, ", ".join(KINDS), did_you_mean(kind, KINDS)))
+    ratios = None if damping is None else np.atleast_1d(np.asarray(damping, dtype=float))
+    if ratios is not None and not (len(ratios) and ((ratios > 0.0) & (ratios < 1.0)).all()):
+        problems.append(Problem("damping", "out of range", str(ratios.tolist()), "ratios > 0, < 1"))
+    given = np.array([]) if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
+    ends = np.array([f for f in (lowest, highest) if f is not None], dtype=float)
+    for where, values in (("frequencies", given), ("lowest, highest", ends)):
+        if not ((values > 0.0) & np.isfinite(values)).all():
+            problems.append(Problem(where, "out of range", str(values.tolist()), "> 0 [Hz]"))
+    if frequencies is not None and not len(given):
+        problems.append(Problem("frequencies", "none", None, "one or more"))
+    if len(ends) == 2 and not ends[0] < ends[1]:
+        problems.append(Problem("lowest", "not below the highest frequency", f"{lowest:g} Hz", f"< {highest:g} Hz"))
+    if not _POINTS[0] < points <= _POINTS[1]:
+        problems.append(Problem("points", "out of range", str(points), f"2 to {_POINTS[1]}"))
+    if problems:
+        raise InputError(problems, _HEADING)
+    return ratios
+
+
+def _base_axis(drive: str) -> int | None:
+    """Axis of a base motion, None for other drives."""
+    place, _, axis = drive.rpartition(".")
+    return AXES.index(axis) if place == BASE and axis in AXES else None
+
+
+@dataclass(frozen=True)
+class _Excitations:
+    """Forces and motions of places on the dofs of a joined assembly; ``modes`` : rigid motions, the lowest others."""
+
+    joined: JoinedAssembly
+    scene: Scene
+    modes: Modes
+
+    def rows(self, sensor: str) -> Array:
+        """Motion of a sensor (3, n) from the dofs."""
+        place = self.joined.discretised.sensors[sensor]
+        parts = self.joined.parts
+        nodal, where = parts.models[place.substructure].nodal, parts.where[place.substructure]
+        own = place.rows if nodal is None else place.rows @ nodal
+        moved = own @ self.joined.expansion[where]
+        return np.asarray(moved if isinstance(moved, np.ndarray) else moved.toarray())
+
+    def column(self, drive: str) -> Array:
+        """Forces (n,) of a drive: of unit size, or M r of a base along an axis. Raises InputError: it is none."""
+        axis = _base_axis(drive)
+        if axis is not None:
+            if self.carried[axis] > 1.0 - _SHARE:
+                what = f"nothing holds the assembly along {AXES[axis]}, so that no base moves it"
+                raise InputError([Problem("drive", what, drive, remedy="drive it by a force")], _HEADING)
+            pulled: Array = self._pulled[:, axis]
+            return pulled
+        place, _, along = drive.rpartition(".")
+        if place in self.scene.sensor and along in AXES:
+            forces: Array = self.rows(place)[AXES.index(along)]
+            return forces
+        if drive not in self.scene.load:
+            known = [*(f"{name}.{axis}" for name in (BASE, *self.scene.sensor) for axis in AXES), *self.scene.load]
+            what = "neither the base nor a sensor with an axis nor a load"
+            raise InputError([Problem("drive", what, drive, listed(known), did_you_mean(drive, known))], _HEADING)
+        return self._load(drive)
+
+    def _load(self, name: str) -> Array:
+        """Forces (n,) of a load of the scene with a resultant of 1. Raises InputError: it has none."""
+        parts, pattern = self.joined.parts, np.zeros(self.joined.parts.n)
+        size = 0.0
+        for model in parts.models.values():
+            for term in model.loads:
+                if term.name == name:
+                    pattern[parts.where[model.name]] += term.pattern
+                    size += float(np.abs(term.pattern).sum())
+        resultant = float(np.linalg.norm(parts.translations.T @ pattern))
+        if resultant <= _SHARE * size:
+            what = "the load has no resultant, to which its response could refer"
+            raise InputError([Problem("drive", what, name, remedy="drive the assembly at a sensor")], _HEADING)
+        return np.asarray(self.joined.expansion.T @ pattern) / resultant
+
+    @cached_property
+    def _pulled(self) -> Array:
+        """M r (n, 3) of the rigid translations of all bodies."""
+        parts = self.joined.parts
+        return np.asarray(self.joined.expansion.T @ (parts.mass @ parts.translations))
+
+    @cached_property
+    def carried(self) -> Array:
+        """Share (3,) of the mass that rigid motions carry along each axis."""
+        rigid = self.modes.vectors[:, : self.modes.n_rigid]
+        share: Array = np.square(rigid.T @ self._pulled).sum(axis=0) / self.joined.parts.total_mass
+        return share
+
+    @property
+    def held(self) -> list[str]:
+        """Base motions along the axes along which something is held. Raises InputError: there are none."""
+        found = [f"{BASE}.{axis}" for axis, share in zip(AXES, self.carried, strict=True) if share <= 1.0 - _SHARE]
+        if not found:
+            what = "nothing holds the assembly, so that no base moves it"
+            raise InputError([Problem("drive", what, remedy="name a sensor with an axis, or a load")], _HEADING)
+        return found
+
+
+@dataclass(frozen=True)
+class _Basis:
+    """Ritz coordinates of a joined assembly.
+
+    Attributes
+    ----------
+    vectors : (n, m) mass-orthonormal: rigid motions, elastic modes (``n_mode`` of both), static responses.
+    omega : (m,), s-1. damping : (m,) of each coordinate or (m, m), s-1.
+    """
+
+    vectors: Array
+    omega: Array
+    damping: Array
+    n_rigid: int
+    n_mode: int
+
+    @staticmethod
+    def of(excitations: _Excitations, forces: Array, highest: float | None, ratios: Array | None) -> _Basis:
+        """Coordinates for forces (n, n_force) up to a frequency, Hz, that of the last of the lowest modes where None.
+        Raises InputError: there is no damping."""
+        joined, modes, count = excitations.joined, excitations.modes, _FIRST
+        top = _BEYOND * (modes.omega[-1] if highest is None else 2 * np.pi * highest)
+        while modes.omega[-1] < top and len(modes.omega) - modes.n_rigid >= count and count < _MOST:
+            count *= 2
+            modes = joined.modes(count)
+        rigid, elastic = modes.vectors[:, : modes.n_rigid], modes.vectors[:, modes.n_rigid :]
+        size = np.linalg.norm(forces, axis=0)
+        values, vectors = ritz_vectors(joined.vibration, rigid, elastic, forces[:, size > 0.0] / size[size > 0.0])
+        vectors, omega = np.hstack([rigid, vectors]), np.sqrt(np.concatenate([np.zeros(modes.n_rigid), values]))
+        n_mode = len(modes.omega)
+        if ratios is not None:
+            number = np.minimum(np.arange(len(values)), len(ratios) - 1)
+            own = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
+            return _Basis(vectors, omega, 2 * own * omega, modes.n_rigid, n_mode)
+        reduced = [m.name for m in joined.parts.models.values() if m.modal is not None and m.modal_rows is None]
+        if reduced:
+            what = "modal damping without a limit is that of a reduced basis"
+            where, remedy = f"substructure.{reduced[0]}.modal_damping", "give 'below', or a damping ratio of the modes"
+            raise InputError([Problem(where, what, remedy=remedy)], _HEADING)
+        damping = joined.damping_of(joined.expansion @ vectors)
+        if not np.abs(damping).max(initial=0.0) > 0.0:
+            what = "the scene has none, and without it the peaks are infinite"
+            raise InputError([Problem("damping", what, remedy="give a damping ratio of the modes")], _HEADING)
+        return _Basis(vectors, omega, damping, modes.n_rigid, n_mode)
+
+    @property
+    def ratio(self) -> Array:
+        """Damping ratios (m,), 0 for rigid motions."""
+        own = self.damping if self.damping.ndim == 1 else np.diagonal(self.damping)
+        ratio: Array = np.where(self.omega > 0.0, own / (2 * np.maximum(self.omega, 1e-300)), 0.0)
+        return ratio
+
+    def frequencies(self, lowest: float | None, highest: float | None, points: int) -> Array:
+        """Frequencies, Hz, by equal factors, and some at each peak. Raises InputError: no elastic mode, bad ends."""
+        own, ratio = self.omega[self.n_rigid : self.n_mode] / (2 * np.pi), self.ratio[self.n_rigid : self.n_mode]
+        if not len(own) and (lowest is None or highest is None):
+            raise InputError.of(_HEADING, "frequencies", "the assembly has no elastic mode", remedy="give both ends")
+        last = float(own[min(len(own), _FIRST) - 1]) if highest is None else highest
+        first = _LOWEST * min(float(own[0]), last) if lowest is None else lowest
+        if not first < last:
+            what = "not below the highest frequency"
+            raise InputError([Problem("lowest", what, f"{first:g} Hz", f"< {last:g} Hz")], _HEADING)
+        peaks = (own[:, None] * (1.0 + ratio[:, None] * _AT_PEAKS)).ravel()
+        inside = peaks[(peaks > first) & (peaks < last)]
+        return np.unique(np.concatenate([np.geomspace(first, last, points), inside]))
+
+    def responses(self, frequency: Array, forces: Array) -> Complex:
+        """Coordinates q (n_frequency, m, n_force) under harmonic forces (n, n_force)."""
+        w, load = 2 * np.pi * frequency[:, None], self.vectors.T @ forces
+        if self.damping.ndim == 1:
+            dynamic = self.omega**2 - w**2 + 1j * w * self.damping
+            return np.asarray(load / dynamic[:, :, None])
+        m = len(self.omega)
+        stiffness, made = np.diag(self.omega**2), []
+        for part in np.array_split(w, max(1, len(w) * m * m // _AT_ONCE)):
+            square = part[:, :, None] ** 2 * np.eye(m)
+            made.append(np.linalg.solve(stiffness - square + 1j * part[:, :, None] * self.damping, load[None]))
+        return np.concatenate(made)
+
+
+def _in_words(ratios: Array | None) -> str:
+    """Where the damping comes from."""
+    if ratios is None:
+        return "that of the scene"
+    each = ", ".join(f"{100 * ratio:.4g}" for ratio in ratios)
+    return f"{each} % of critical" + (
+        " in each mode" if len(ratios) == 1 else " in the modes, the last one in the rest"
+    )
+
+
+_RESPONSE: Final = rows(
+    """
+    transmissibility | 1         | frequency component | magnitude of the motion over that of the base
+    receptance  | m N-1          | frequency component | magnitude of the displacement per force
+    mobility    | m s-1 N-1      | frequency component | magnitude of the velocity per force
+    accelerance | m s-2 N-1      | frequency component | magnitude of the acceleration per force
+    phase       | rad            | frequency component | phase of the motion | ahead of the excitation
+    frequency   | Hz             | frequency           | frequency of the excitation
+    """
+)
+"""Of a drive and a sensor."""
+
+
+@dataclass(frozen=True)
+class FrequencyResponse(Stored):
+    """Frequency responses of an assembly with linear joints.
+
+    Attributes
+    ----------
+    name, scene : of the scene, and its text. kind : of responses to forces. joints : how those that may open were
+        taken. damping : in words. natural_frequency : (n,) of the elastic modes of the basis, Hz. n_static : static
+        responses beside them.
+    frequency : (n_frequency,), Hz. response : complex (n_frequency, 3) along x, y, z, by drive and by sensor.
+    """
+
+    name: str
+    scene: str
+    kind: Kind
+    joints: str
+    damping: str
+    natural_frequency: Array
+    n_static: int
+    frequency: Array
+    response: Mapping[str, Mapping[str, Complex]]
+    units: UnitSystem = SI
+
+    def kind_of(self, drive: str) -> str:
+        """Name of the responses to a drive."""
+        return self.kind if _base_axis(drive) is None else "transmissibility"
+
+    def unit_of(self, drive: str) -> str:
+        """Unit (UDUNITS) of the responses to a drive in the system of the scene."""
+        return self.units.label(str(_RESPONSE[self.kind_of(drive)].unit))
+
+    def lines(self) -> list[str]:
+        """Text: what was done, and the largest responses."""
+        f = self.frequency
+        head = f"{self.name}: joints {self.joints}, damping: {self.damping}"
+        basis = f"{len(self.natural_frequency)} elastic modes"
+        basis += f" to {self.natural_frequency[-1]:.5g} Hz" if len(self.natural_frequency) else ""
+        basis += f" and {self.n_static} static responses; {len(f)} frequencies from {f[0]:.5g} to {f[-1]:.5g} Hz"
+        table: list[tuple[str, ...]] = [("drive", "sensor", "response", "largest", "along", "at", "phase")]
+        for drive, by_sensor in self.response.items():
+            for sensor, response in by_sensor.items():
+                at, axis = np.unravel_index(int(np.abs(response).argmax()), response.shape)
+                peak = response[at, axis]
+                size = f"{abs(peak):.4g} {unit_text(self.unit_of(drive))}".rstrip()
+                phase = f"{np.degrees(np.angle(peak)):.0f} deg"
+                row = (drive, sensor, self.kind_of(drive), size, AXES[axis], f"{f[at]:.6g} Hz", phase)
+                table.append(row)
+        return [head, f"  {basis}", "", *aligned(table)]
+
+    def groups(self) -> dict[str, StoredGroup]:
+        """Groups by path: the frequencies, and one for every drive and sensor."""
+        title = f"frequency responses, joints {self.joints}, damping: {self.damping}"
+        labels = [(_RESPONSE["frequency"], self.frequency), *named(LABELS, {"component": AXES})]
+        groups = {"/": StoredGroup.of([], labels, root_attributes(title, self.name, self.scene))}
+        for drive, by_sensor in self.response.items():
+            for sensor, response in by_sensor.items():
+                values = {self.kind_of(drive): np.abs(response), "phase": np.angle(response)}
+                groups[f"/drives/{drive}/{sensor}"] = StoredGroup.of(named(_RESPONSE, values))
+        return in_units(groups, self.units)
+
+    def as_csv(self) -> str:
+        """One row a frequency: magnitude, and phase in degrees, of every drive, sensor and axis."""
+        head, table = ["frequency [Hz]"], [self.frequency]
+        for drive, by_sensor in self.response.items():
+            for sensor, response in by_sensor.items():
+                for axis, values in zip(AXES, response.T, strict=True):
+                    what = f"{sensor}.{axis} / {drive}"
+                    head += [f"{what} {self.kind_of(drive)} [{self.unit_of(drive)}]", f"{what} phase [degree]"]
+                    table += [np.abs(values), np.degrees(np.angle(values))]
+        lines = [",".join(f"{value:.9g}" for value in row) for row in np.stack(table, axis=1)]
+        return "\n".join([",".join(head), *lines]) + "\n"
