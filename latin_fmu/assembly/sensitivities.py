@@ -169,10 +169,10 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
             a, b = getattr(model, key), getattr(others[name], key)
             if a.shape != b.shape or abs(a - b).max() > 0.0:
                 return f"changes the shape or the conditions of {name}"
-        changed = model.modal is not None and any(
+        reshaped = model.modal is not None and any(
             abs(getattr(model, key) - getattr(others[name], key)).max() > 0.0 for key in ("stiffness", "inertia")
         )
-        if model.modal != others[name].modal or changed:
+        if model.modal != others[name].modal or reshaped:
             return f"changes the damping of the modes of {name}"
     return ""
 
