@@ -504,9 +504,9 @@ def test_yield_stress_counts_for_a_shortening(files: dict[str, Path]) -> None:
     data["bolt"]["b"] = {"substructure": "bolt", "axis": [0, 0, 1], "shortening": 16.61e-6}
     data["material"]["steel"]["yield_stress"] = 100e6
     with pytest.raises(SceneError, match=r"mean stress of the shank, 50\d\d.* N / 4.53721e-05 m2"):
-        check(scene_from_dict(data))
+        solve(scene_from_dict(data))
     data["material"]["steel"]["yield_stress"] = 120e6
-    assert "1 bolt(s) tightened" in "\n".join(check(scene_from_dict(data)))
+    assert solve(scene_from_dict(data)).bolts["b"].force[0] / 4.53721e-05 == pytest.approx(111e6, rel=0.01)
 
 
 def test_cut_on_an_interface_is_refused() -> None:
@@ -524,7 +524,7 @@ def test_force_that_is_not_reached() -> None:
     data = frame({"left": {"force": 4000.0}})
     data["interface"]["left_top"] = {"sides": ["left.zmax", "upper.zmin"], "friction_coefficient": 0.0}
     with pytest.raises(SceneError) as error:
-        check(scene_from_dict(data))
+        solve(scene_from_dict(data))
     for word in ("bolt.left", "bolts of order 1 cannot be tightened", "left 0 of 4000 N"):
         assert word in str(error.value)
 

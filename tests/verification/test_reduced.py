@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.propagator import reduction
+from latin_fmu.propagator import vibration
 from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import solve
 
@@ -118,7 +118,7 @@ def test_the_answer_does_not_depend_on_axes_and_units(tmp_path, monkeypatch, den
     """A square section has pairs of equal frequencies, and mode 50 of a bar is the first of one: 1e-8 wherever the
     axes are, mirrored, in mm; by dense and by sparse eigenvalues."""
     if not dense:
-        monkeypatch.setattr(reduction, "DENSE", 10)
+        monkeypatch.setattr(vibration, "DENSE", 10)
     force, modes = square_bars(tmp_path, np.eye(3), 1.0)
     assert 51 in modes
     for axes, unit in (
