@@ -39,7 +39,7 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
     rows = -(-max(len(shown), 1) // _COLUMNS)
     height = rows * (_ROW * len(names) + 0.6) + 0.6
     figure = Figure(figsize=(_WIDTH * _COLUMNS, height), layout="constrained")
-    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}: change for {100 * PART:g} % more", fontweight="bold")
+    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}: change in % for {100 * PART:g} % more", fontweight="bold")
     for place, q in enumerate(shown):
         axis = figure.add_subplot(rows, _COLUMNS, place + 1)
         order = np.argsort(np.abs(changes[q]))
@@ -49,7 +49,7 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
                 bar.set(facecolor="white", edgecolor=BAD, hatch="////")
         axis.axvline(0.0, color="0.4", linewidth=0.8)
         owner, _, key = str(data["quantity"].values[q]).rpartition(".")
-        axis.set(title=f"{owner} {key.replace('_', ' ')}", xlabel="change (%)")
+        axis.set_title(f"{owner} {key.replace('_', ' ')}")
     if flagged[shown].any():
-        figure.text(0.5, 0.0, "hatched: contact points change their state on the way", ha="center", color=BAD)
+        figure.supxlabel("hatched: contact points change their state on the way", fontsize="medium", color=BAD)
     return figure
