@@ -285,7 +285,7 @@ def _made(
     processes: Processes | None,
     how: tuple[bool, Yielding],
 ) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
-    """The problem of a scene, ready to run, what it will take, and its derivatives where the scene asks for any;
+    """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
     parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
     wanted = scene.output.sensitivities
     with one_thread(), nullcontext() if processes is None else processes.agreed():

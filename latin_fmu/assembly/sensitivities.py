@@ -121,7 +121,7 @@ def value_of(scene: Scene, name: str) -> float:
 
 
 def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
-    """The parameters that a scene asks derivatives by; ``problem`` : of this scene.
+    """The parameters in ``output.sensitivities`` of a scene; ``problem`` : of this scene.
 
     Raises
     ------
@@ -211,7 +211,8 @@ class Tangents:
 
     @staticmethod
     def of(scene: Scene, problem: DiscretisedProblem, elsewhere: bool) -> Tangents:
-        """Those that a scene asks for; ``elsewhere``: in a run on several processes, or with laws of the caller.
+        """Those of the parameters in ``output.sensitivities``; ``elsewhere``: in a run on several processes, or with
+        laws of the caller.
 
         Raises
         ------

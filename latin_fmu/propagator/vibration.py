@@ -19,7 +19,7 @@ _RIGID = 1e-3  # of the shift: eigenvalues below are rigid motions
 _REFINEMENTS, _EXACT = 60, 1e-13  # of static responses: each takes off the shift over the first eigenvalue
 _BALANCED = 1e-12  # what the inertia of the rigid motions leaves of a force, against the force
 _MASSLESS = 1e-13  # inverse of an eigenvalue over the largest: below it is round-off of dofs without mass
-_FIRST = 20  # modes asked for at first
+_FIRST = 20  # modes computed at first
 
 
 class Vibration:

@@ -127,7 +127,7 @@ class Sensitivities:
     Attributes
     ----------
     derivatives : by parameter. changing : (n, n_time) by interface (module docstring). quantities : scalars.
-    time, interface_time : instants of the run, s, and of its interfaces.
+    time : (n_time,) instants of the run, s.
     """
 
     derivatives: Sequence[HistoryChanges]
