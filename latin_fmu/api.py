@@ -252,6 +252,8 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
+    sensitivities, lost = (None, []) if tangent is None else _derivatives(outcome, tangent, problem, recorder)
+    outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", lost)))
     return Solution(
         outcome,
         scene.text(),
@@ -260,21 +262,24 @@ def solve(
         sensor_tables=scene.sensor,
         surfaces=scene.output.surfaces,
         units=scene.unit_system,
-        sensitivities=None if tangent is None else _derivatives(outcome, tangent, problem, recorder),
+        sensitivities=sensitivities,
     )
 
 
 def _derivatives(
     outcome: Outcome, tangent: Tangents, problem: SolverReadyProblem, recorder: Recorder
-) -> Sensitivities | None:
-    """Derivatives of a run by parameters; None of one that has not converged to its end."""
+) -> tuple[Sensitivities | None, list[str]]:
+    """Derivatives of a run by parameters, and why there are none: the run is good without them."""
     if not (outcome.converged and outcome.complete):
-        return None
+        return None, ["no derivatives: the run has not converged to its end"]
     begin = clock.process_time()
-    with one_thread():
-        made = Sensitivities.of(outcome, tangent.march(problem, recorder))
+    try:
+        with one_thread():
+            made, lost = Sensitivities.of(outcome, tangent.march(problem, recorder)), []
+    except SolverError as error:
+        made, lost = None, [f"no derivatives: {error}"]
     outcome.timings.other += clock.process_time() - begin
-    return made
+    return made, lost
 
 
 def _made(

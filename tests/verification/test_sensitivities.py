@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.errors import ResultsError, SceneError
+from latin_fmu.assembly.sensitivities import Tangents
+from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
 from tests.scenes import MODELS
@@ -261,3 +262,14 @@ def test_runs_without_derivatives_are_refused() -> None:
     scene = scene_of(BOUNCE).replace("output.sensitivities", ["interface.wall.gap"])
     with pytest.raises(SceneError, match=r"windows of several instants"):
         latin_fmu.solve(scene.replace("solver.window", 10))
+
+
+def test_a_run_whose_derivatives_fail_keeps_its_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("the derivatives by parameters have no unique value at t = 0 s")
+
+    monkeypatch.setattr(Tangents, "march", fails)
+    solution = latin_fmu.solve(scene_of(BOUNCE).replace("output.sensitivities", ["interface.wall.gap"]))
+    assert solution.converged
+    assert solution.sensitivities is None
+    assert any("no derivatives: the derivatives by parameters have no unique value" in w for w in solution.warnings)
