@@ -177,7 +177,7 @@ print((peak_memory() - before) / need)
     assert 0.5 < float(done.stdout) < 2.0
 
 
-def test_newton_steps_and_threads_are_in_the_told_memory() -> None:
+def test_newton_steps_and_threads_are_in_the_predicted_memory() -> None:
     """A matrix of the active points, vectors of products where steps are long on large faces, none where they are
     short, vectors of all channels in statics; a tile of vectors for every further thread."""
 

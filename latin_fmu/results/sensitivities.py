@@ -295,18 +295,10 @@ def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float
     if history.contact_status is not None and not history.quasi_static:
         made |= {FIRST_CONTACT.key: first_contact_time(fields), SEPARATION_INSTANT.key: separation_time(fields)}
     if history.has_friction:
-        made[FRICTION_WORK.key] = _friction_work(history, time)
+        made[FRICTION_WORK.key] = float(history.slid(time)[1][-1] @ history.areas)
         slid = np.linalg.norm(slip_in_contact(history, time)[-1], axis=1)
         made[SLIP_DISTANCE] = float(slid @ history.areas / history.areas.sum())
     return made
-
-
-def _friction_work(history: InterfaceHistory, time: Array) -> float:
-    """Work that friction has dissipated until the end, J: end of the instants, as the energies take it."""
-    jump = history.velocity[:, 1] - history.velocity[:, 0]
-    along = np.einsum("tpc,pc->tp", jump, history.normals) * np.einsum("tpc,pc->tp", history.traction, history.normals)
-    power = (np.einsum("tpc,tpc->tp", history.traction, jump) - along) @ history.areas
-    return float((np.diff(time) * power[1:]).sum())
 
 
 def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
