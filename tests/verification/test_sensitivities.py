@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
+from latin_fmu.interface.laws import SLIP, STICK
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
+from tests.results import synthetic
 from tests.scenes import MODELS
 
 TIGHT = ("solver.tolerance=1e-11", "solver.force_tolerance=1e-10", "output.fields=false", "output.energy=false")
@@ -225,9 +228,43 @@ def test_a_tornado_has_a_bar_for_each_parameter(tmp_path: Path) -> None:
     longest = max(axis.patches, key=lambda bar: abs(bar.get_width()))
     assert [label.get_text() for label in axis.get_yticklabels()][-1] == "pressure of press"
     assert longest.get_width() == pytest.approx(10.0, rel=1e-3)
+    for flag in (0, 1):
+        tree = differentiated(CRUSHING).to_datatree()
+        tree["sensitivities"]["flagged"].values[:] = flag
+        bars = [bar for axis in tornado_figure(tree).axes for bar in axis.patches]
+        assert bars
+        assert all(bool(bar.get_hatch()) is bool(flag) for bar in bars)
     latin_fmu.solve(scene_of(BOUNCE)).save(tmp_path / "plain.nc")
     with latin_fmu.open_results(tmp_path / "plain.nc") as tree, pytest.raises(ResultsError, match="no derivatives"):
         tornado_figure(tree)
+
+
+def test_states_change_where_a_derivative_leads_out_of_them() -> None:
+    """A tenth of the pressure, of the friction that is left, of the gap or of the sliding is left at each point: a state
+    changes within 1 % of a parameter where the derivative is above ten times what it is a tenth of."""
+    made = synthetic.contact("joint", np.linspace(0.0, 1.0, 3), -1.0, 2.0, 1e6, friction=0.5)
+    nothing, (n_time, n) = np.zeros_like(made.traction), made.pressure().shape
+    still = np.zeros_like(made.velocity)
+    held = replace(made, gap=np.full((n_time, n), 1e-6), velocity=still)
+    pressed = nothing + [0.0, 0.0, -1.0]
+    sheared = nothing + [0.4, 0.0, -1.0]  # 0.1 of 0.5 is left
+    sliding = still.copy()
+    sliding[:, 1, :, 0] = 0.1
+    for status, traction, velocity, to, moved in (
+        (STICK, sheared, still, nothing + [1.0, 0.0, 0.0], still),
+        (STICK, pressed, still, nothing + [0.0, 0.0, 10.0], still),
+        (SLIP, sheared, sliding, nothing, -sliding),
+    ):
+        history = replace(held, contact_status=np.full((n_time, n), status), traction=traction, velocity=velocity)
+        for factor, share in ((90.0, 0.0), (110.0, 1.0)):
+            factor *= 0.1 if moved is still else 1.0
+            change = replace(history, traction=factor * to, velocity=factor * moved, gap=np.zeros((n_time, n)))
+            found = sensitivities._changing(history, change, 0.0)
+            np.testing.assert_allclose(found, share, err_msg=f"{status} {factor}")
+    open_ = replace(held, contact_status=np.concatenate([np.full((1, n), STICK), np.zeros((2, n), dtype=int)]))
+    for slope, share in ((-0.9e-4, 0.0), (-1.1e-4, 1.0)):
+        change = replace(open_, traction=nothing, velocity=still, gap=np.full((n_time, n), slope))
+        np.testing.assert_allclose(sensitivities._changing(open_, change, 0.0)[1:], share)
 
 
 def test_without_parameters_there_is_nothing() -> None:
