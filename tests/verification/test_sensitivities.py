@@ -240,19 +240,19 @@ def test_a_tornado_has_a_bar_for_each_parameter(tmp_path: Path) -> None:
 
 
 def test_states_change_where_a_derivative_leads_out_of_them() -> None:
-    """A tenth of the pressure, of the friction that is left, of the gap or of the sliding is left at each point: a state
-    changes within 1 % of a parameter where the derivative is above ten times what it is a tenth of."""
+    """A tenth of the pressure, of the friction that is left, of the gap or of the sliding is left at each point: a
+    state changes within 1 % of a parameter where the derivative is above ten times what it is a tenth of."""
     made = synthetic.contact("joint", np.linspace(0.0, 1.0, 3), -1.0, 2.0, 1e6, friction=0.5)
     nothing, (n_time, n) = np.zeros_like(made.traction), made.pressure().shape
     still = np.zeros_like(made.velocity)
     held = replace(made, gap=np.full((n_time, n), 1e-6), velocity=still)
-    pressed = nothing + [0.0, 0.0, -1.0]
-    sheared = nothing + [0.4, 0.0, -1.0]  # 0.1 of 0.5 is left
+    pressed = nothing + np.array([0.0, 0.0, -1.0])
+    sheared = nothing + np.array([0.4, 0.0, -1.0])  # 0.1 of 0.5 is left
     sliding = still.copy()
     sliding[:, 1, :, 0] = 0.1
     for status, traction, velocity, to, moved in (
-        (STICK, sheared, still, nothing + [1.0, 0.0, 0.0], still),
-        (STICK, pressed, still, nothing + [0.0, 0.0, 10.0], still),
+        (STICK, sheared, still, nothing + np.array([1.0, 0.0, 0.0]), still),
+        (STICK, pressed, still, nothing + np.array([0.0, 0.0, 10.0]), still),
         (SLIP, sheared, sliding, nothing, -sliding),
     ):
         history = replace(held, contact_status=np.full((n_time, n), status), traction=traction, velocity=velocity)
