@@ -154,9 +154,8 @@ def discretise(
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
-    if known.compared:
-        return problem
-    return replace(problem, remarks=(*remarks, *_remarks(problem, bodies, units)), sensors=sensors)
+    remarks += [] if known.compared else _remarks(problem, bodies, units)
+    return replace(problem, remarks=tuple(remarks), sensors=sensors)
 
 
 def _problem(
