@@ -299,6 +299,8 @@ def _made(
     """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
     parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
     wanted = bool(scene.differentiated)
+    # of the scenes that the parameters are varied in
+    kept = KeptOperators() if kept is None and wanted else kept
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept, how[0] and not wanted)
         discretised = replace(discretised, elongation=how[1].elongation)

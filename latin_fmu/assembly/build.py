@@ -173,7 +173,8 @@ def discretise(
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
-    return replace(problem, remarks=(*remarks, *_remarks(problem, bodies, units)), sensors=sensors)
+    remarks += [] if known.compared else _remarks(problem, bodies, units)
+    return replace(problem, remarks=tuple(remarks), sensors=sensors)
 
 
 def _problem(
@@ -196,6 +197,8 @@ def _problem(
     problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept, names).with_classes()
     if kept is not None:
         kept.bodies = bodies
+        if kept.compared:
+            return problem
     if scene.solver.skip_at_rest == "tolerance" and problem.units:
         time, arrival = problem.time, arrival_times(scene, problem.bodies, problem.units, problem.time)
         marched = {name: marched_share(t, time) for name, t in arrival.items()}

@@ -267,7 +267,8 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
-    return DiscretisedProblem.of(scene, bodies, conditions, units, cuts).with_classes(moved)
+    kept = whole.kept if whole.kept is not None and whole.kept.compared else None
+    return DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
 
 
 def loose_bolts(
