@@ -12,6 +12,7 @@ force at its event by its height times the shift, which the steps resolve to som
 
 * impulse, peak: where the change at events up to its instant is above ``AT_EVENTS`` times its own, and times a tenth of
   its value,
+* first contact without a gap: where the force rises from nothing within a step,
 * separation: where its instant is an event, and it changes by more than a tenth of its value,
 * slip, work of friction, sensors, bolts: where more than ``SHARE`` of all change of force happens at events.
 """
@@ -361,6 +362,19 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
+def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` of its sensors."""
+    owned: list[tuple[str, Mapping[str, float | None]]] = [
+        *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
+        *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+    ]
+    for name, bolt in outcome.bolts.items():
+        owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+    pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
+    return {quantity: value for quantity, value in pairs if value is not None}
+
+
 def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> SensorHistory:
     acceleration = None
     if history.acceleration is not None and change.acceleration is not None:
@@ -421,7 +435,7 @@ def _quantities(
             if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
                 moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
                 q = replace(q, changes=np.array(moved))
-            yield replace(q, flagged=_flags(q, history, time, activity))
+            yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
     every = _Activity(
         np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
@@ -485,6 +499,17 @@ def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activ
         over = max(duration, float(time[1] - time[0]))
         return activity.outweighs(last, q, over)
     return activity.shares(end)
+
+
+def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
+    """Whether a quantity is the first contact of faces without a gap by a force that rises from nothing within a step:
+    the instant between both follows a front only while this arrives in the same step."""
+    if not q.quantity.endswith(FIRST_CONTACT.key) or history.initial_gap.min() > 0.0:
+        return False
+    size = np.abs(history.normal_resultant())
+    level = CONTACT_SHARE * float(size.max())
+    i = int(np.argmax(size > level))
+    return i > 0 and bool(size[i - 1] < _LITTLE * level)
 
 
 def _differences(
