@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .assembly.frequency_response import frf
     from .assembly.modes import vibration_modes
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .parametric.samples import sample
     from .parametric.study import sweep
     from .reader import load_scene, scene_from_dict
     from .results.checkpoint import Checkpoint
@@ -79,6 +80,7 @@ __all__ = [
     "pressure_map",
     "resultant",
     "ring_down",
+    "sample",
     "scene_from_dict",
     "sensor_spectrum",
     "shock_response_spectrum",
@@ -104,6 +106,7 @@ _MODULES: Final = MappingProxyType(
         "frf": "assembly.frequency_response",
         "load_scene": "reader",
         "open_results": "results.files",
+        "sample": "parametric.samples",
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
         "solve": "api",

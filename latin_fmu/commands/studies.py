@@ -9,7 +9,7 @@ import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem
 from . import (
@@ -58,6 +58,7 @@ examples:
   latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 -o study.nc
   latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 --vary load.press.pressure=1e5,2e5
   latin-fmu sweep scene.toml --vary solver.propagator=direct,explicit --scheduler tcp://127.0.0.1:8786
+  latin-fmu sweep scene.toml --samples 200 -o samples.nc    of the table [spread], beside the bands to first order
   latin-fmu plot study.nc
 
 from:to:count gives equally spaced values, a list gives its own. All combinations are solved. Points that are done are
@@ -106,7 +107,10 @@ def _register_sweep(add: AddParser) -> None:
     parser = declare(add, "sweep", text, _sweep, _SWEEP_EXAMPLES)
     add_scene(parser)
     text = "a key and its values, from:to:count or value,value,...; may be repeated"
-    option(parser, "--vary", "a.b.c=VALUES", text, action="append", required=True)
+    option(parser, "--vary", "a.b.c=VALUES", text, action="append")
+    text = "instead: so many samples of the table [spread] of the scene, beside the bands to first order"
+    option(parser, "--samples", "N", text, int)
+    option(parser, "--seed", "N", "with --samples: number of their sequence (default: 0)", int)
     text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"
     option(parser, "-o --output", "STUDY.nc", text, Path)
     option(parser, "--jobs", "N", "processes, one thread each (default: as many as there are cores)", int)
@@ -208,31 +212,41 @@ def _sweep(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred():
         from ..machine import usable_cores
         from ..parametric.point import STATES
+        from ..parametric.samples import sample
         from ..parametric.study import sweep
-        from ..results.groups import StoredGroup
+        from ..results.groups import StoredGroup, units_of
+    if bool(arguments.vary) == (arguments.samples is not None):
+        what, remedy = "either values or samples", "give --vary, or --samples with a table [spread]"
+        raise InputError.of("the study cannot be made", "--vary, --samples", what, remedy=remedy)
     output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
     # workers of a cluster have their own cores
     default = usable_cores() if arguments.scheduler is None else 1
+    common: dict[str, Any] = {
+        "settings": arguments.overrides,
+        "jobs": default if arguments.jobs is None else arguments.jobs,
+        "scheduler": arguments.scheduler,
+        "log": None if arguments.quiet else say,
+        "max_cpu": arguments.max_cpu,
+    }
+    lines = list[str]()
     try:
-        study = sweep(
-            arguments.scene,
-            arguments.vary,
-            output,
-            settings=arguments.overrides,
-            jobs=default if arguments.jobs is None else arguments.jobs,
-            scheduler=arguments.scheduler,
-            histories=arguments.histories,
-            guesses=not arguments.cold,
-            log=None if arguments.quiet else say,
-            max_cpu=arguments.max_cpu,
-        )
+        if arguments.samples is None:
+            options = {"histories": arguments.histories, "guesses": not arguments.cold}
+            study = sweep(arguments.scene, arguments.vary, output, **options, **common)
+        else:
+            seed = 0 if arguments.seed is None else arguments.seed
+            compared, tree = sample(arguments.scene, arguments.samples, output, seed=seed, **common)
+            study, lines = tree.to_dataset(), compared.lines(units_of(tree.attrs))
     except KeyboardInterrupt:
         say(f"the points done so far are in {output}.points: the same command continues")
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
     if arguments.json:
-        print(json_lines(StoredGroup.of_dataset(study).report()))
+        report = StoredGroup.of_dataset(study).report()
+        print(json_lines(report if arguments.samples is None else report | {"bands": compared.report()}))
+    elif lines:
+        print("\n".join(lines))
     if not arguments.quiet:
         tell_written(arguments, f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
     return CONVERGED if not states.any() else NOT_CONVERGED

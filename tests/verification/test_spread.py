@@ -1,0 +1,255 @@
+"""Bands of results from parameters that scatter, against closed forms and against samples."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import latin_fmu
+from latin_fmu.cli import main
+from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
+from latin_fmu.parametric.samples import sample_values
+from latin_fmu.pictures.sensitivity_picture import bands_figure
+from latin_fmu.results.spread import Scatter, coverage
+from latin_fmu.scene.spread import Distribution
+from tests.scenes import MODELS
+
+SMALL = (
+    "solver.tolerance=1e-9",
+    "substructure.lower.box.elements=[2,2,2]",
+    "substructure.upper.box.elements=[2,2,2]",
+    "time.step=0.3e-6",
+    "output.fields=false",
+    "sensor.top={face='upper.zmax',spectrum={},filter={type='low_pass',cutoff=3e5}}",
+)
+SPREAD = ("spread.load.press.pressure=5 %", "spread.interface.crush.friction_coefficient=[0.05,0.15]")
+
+
+def crushing(*settings: str) -> latin_fmu.Scene:
+    return latin_fmu.load_scene(MODELS / "two_specimen_crushing/scene.toml", (*SMALL, *settings))
+
+
+@cache
+def solved(*settings: str) -> latin_fmu.Solution:
+    solution = latin_fmu.solve(crushing(*settings))
+    assert solution.converged, solution.status
+    return solution
+
+
+def test_half_widths_are_those_of_normal_uniform_and_triangular_distributions() -> None:
+    """Two equal uniform parameters make a triangle: 95 % lie within 1 - sqrt(0.05) of its half width, sqrt(6) sigma."""
+    known = stats.norm.ppf(0.975), 0.95 * np.sqrt(3.0), (1.0 - np.sqrt(0.05)) * np.sqrt(6.0)
+    made = coverage(np.array([0.0, -1.2, -0.6]))
+    np.testing.assert_allclose(made[:2], known[:2], rtol=1e-12)
+    assert made[2] == pytest.approx(known[2], rel=1e-2)
+    # it goes over into the normal one
+    near = coverage(np.array([-1.01e-5, -0.99e-5]))
+    assert near[0] == pytest.approx(near[1], rel=1e-5)
+
+
+def test_bands_of_a_linear_function_are_those_of_samples() -> None:
+    """q = 2 a + b + c about a = 1, b = 2, c = 10, of which b is uniform in [1, 5] and c in [9, 10.5]."""
+    distributions = {
+        "a": Distribution.of(1.0, "50 %"),
+        "b": Distribution.of(2.0, (1.0, 5.0)),
+        "c": Distribution.of(10.0, (9.0, 10.5)),
+    }
+    # derivatives are for the changes a = 1, b = 2, c = 10; another parameter comes first
+    scatter = Scatter(distributions, [1, 2, 3], np.array([1.0, 2.0, 10.0]))
+    changes = np.array([[7.0, 0.0], [2.0, 0.0], [2.0, 2.0], [10.0, 0.0]])
+    band = scatter.band(np.array([14.0, 2.0]), changes)
+    rng, n = np.random.default_rng(3), 400_000
+    b = rng.uniform(1.0, 5.0, n)
+    samples = 2.0 * rng.normal(1.0, 0.5, n) + b + rng.uniform(9.0, 10.5, n)
+    found = [[np.quantile(s, share) for s in (samples, b)] for share in (0.025, 0.975)]
+    np.testing.assert_allclose(band.low, found[0], rtol=5e-3)
+    np.testing.assert_allclose(band.high, found[1], rtol=5e-3)
+    np.testing.assert_allclose(band.deviation, [samples.std(), b.std()], rtol=5e-3)
+
+
+def test_forces_that_follow_a_load_have_its_band() -> None:
+    """Stick throughout and no gap: everything is linear in the pressure, 1.96 x 5 % of it."""
+    settings = ("interface.crush.friction_coefficient=5.0", "spread.load.press.pressure=5 %")
+    bands = solved(*settings).bands
+    peak = bands["crush.peak_force"]
+    assert float(peak.band.half) == pytest.approx(1.959964 * 0.05 * peak.value, rel=1e-6)
+    assert not peak.flagged
+    # of the spectrum and of the filtered motion as well
+    for path in ("/spread/sensors/top", "/spread/sensors/top/spectrum", "/spread/interfaces/crush"):
+        for name, band in bands.bands[path].items():
+            size = np.abs(bands.histories[path].variables[name].values)
+            np.testing.assert_allclose(band.deviation, 0.05 * size, atol=1e-7 * size.max(), err_msg=name)
+    assert "acceleration_filtered" in bands.bands["/spread/sensors/top"]
+
+
+def test_independent_parameters_add_by_their_squares() -> None:
+    both, one, other = (solved(*chosen).bands for chosen in (SPREAD, SPREAD[:1], SPREAD[1:]))
+    assert both is not None
+    for q in both.quantities:
+        parts = [float(bands[q.quantity].band.deviation) for bands in (one, other)]
+        assert float(q.band.deviation) == pytest.approx(np.hypot(*parts), rel=1e-9), q.quantity
+        if q.shares.any():
+            assert q.shares[0] == pytest.approx(parts[0] ** 2 / (parts[0] ** 2 + parts[1] ** 2), abs=1e-9)
+            assert float(q.shares.sum()) == pytest.approx(1.0)
+
+
+def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
+    solution = solved(*SPREAD)
+    solution.save(tmp_path / "crushing.nc")
+    with latin_fmu.open_results(tmp_path / "crushing.nc") as tree:
+        whole = tree["spread"]
+        assert list(whole["parameter"].values) == ["load.press.pressure", "interface.crush.friction_coefficient"]
+        assert whole["low"].dims == ("quantity",)
+        assert (whole["low"].values <= whole["value"].values).all()
+        force = tree["spread/interfaces/crush"]["force_high"]
+        assert (force.dims, force.attrs["units"]) == (("time", "component"), "N")
+        figure = bands_figure(tree)
+    titles = [axis.get_title() for axis in figure.axes]
+    assert titles == ["crush", "top, along z", "spectrum of top, along z"]
+    assert all(axis.collections for axis in figure.axes)
+    said = solution.summary().splitlines()
+    line = next(line for line in said if "crush peak force" in line)
+    assert "+- " in line
+    assert "of its variance by pressure of press" in line
+    # the parameters are in no other list
+    assert not any("for 10 % more" in line for line in said)
+    assert solution.report()["bands"]["quantities"]["crush.peak_force"]["low"] == pytest.approx(
+        float(solution.bands["crush.peak_force"].band.low)
+    )
+
+
+def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None:
+    solution = solved(*SPREAD, 'output.sensitivities=["material.steel.density"]')
+    names = [d.name for d in solution.sensitivities.derivatives]
+    assert names == ["material.steel.density", "load.press.pressure", "interface.crush.friction_coefficient"]
+    assert any("for 10 % more" in line for line in solution.summary().splitlines())
+    alone = solved(*SPREAD).bands
+    for q in alone.quantities:
+        assert float(solution.bands[q.quantity].band.half) == pytest.approx(float(q.band.half), rel=1e-6, abs=1e-30)
+
+
+def test_results_without_bands_have_no_figure_of_them() -> None:
+    with pytest.raises(ResultsError, match="no bands"):
+        bands_figure(solved().to_datatree())
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("spread.load.press.pressur=5 %", "no number under this name"),
+        ("spread.load.press.pressure=five", 'standard deviation > 0, a share of the value such as "5 %"'),
+        ("spread.load.press.pressure=-1.0", "no spread"),
+        ("spread.load.press.pressure=[3.0, 1.0]", "no spread"),
+        ("spread.load.press.pressure=[1.0, 2.0]", "not in its range"),
+        ("spread.load.press.pressure=true", "no spread"),
+        ("spread=3", "must be a table"),
+        ("spread.substructure.upper.initial_velocity.0=5 %", "a share of 0 is 0"),
+    ],
+)
+def test_spreads_that_are_none_are_refused(setting: str, words: str) -> None:
+    with pytest.raises(SceneError, match=words) as caught:
+        crushing(setting)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_spread_is_written_as_it_is_read() -> None:
+    scene = crushing(*SPREAD)
+    text = scene.text()
+    assert 'load.press.pressure = "5 %"' in text
+    lines = text.splitlines()
+    assert ("[spread]", 'load.press.pressure = "5 %"') in list(pairwise(lines))
+    moved = scene.replace("spread.load.press.pressure", 3.0)
+    assert moved.spread == {"load.press.pressure": 3.0, "interface.crush.friction_coefficient": (0.05, 0.15)}
+
+
+def test_samples_have_the_distributions_of_their_parameters() -> None:
+    distributions = {"a": Distribution.of(2.0, "10 %"), "b": Distribution.of(1.0, (0.0, 4.0))}
+    a, b = (np.array(p.values) for p in sample_values(distributions, 1000, 1))
+    assert stats.kstest(a, stats.norm(2.0, 0.2).cdf).statistic < 5e-3
+    assert stats.kstest(b, stats.uniform(0.0, 4.0).cdf).statistic < 5e-3
+    assert abs(np.corrcoef(a, b)[0, 1]) < 1e-2
+    # more of them begin with the same ones, other seeds make others
+    more = sample_values(distributions, 2000, 1)
+    assert more[0].values[:1000] == tuple(a)
+    assert sample_values(distributions, 1000, 2)[0].values != tuple(a)
+
+
+def compared(count: int, *settings: str, output: Path | None = None):
+    return latin_fmu.sample(crushing("solver.tolerance=1e-6", *settings), count, output)
+
+
+def test_samples_of_a_linear_run_have_the_band_to_first_order(tmp_path: Path) -> None:
+    """Everything follows the pressure: mean and standard deviation of 32 points of the sequence, to some per cent."""
+    settings = ("interface.crush.friction_coefficient=5.0", "spread.load.press.pressure=5 %")
+    found, tree = compared(32, *settings, output=tmp_path / "samples.nc")
+    assert found.count == 32
+    assert found.ratio("crush.peak_force") == pytest.approx(1.0, abs=0.05)
+    pressure = tree["load.press.pressure"].values
+    scaled = pressure.std(ddof=1) / pressure.mean()
+    peak = found.scalars["crush.peak_force"]
+    assert float(peak.deviation / peak.mean) == pytest.approx(scaled, rel=1e-4)
+    with latin_fmu.open_results(tmp_path / "samples.nc") as stored:
+        assert stored.sizes["sample"] == 32
+        whole, force = stored["spread"], stored["spread/interfaces/crush"]
+        i = list(whole["quantity"].values).index("crush.peak_force")
+        assert float(whole["sampled_low"].values[i]) == pytest.approx(float(peak.low))
+        own = (force[f"normal_force_{part}high"] - force[f"normal_force_{part}low"] for part in ("", "sampled_"))
+        first, sampled = (values.values for values in own)
+        np.testing.assert_allclose(sampled, first, atol=0.05 * first.max())
+        # band to first order, run, and both ends of the samples
+        assert len(bands_figure(stored).axes[0].lines) == 4
+    assert not (tmp_path / "samples.nc.points").exists()
+
+
+def test_samples_that_do_not_count_are_none() -> None:
+    """A friction below 0 is refused: its samples fail, the others have a band."""
+    found, tree = compared(16, "spread.interface.crush.friction_coefficient=0.1")
+    failed = int((tree["state"].values == 2).sum())
+    assert 0 < failed < 8
+    assert found.count == 16 - failed
+    assert tree["friction_work"].dims == ("sample", "interface")
+
+
+def test_samples_without_a_spread_or_a_band_are_refused() -> None:
+    with pytest.raises(InputError, match="no parameters scatter"):
+        compared(16)
+    with pytest.raises(InputError, match="number of samples"):
+        compared(2, *SPREAD)
+    with pytest.raises(SolverError, match="no bands to first order"):
+        compared(16, *SPREAD, "solver.max_iterations=1", "solver.newton=false")
+
+
+def test_the_command_samples_and_says_both_bands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, output = tmp_path / "crushing.toml", tmp_path / "samples.nc"
+    scene.write_text(crushing("solver.tolerance=1e-6", *SPREAD).text(), encoding="utf-8")
+    command = ["sweep", str(scene), "--samples", "8", "-o", str(output), "--jobs", "1", "-q"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "8 samples:" in said
+    assert "; samples" in next(line for line in said.splitlines() if "crush impulse" in line)
+    assert main(["plot", str(output), "-o", str(tmp_path / "bands.png")]) == 0
+    assert main([*command, "--json"]) == 0
+    assert '"sampled_mean"' in capsys.readouterr().out
+    assert main([*command, "--vary", "time.step=1e-7,2e-7"]) == 2
+    assert "either values or samples" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bands_to_first_order_are_those_of_200_samples() -> None:
+    """Pressure, friction and modulus scatter by 5 %: within 10 % of the band where no state changes on the way."""
+    parameters = ("load.press.pressure", "interface.crush.friction_coefficient", "material.steel.young_modulus")
+    found, _ = compared(200, *(f"spread.{name}=5 %" for name in parameters))
+    assert found.count == 200
+    sound = [q.quantity for q in found.bands.quantities if not q.flagged]
+    assert {"crush.impulse", "crush.peak_force", "crush.separation", "top.displacement_peak"} <= {*sound}
+    for quantity in sound:
+        assert found.ratio(quantity) == pytest.approx(1.0, abs=0.1), quantity
+    assert found.bands["crush.first_contact"].flagged
+    for path, name in (("interfaces/crush", "normal_force"), ("sensors/top", "velocity")):
+        first, own = (of[f"/spread/{path}"][name].half for of in (found.bands.bands, found.results))
+        np.testing.assert_allclose(first, own, atol=0.1 * own.max(), err_msg=name)
