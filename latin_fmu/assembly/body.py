@@ -72,6 +72,12 @@ class Shape:
     def __init__(self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False) -> None:
         self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
 
+    def of(self, material: MaterialTable) -> Shape:
+        """The shape with another material; what the mesh alone gives is shared."""
+        made = Shape(self.mesh, material, self.bending_modes)
+        made.__dict__.update(elements=self.elements, rank=self.rank)
+        return made
+
     @cached_property
     def elasticity(self) -> Elasticity:
         """Elasticity of the material."""
@@ -396,7 +402,8 @@ def build_bodies(
 ) -> dict[str, Body]:
     """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``.
 
-    known : bodies of another scene, whose meshes and matrices serve where the description is equal.
+    known : bodies of another scene, whose meshes and matrices serve where the description is equal, the meshes alone
+        where the material is another one.
     remarks : takes remarks on what mesh files hold beyond meshes.
     """
     bodies: dict[str, Body] = {}
@@ -410,9 +417,14 @@ def build_bodies(
             if not (plain and old.description == description and old.units == scene.unit_system):
                 old = Body(name, old.mesh, old.shape, description, units=scene.unit_system)
             bodies[name] = old
+        elif old is not None and old.of(description, old.shape.material):
+            key: tuple[object, ...] = (old.shape, material)
+            if key not in shapes:
+                shapes[key] = old.shape.of(material)
+            bodies[name] = Body(name, old.mesh, shapes[key], description, units=scene.unit_system)
         elif description.box is not None:
             box = description.box
-            key: tuple[object, ...] = (box.size, box.elements, material, description.bending_modes)
+            key = (box.size, box.elements, material, description.bending_modes)
             placed = box_mesh(np.asarray(box.origin), np.asarray(box.size), box.elements)
             if key not in shapes:
                 # at the origin: equal boxes at other places share matrices to the last bit

@@ -47,13 +47,15 @@ class KeptOperators:
     Attributes
     ----------
     bodies : by substructure. models : first member of every class, before its propagator changes it. propagators : of
-        the classes. made_with : scheme, step (s) and choices that the propagators were made with.
+        the classes. made_with : scheme, step (s) and choices that the propagators were made with. compared : whether
+        the scene is compared with that one, and never built: no classes are looked for, nothing is reduced.
     """
 
     bodies: dict[str, Body] = field(default_factory=dict)
     models: list[SubstructureModel] = field(default_factory=list)
     propagators: list[Propagator] = field(default_factory=list)
     made_with: tuple[Any, ...] = ()
+    compared: bool = False
     _parts: dict[str, tuple[tuple[Any, ...], Any]] = field(default_factory=dict)
 
     def again(self, name: str, given: tuple[Any, ...], make: Callable[[], Made]) -> Made:
@@ -64,6 +66,10 @@ class KeptOperators:
             self._parts[name] = known = given, make()
         part: Made = known[1]
         return part
+
+    def beside(self, bodies: Mapping[str, Body]) -> KeptOperators:
+        """Those for a scene that is compared with that of these ``bodies``, which keeps its own."""
+        return KeptOperators(bodies={**bodies}, compared=True, _parts={**self._parts})
 
     def adopt(self, model: SubstructureModel) -> None:
         """Give a model the reduced matrices of one with equal matrices, where there is one."""

@@ -28,6 +28,7 @@ from ..propagator.model import share_operators
 from ..results.sensitivities import HistoryChanges
 from ..scene.fields import GROUND
 from ..scene.schema import Scene
+from ..scene.spread import number_at
 from ..time_scheme import QuasiStatic
 from .body import body_sides
 from .bolts import Yielding, load_name
@@ -105,37 +106,29 @@ def value_of(scene: Scene, name: str) -> float:
     ------
     SceneError : there is no number under this name.
     """
-    here: object = scene.tables()
-    for key in name.split("."):
-        if isinstance(here, dict):
-            here = here.get(key)
-        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
-            here = here[int(key)]
-        else:
-            here = None
-    if isinstance(here, bool) or not isinstance(here, int | float):
+    value = number_at(scene.tables(), name)
+    if value is None:
         allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
         problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
         raise SceneError([problem], "the scene cannot be built")
-    return float(here)
+    return value
 
 
 def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
-    """The parameters in ``output.sensitivities`` of a scene; ``problem`` : of this scene.
+    """The parameters that results of a scene are differentiated by; ``problem`` : of this scene.
 
     Raises
     ------
     SceneError : one that is no number, or that changes what the derivatives take as given.
     """
     made = []
-    for name in whole.output.sensitivities:
+    for name in whole.differentiated:
         value = value_of(whole, name)
         step = _STEP * abs(value) or _STEP
         ends = []
         for sign in (1.0, -1.0):
             scene = whole.replace(name, value + sign * step)
-            kept = KeptOperators(bodies={**problem.bodies}, models=[c.members[0] for c in problem.classes])
-            other = discretise(scene, None, kept)
+            other = discretise(scene, None, (problem.kept or KeptOperators()).beside(problem.bodies))
             if reason := _differs(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
@@ -211,8 +204,8 @@ class Tangents:
 
     @staticmethod
     def of(scene: Scene, problem: DiscretisedProblem, elsewhere: bool) -> Tangents:
-        """Those of the parameters in ``output.sensitivities``; ``elsewhere``: in a run on several processes, or with
-        laws of the caller.
+        """Those of the parameters that the scene names; ``elsewhere``: in a run on several processes, or with laws of
+        the caller.
 
         Raises
         ------
@@ -286,16 +279,17 @@ def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence
         inertial_impedance(assembly)
     _hand_over(states, assembly)
     for propagator in propagators:
+        propagator.energy = False  # nothing is quadratic in derivatives
         propagator.begin([histories[name] for name in propagator.names], dt)
     assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
     recorder = Recorder(assembly, _request(stage.ready.output, len(parameters)), {})
     changes = [_law_changes(p, *pair) for p, pair in zip(parameters, ends, strict=True)]
-    run = TangentRun(assembly, stage.ready.settings, recorder, SolvedFields(base, stage.rows, changes))
+    solved, forced = SolvedFields(base, stage.rows, changes), operators is not None
+    run = TangentRun(assembly, stage.ready.settings, recorder, solved, forced)
     if operators is None:
         run.march()
         return run
-    for instant in run.calls(single=True):
-        operators.act(instant, run.image)
+    run.march(lambda n, row: operators.act(run.image, n, row))
     for name, series in operators.tensions().items():
         recorder.series("tension")[name][...] += series
     return run
@@ -354,7 +348,7 @@ class OperatorChanges:
 
         w g + o g_old = -(w P + o P_old + mass_weight M' a + mass_old M' a_old),    g = -(P + M' a) at t = 0.
 
-    The motion of the run is that of a march under the tractions known, one instant ahead of the derivatives.
+    The motion of the run is that of a march under the tractions known, ahead of the derivatives.
 
     Parameters
     ----------
@@ -371,14 +365,20 @@ class OperatorChanges:
         recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
         solved = SolvedFields(base, stage.rows, [None])
         self._run = TangentRun(ready.assembly, stage.ready.settings, recorder, solved)
-        self._recorder, self._changes, self._calls = recorder, changes, self._run.calls(single=True)
-        self._last: dict[tuple[int, str], tuple[Array, Array, Array]] = {}  # g, P and M' a of the instant before
+        self._recorder, self._changes = recorder, changes
         places = [(c, j) for c, p in enumerate(ready.assembly.propagators) for j in range(len(p.members))]
         self._places = {ready.assembly.propagators[c].names[j]: (c, j) for c, j in places}
+        # u, v, a (3, n) of the bodies at the last instant marched; g, P and M' a there, by change
+        self._motion = {name: self._start(*place) for name, place in self._places.items()}
+        self._last: dict[tuple[int, str], tuple[Array, Array, Array]] = {}
+        self._known: dict[tuple[int, str], list[Array]] = {key: [] for key in changes}  # g (n, 1) of instants to come
         for key in changes:
-            static, inertia = self._parts(key, 0, False)
+            static, inertia = (part[:, 0] for part in self._parts(key, 0, self._motion[key[1]][..., None], None))
             self._last[key] = -(static + inertia), static, inertia
-        next(self._calls, None)
+
+    def _start(self, c: int, j: int) -> Array:
+        state = self._run.assembly.propagators[c].state
+        return np.stack([state.u[:, j], state.v[:, j], state.a[:, j]])
 
     @staticmethod
     def of(stage: Stage, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> OperatorChanges | None:
@@ -404,55 +404,85 @@ class OperatorChanges:
         """Force (n_full,) on a body at t = 0, N."""
         return self._last[copy, name][0] if (copy, name) in self._last else None
 
-    def act(self, instant: int, image: Image) -> None:
-        """March the run over an instant, and let the changes act on the copies there."""
-        next(self._calls, None)
-        run = self._run.image.run[0]
-        new, old = float(run["force_weight"]), float(run["force_old"] - run["memory_weight"])
+    def act(self, image: Image, n: int, row: int) -> None:
+        """Write the forces of the next n instants into the image of the derivatives, from a row on."""
+        for c, propagator in enumerate(image.propagators):
+            constant = propagator.forcing.loads_over_time()[0]
+            rows = image.class_field(c, "forces", image.rows, *constant.shape)[row : row + n]
+            rows[:] = constant
+            base = self._run.assembly.propagators[c]
+            m = len(base.members)
+            for copy, name in self._changes:
+                if name in base.names:
+                    j = base.names.index(name)
+                    rows[:, :, copy * m + j] += (base.members[j].expansion.T @ self._next((copy, name), n)).T
+
+    def _next(self, key: tuple[int, str], n: int) -> Array:
+        """g (n_full, n) of a change at the next n instants."""
+        known = self._known[key]
+        while sum(part.shape[1] for part in known) < n:
+            self._advance()
+        every = np.concatenate(known, axis=1)
+        known[:] = [every[:, n:]]
+        return every[:, :n]
+
+    def _advance(self) -> None:
+        """March the run over the next instants, and find the forces there."""
+        first, n, row = self._run.block()
+        image, weights = self._run.image, self._run.image.run[0]
+        new, old = float(weights["force_weight"]), float(weights["force_old"] - weights["memory_weight"])
         if self._run.assembly.quasi_static:
             new, old = 1.0, 0.0
+        motions = {}
+        for name, (c, j) in self._places.items():
+            size = self._run.assembly.propagators[c].state.u.shape
+            course = image.class_field(c, "course", image.rows, 3, *size)[row : row + n, :, :, j]
+            motions[name] = np.concatenate([self._motion[name][..., None], course.transpose(1, 2, 0)], axis=2)
+            self._motion[name] = motions[name][..., -1].copy()
         for key in self._changes:
-            static, inertia = self._parts(key, instant, True)
-            force, before, inertia_before = self._last[key]
-            total = new * static + old * before + run["mass_weight"] * inertia + run["mass_old"] * inertia_before
-            force = -(total + old * force) / new
-            if run["force_old"] != 0.0:
-                static = self._parts(key, instant, False)[0]
-            self._last[key] = force, static, inertia
-            (c, j), (copy, _) = self._places[key[1]], key
-            propagator = self._run.assembly.propagators[c]
-            m = len(propagator.members)
-            row = image.row(c)
-            constant = image.class_field(c, "constant", row["n"], row["m"])
-            fixed = image.propagators[c].forcing.loads_over_time()[0]
-            constant[:, copy * m + j] = fixed[:, copy * m + j] + propagator.members[j].expansion.T @ force
+            motion = motions[key[1]]
+            before, now = motion[..., :-1], motion[..., 1:]
+            static, inertia = self._parts(key, first, now, before)
+            # what the next instant takes of this one has the velocity of the state
+            kept = self._parts(key, first, now, None)[0] if weights["force_old"] != 0.0 else static
+            force, earlier, inertia_before = self._last[key]
+            made = np.empty_like(static)
+            for i in range(n):
+                total = new * static[:, i] + old * earlier
+                total += weights["mass_weight"] * inertia[:, i] + weights["mass_old"] * inertia_before
+                force = made[:, i] = -(total + old * force) / new
+                earlier, inertia_before = kept[:, i], inertia[:, i]
+            self._last[key] = force.copy(), earlier.copy(), inertia_before.copy()
+            self._known[key].append(made)
 
     def tensions(self) -> dict[str, Array]:
         """What the changes of the cuts of bolts add to the derivatives of their tensions, by copy and name."""
         return self._recorder.series("tension")
 
-    def _parts(self, key: tuple[int, str], instant: int, solved: bool) -> tuple[Array, Array]:
-        """P and M' a (n_full,) of a body at an instant; ``solved``: with the velocity of the equation of motion, which
-        is not that of the state where dofs have no mass."""
+    def _parts(self, key: tuple[int, str], first: int, now: Array, before: Array | None) -> tuple[Array, Array]:
+        """P and M' a (n_full, n) of a body at instants from ``first`` on, from its motion ``now`` (3, n_dof, n).
+        ``before``: that of one instant earlier each, for P with the velocity of the equation of motion, which is not
+        that of the state where dofs have no mass."""
         c, j = self._places[key[1]]
-        propagator, run = self._run.assembly.propagators[c], self._run.image
-        state, mass, (n, m) = propagator.state, self._changes[key], propagator.state.u.shape
+        propagator, run = self._run.assembly.propagators[c], self._run.image.run[0]
         forcing, expand = propagator.forcing, propagator.members[j].expansion
-        velocity = state.v[:, j]
-        gain = float(run.run[0]["displacement_gain"])
-        if solved and gain != 0.0 and not self._run.assembly.quasi_static:
-            u_free, v_free = (run.class_field(c, name, n, m)[:, j] for name in ("u_free", "v_free"))
-            late = float(run.run[0]["u_late"])
-            acceleration = (state.u[:, j] - u_free - late * v_free) / gain
-            velocity = v_free + float(run.run[0]["velocity_gain"]) * acceleration
-        motions = (
-            expand @ state.a[:, j] + forcing.imposed_a(instant)[:, j],
-            expand @ velocity + forcing.imposed_v(instant)[:, j],
-            expand @ state.u[:, j] + forcing.imposed_u(instant)[:, j],
-        )
-        zero = np.zeros(expand.shape[0])
-        parts = [zero if matrix is None else matrix @ x for matrix, x in zip(mass, motions, strict=True)]
-        return parts[1] + parts[2], parts[0]
+        u, velocity, a = now
+        gain = float(run["displacement_gain"])
+        if before is not None and gain != 0.0 and not self._run.assembly.quasi_static:
+            u_old, v_old, a_old = before
+            u_free = u_old + float(run["u_v"]) * v_old + float(run["u_a"]) * a_old
+            v_free = v_old + float(run["v_a"]) * a_old
+            velocity = v_free + float(run["velocity_gain"]) / gain * (u - u_free - float(run["u_late"]) * v_free)
+        imposed = (forcing.imposed_a, forcing.imposed_v, forcing.imposed_u)
+        static, inertia = np.zeros((2, expand.shape[0], u.shape[1]))
+        for number, (matrix, own, given) in enumerate(zip(self._changes[key], (a, velocity, u), imposed, strict=True)):
+            if matrix is None:
+                continue
+            whole = expand @ own
+            if forcing.moves:
+                whole += np.stack([given(first + i)[:, j] for i in range(u.shape[1])], axis=1)
+            (static if number else inertia)[...] += matrix @ whole
+        return static, inertia
 
 
 def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: float) -> sp.csr_array | None:

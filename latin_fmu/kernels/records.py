@@ -185,6 +185,8 @@ CLASS_FIELDS: Final[tuple[Field, ...]] = (
     # output
     ("probed", "output (R, n_probe, m): velocities of the probed rows, m s-1"),
     ("sensed", "output (R, 3, n_sensor, m): displacements, velocities, accelerations at the sensors; m, m s-1, m s-2"),
+    ("course", "output (R, 3, n, m) if given: displacements, velocities, accelerations (``tangent_march``)"),
+    ("forces", "output (R, n, m) if forced: constant forces of each instant, written by the caller, N"),
     ("energies", "output (R, N_TERM, m) if accounted: terms of the account, J"),
     *_fields(_HALF, "mass", "M"),
     *_fields(_HALF, "stiffness", "K"),
@@ -266,6 +268,8 @@ RUN_FIELDS: Final[tuple[Field, ...]] = (
     ("layers", "1 where there are elastic groups"),
     ("static", "1 without inertia"),
     ("linear", "copies of the run whose derivatives by parameters are marched (``tangent_march``)"),
+    ("given", "1 where it is the run itself, under tractions that are known, and its motion is kept"),
+    ("forced", "1 where ``constant`` is that of each instant (``forces``)"),
     ("from_last", "direction: 1 where the tractions of the last instant are among the loads (``reference``)"),
     ("direct_bonds", "1 where q follows from the free velocities at once (``bonds``)"),
     ("n_coarse", "unknowns of the coarse problem, 0 where there is none"),

@@ -11,6 +11,10 @@ substitution serves all. Between the copies nothing is coupled, and all have the
 active points is made and factorised once. The caller writes J, m and dF_hat/dp of the instants of a call into the rows
 of ``slopes``, ``follows`` and ``sources``. The system is linear: a Newton step (``newton``) solves it, and is repeated
 until the residual is round-off.
+
+Where a parameter enters matrices, the motion of the run is needed: it is marched with the tractions known as
+``sources`` (``given``), its motion kept in ``course``, and the forces that the caller makes of it drive the derivatives
+(``forced``).
 """
 
 from __future__ import annotations
@@ -37,13 +41,42 @@ def march_tangents(pools: Any, first: int, n: int) -> int:
     """March n instants from ``first`` on; how many have a solution before one that has none, or no unique one."""
     for call in range(n):
         instant = first + call
+        if pools.run[0].forced == 1:
+            _take_forces(pools, instant)
         each_class(pools, PREDICT, instant, 0)
         open_window(pools, 1, instant - 1)
         if pools.run[0].n_flat > 0 and not _solve(pools, instant):
             return call
         each_class(pools, END, instant, 0)
         end_instant(pools, instant, 0)
+        if pools.run[0].given == 1:
+            _keep_course(pools, instant)
     return n
+
+
+@kernel
+def _take_forces(pools: Any, instant: int) -> None:
+    """Constant forces of the classes at an instant."""
+    moving, line = pools.moving, instant - pools.run[0].first_row
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        size = row.n * row.m
+        for i in range(size):
+            moving[row.constant + i] = moving[row.forces + line * size + i]
+
+
+@kernel
+def _keep_course(pools: Any, instant: int) -> None:
+    """Keep the motion of the classes at the end of an instant."""
+    moving, line = pools.moving, instant - pools.run[0].first_row
+    for c in range(len(pools.classes)):
+        row = pools.classes[c]
+        size = row.n * row.m
+        to = row.course + line * 3 * size
+        for i in range(size):
+            moving[to + i] = moving[row.u + i]
+            moving[to + size + i] = moving[row.v + i]
+            moving[to + 2 * size + i] = moving[row.a + i]
 
 
 @kernel
@@ -59,14 +92,26 @@ def _solve(pools: Any, instant: int) -> bool:
     work[run.course + SIZE] = 0.0
     first_guess(pools, instant)
     q, last = work[run.q : run.q + n], np.inf
-    size = _residual(pools, instant, row)
+    linear_stage(pools, 1, instant, 0)
+    size = _residual(pools, row)
+    # the motion with inertia takes the tractions alone, which are the sources
+    if run.given == 1 and run.static == 0:
+        return True
     for _ in range(_MOST):
         if size <= _ENOUGH * length_of(q) or not size < 0.5 * last:
             break
         last = size
-        if not (propose(pools) if run.on_iteration == 1 or run.krylov == 1 else _step(pools)):
-            return False
-        size = _residual(pools, instant, row)
+        if run.on_iteration == 1 or run.krylov == 1:
+            if not propose(pools):
+                return False
+            linear_stage(pools, 1, instant, 0)
+        else:
+            if not _step(pools):
+                return False
+            # the linear stage of its q
+            for j in range(n):
+                work[run.w + j] += work[run.step_w + j]
+        size = _residual(pools, row)
     return bool(size <= _ALLOWED * length_of(q))
 
 
@@ -96,10 +141,9 @@ def _step(pools: Any) -> bool:
 
 
 @kernel
-def _residual(pools: Any, instant: int, row: int) -> float:
-    """Fields of both stages for the q of ``work``; length of their residual ``r``."""
+def _residual(pools: Any, row: int) -> float:
+    """Fields of the local stage for q and W of ``work``; length of the residual ``r`` of both stages."""
     run, work = pools.run[0], pools.moving
-    linear_stage(pools, 1, instant, 0)
     for g in range(len(pools.groups)):
         n_point = pools.groups[g].n_point
         outgoing(pools, g, 0, 0, n_point)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,13 +45,22 @@ class TangentRun(RunState):
     Parameters
     ----------
     assembly : copies of the substructures and interfaces of the run, those of the first parameter first, with the
-        derivatives of loads, initial values and gaps. settings : of the run. solved : its fields.
+        derivatives of loads, initial values and gaps. settings : of the run. solved : its fields. forced : whether
+        forces of each instant act (``march``).
     """
 
-    def __init__(self, assembly: Assembly, settings: SolverSettings, recorder: Recorder, solved: SolvedFields) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        settings: SolverSettings,
+        recorder: Recorder,
+        solved: SolvedFields,
+        forced: bool = False,
+    ) -> None:
         self._solved = solved
         settings = replace(settings, newton=True, window=1, tables=0.0, threads=1, anderson_depth=1)
         linear = {"linear": len(solved.changes), "deepest": -np.inf, "make_up": 0.0}
+        linear |= {"given": int(solved.changes[0] is None), "forced": int(forced)}
         super().__init__(assembly, settings, recorder, Timings(), linear)
         # the tangents are in the image already
         self.image.callouts.add({TANGENTS: lambda *_: None})
@@ -71,36 +80,36 @@ class TangentRun(RunState):
         direction.newton_z = direction.z
         return direction
 
-    def march(self) -> None:
-        """March all instants; errors as for ``calls``."""
-        for _ in self.calls():
-            pass
+    def march(self, forces: Callable[[int, int], None] | None = None) -> None:
+        """March all instants; errors and ``forces`` as for ``block``."""
+        while self.assembly.instant < self.assembly.n_instant:
+            self.block(forces)
 
-    def calls(self, single: bool = False) -> Iterator[int]:
-        """March all instants; each instant that a call of the kernels begins with, before it: every one if ``single``.
+    def block(self, forces: Callable[[int, int], None] | None = None) -> tuple[int, int, int]:
+        """March the next instants, as many as one call of the kernels takes: their first, number and first row.
+
+        forces : writes ``forces`` of n instants into the image, from a row on, before they are marched.
 
         Raises
         ------
         SolverError : an instant has no unique derivative.
         """
         image, first = self.image, self.assembly.instant + 1
-        while first <= self.assembly.n_instant:
-            row = self._row(first)
-            n = min(image.rows - row, self.assembly.n_instant + 1 - first)
-            self._set_first_row(first)
-            image.write()
-            for g, group in enumerate(self._solved.assembly.layout.groups):
-                self._give(g, group, first, slice(row, row + n))
-            length = 1 if single else n
-            for instant in range(first, first + n, length):
-                yield instant
-                done = image.call(entries.TANGENT, instant, length)
-                if done < length:
-                    time = self.assembly.time[instant + done]
-                    raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
-            self._set_instant(first + n - 1)
-            self._record(n, row)
-            first += n
+        row = self._row(first)
+        n = min(image.rows - row, self.assembly.n_instant + 1 - first)
+        self._set_first_row(first)
+        image.write()
+        for g, group in enumerate(self._solved.assembly.layout.groups):
+            self._give(g, group, first, slice(row, row + n))
+        if forces is not None:
+            forces(n, row)
+        done = image.call(entries.TANGENT, first, n)
+        if done < n:
+            time = self.assembly.time[first + done]
+            raise SolverError(f"the derivatives by parameters have no unique value at t = {time:.6g} s")
+        self._set_instant(first + n - 1)
+        self._record(n, row)
+        return first, n, row
 
     def _give(self, g: int, group: Group, first: int, rows: slice) -> None:
         """Write what the kernels take of the laws of a group at the instants from ``first`` on into rows of the
