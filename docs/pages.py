@@ -100,7 +100,9 @@ def notebook_page() -> str:
                 parts.append(f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">')
             else:
                 plain = f"<pre>{html.escape(data['text/plain'].rstrip())}</pre>"
-                parts.append(f'<div class="output">{data.get("text/html", plain)}</div>')
+                shown = data.get("text/html", plain)
+                # xarray's has a style sheet of its own, which that of the site breaks
+                parts.append(f'<div class="output">{plain if "<style" in shown else shown}</div>')
     return "\n\n".join([*parts, "The [notebook](quick_start.ipynb) itself.\n"])
 
 
