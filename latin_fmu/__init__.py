@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .assembly.backbone import backbone
     from .assembly.frequency_response import frf
     from .assembly.modes import vibration_modes
+    from .calibration.study import calibrate
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
     from .parametric.samples import sample
     from .parametric.study import sweep
@@ -72,6 +73,7 @@ __all__ = [
     "SolverError",
     "amplitude_spectrum",
     "backbone",
+    "calibrate",
     "check",
     "estimate_error",
     "frf",
@@ -101,6 +103,7 @@ _MODULES: Final = MappingProxyType(
         "Scene": "scene.schema",
         "Solution": "results.solution",
         "backbone": "assembly.backbone",
+        "calibrate": "calibration.study",
         "check": "api",
         "estimate_error": "accuracy.estimate",
         "frf": "assembly.frequency_response",

@@ -123,6 +123,15 @@ def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
     )
 
 
+def test_a_bolt_force_that_scatters_has_its_band() -> None:
+    """Tensions follow the force at t = 0; neither bolt nor load is part of the static scenes that are solved first."""
+    settings = ("time.end=1e-6", "spread.bolt.m6.force=5 %", "spread.load.shock.traction.0=3 %")
+    solution = latin_fmu.solve(latin_fmu.load_scene(MODELS / "lap_joint/shock.toml", settings))
+    assert solution.bands is not None
+    band = solution.bands["m6.bolt_force"].band
+    assert band.deviation == pytest.approx(0.05 * 5e3, rel=1e-3)
+
+
 def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None:
     solution = solved(*SPREAD, 'output.sensitivities=["material.steel.density"]')
     names = [d.name for d in solution.sensitivities.derivatives]
