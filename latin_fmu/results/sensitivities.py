@@ -362,12 +362,13 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
-def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
-    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` of its sensors."""
+def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``requests`` : tables of its sensors, for their
+    spectra."""
     owned: list[tuple[str, Mapping[str, float | None]]] = [
         *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
         *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
-        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra_of(outcome, requests).items()),
     ]
     for name, bolt in outcome.bolts.items():
         owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
