@@ -257,6 +257,14 @@ def test_spectra_and_last_values_are_those_of_central_differences() -> None:
     np.testing.assert_array_equal(stored.values, own.acceleration)
 
 
+def test_dissipation_of_the_assembly_is_that_of_its_interfaces() -> None:
+    case = (CRUSHING[0], (*CRUSHING[1], "output.energy=true"), CRUSHING[2])
+    known = differentiated(case).sensitivities["energy.friction_dissipation"]
+    for d, change in zip(differentiated(case).sensitivities.derivatives, known.changes, strict=True):
+        more, less = (s.energy["friction_dissipation"][-1] for s in ends(case, d.name))
+        assert change == pytest.approx((more - less) / (2.0 * STEP), rel=1e-4)
+
+
 def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:
     """d(first contact)/d(gap) = 1/v, and by the speed -gap/v^2."""
     settings = ("substructure.bar.box.elements.2=10", "time.instants=40", "interface.wall.gap=4.87")
