@@ -39,6 +39,7 @@ from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.sensitivities import Sensitivities
 from .results.solution import Solution
+from .results.spread import Bands
 from .results.writing import check_folder
 from .run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
 from .scene.schema import Scene
@@ -214,7 +215,7 @@ def solve(
     leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     # derivatives take the histories of all instants from the memory
-    stream = None if scene.output.sensitivities else stream
+    stream = None if scene.differentiated else stream
     while True:
         problem, prediction, tangent = _made(
             scene, behaviours, kept, stream is not None, processes, (leave_out, yielding)
@@ -252,8 +253,7 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    sensitivities, lost = (None, []) if tangent is None else _derivatives(outcome, tangent, problem, recorder)
-    outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", lost)))
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, problem, recorder)
     return Solution(
         outcome,
         scene.text(),
@@ -263,23 +263,29 @@ def solve(
         surfaces=scene.output.surfaces,
         units=scene.unit_system,
         sensitivities=sensitivities,
+        bands=bands,
     )
 
 
 def _derivatives(
-    outcome: Outcome, tangent: Tangents, problem: SolverReadyProblem, recorder: Recorder
-) -> tuple[Sensitivities | None, list[str]]:
-    """Derivatives of a run by parameters, and why there are none: the run is good without them."""
-    if not (outcome.converged and outcome.complete):
-        return None, ["no derivatives: the run has not converged to its end"]
-    begin = clock.process_time()
-    try:
-        with one_thread():
-            made, lost = Sensitivities.of(outcome, tangent.march(problem, recorder)), []
-    except SolverError as error:
-        made, lost = None, [f"no derivatives: {error}"]
+    scene: Scene, outcome: Outcome, tangent: Tangents | None, problem: SolverReadyProblem, recorder: Recorder
+) -> tuple[Outcome, Sensitivities | None, Bands | None]:
+    """Derivatives of a run by parameters, and bands from those that scatter; where there are none of those wanted, the
+    run is good without them, with a remark."""
+    if tangent is None:
+        return outcome, None, None
+    begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    if outcome.converged and outcome.complete:
+        try:
+            with one_thread():
+                made = Sensitivities.of(outcome, tangent.march(problem, recorder), scene.sensor)
+        except SolverError as error:
+            lost = str(error)
     outcome.timings.other += clock.process_time() - begin
-    return made, lost
+    if made is None:
+        remarks = remarks_of("accuracy", [f"no derivatives: {lost}"])
+        return replace(outcome, warnings=(*outcome.warnings, *remarks)), None, None
+    return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor) if scene.spread else None
 
 
 def _made(
@@ -292,7 +298,7 @@ def _made(
 ) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
     """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
     parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
-    wanted = scene.output.sensitivities
+    wanted = bool(scene.differentiated)
     # of the scenes that the parameters are varied in
     kept = KeptOperators() if kept is None and wanted else kept
     with one_thread(), nullcontext() if processes is None else processes.agreed():

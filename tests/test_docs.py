@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
 from pydantic import TypeAdapter, ValidationError
@@ -157,7 +157,8 @@ def assert_part_of_a_scene(tables: dict[str, Any], where: str) -> None:
         assert key in Scene.model_fields, f"{where}: no table {key}"
         wrong: set[str] = set()
         try:
-            TypeAdapter(Scene.model_fields[key].annotation).validate_python(value)
+            field = Scene.model_fields[key]
+            TypeAdapter(Annotated[field.annotation, "", *field.metadata]).validate_python(value)
         except ValidationError as error:
             wrong = {str(e) for e in error.errors() if e["type"] != "missing" and e["msg"] != NO_FILE}
         assert not wrong, where

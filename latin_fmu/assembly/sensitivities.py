@@ -28,6 +28,7 @@ from ..propagator.model import share_operators
 from ..results.sensitivities import HistoryChanges
 from ..scene.fields import GROUND
 from ..scene.schema import Scene
+from ..scene.spread import number_at
 from ..time_scheme import QuasiStatic
 from .body import body_sides
 from .bolts import Yielding, load_name
@@ -105,30 +106,23 @@ def value_of(scene: Scene, name: str) -> float:
     ------
     SceneError : there is no number under this name.
     """
-    here: object = scene.tables()
-    for key in name.split("."):
-        if isinstance(here, dict):
-            here = here.get(key)
-        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
-            here = here[int(key)]
-        else:
-            here = None
-    if isinstance(here, bool) or not isinstance(here, int | float):
+    value = number_at(scene.tables(), name)
+    if value is None:
         allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
         problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
         raise SceneError([problem], "the scene cannot be built")
-    return float(here)
+    return value
 
 
 def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
-    """The parameters in ``output.sensitivities`` of a scene; ``problem`` : of this scene.
+    """The parameters that results of a scene are differentiated by; ``problem`` : of this scene.
 
     Raises
     ------
     SceneError : one that is no number, or that changes what the derivatives take as given.
     """
     made = []
-    for name in whole.output.sensitivities:
+    for name in whole.differentiated:
         value = value_of(whole, name)
         step = _STEP * abs(value) or _STEP
         ends = []
@@ -210,8 +204,8 @@ class Tangents:
 
     @staticmethod
     def of(scene: Scene, problem: DiscretisedProblem, elsewhere: bool) -> Tangents:
-        """Those of the parameters in ``output.sensitivities``; ``elsewhere``: in a run on several processes, or with
-        laws of the caller.
+        """Those of the parameters that the scene names; ``elsewhere``: in a run on several processes, or with laws of
+        the caller.
 
         Raises
         ------

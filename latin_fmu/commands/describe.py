@@ -79,6 +79,7 @@ def _register_plot(add: AddParser) -> None:
     switch(parser, "--details", "of a results file: also the convergence of its iteration")
     option(parser, "--quantity", "NAME", "of a study: draw this quantity; may be repeated", action="append")
     switch(parser, "--tornado", "of a results file: changes of its quantities by parameters (output.sensitivities)")
+    switch(parser, "--bands", "of results with a table [spread]: histories and spectra with their bands")
     switch(parser, "--map", "of a results file: pressure, friction and contact states of an interface")
     both = "with --bodies or --map"
     option(parser, "--interface", "NAME", f"{both}: the interface (default: largest force)")
@@ -251,7 +252,7 @@ def _scene_figure(arguments: argparse.Namespace) -> Figure:
 
 def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..pictures.result_picture import map_figure, result_figure
-    from ..pictures.sensitivity_picture import tornado_figure
+    from ..pictures.sensitivity_picture import bands_figure, tornado_figure
     from ..pictures.summary_picture import spectra_figure, summary_figure
     from ..results.files import open_results, readable
     from ..results.groups import units_of
@@ -264,8 +265,8 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
             return study_figure(tree.to_dataset(), arguments.quantity)
         if arguments.map:
             return map_figure(tree, arguments.interface, arguments.time)
-        if arguments.tornado:
-            return tornado_figure(tree)
+        if arguments.tornado or arguments.bands:
+            return tornado_figure(tree) if arguments.tornado else bands_figure(tree)
         if arguments.bodies:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):
@@ -282,8 +283,11 @@ def _check_options(arguments: argparse.Namespace, film: bool) -> None:
     """
     problems: list[Problem] = []
     scene, bodies = _is_scene(arguments.file), arguments.bodies or (film and not arguments.map)
-    if arguments.tornado and (scene or film):
-        problems.append(Problem("--tornado", "the figure of changes by parameters is one of results, and no film"))
+    problems += [
+        Problem(f"--{key}", "this figure is one of results, and no film")
+        for key in ("tornado", "bands")
+        if getattr(arguments, key) and (scene or film)
+    ]
     if arguments.overrides and not scene:
         problems.append(Problem("--set", "the settings of results cannot be changed", allowed="a scene (.toml)"))
     of_bodies = {"interface": bodies or arguments.map, "time": arguments.bodies or arguments.map, "magnify": bodies}

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -27,9 +28,10 @@ from numpy.typing import NDArray
 
 from ..interface.laws import SEPARATION, SLIP, STICK
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
+from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
-from .quantities import AXES, LABELS, named, rows
+from .quantities import AXES, LABELS, SPECTRUM, named, rows
 from .quantities_of_interest import (
     ACCELERATION_PEAK,
     BOLT_FORCE,
@@ -50,7 +52,9 @@ from .quantities_of_interest import (
     slip_in_contact,
 )
 from .quantities_of_interest import SEPARATION as SEPARATION_INSTANT
+from .sensors import spectra_of
 from .sentences import wrapped
+from .spectra import RESPONSES, ShockSpectrum, spectrum_changes
 from .summary import finite
 
 WITHIN: Final = 0.01
@@ -71,6 +75,21 @@ _SAID, _SMALL = 3, 1e-3
 _AXES: Final = {"0": "x", "1": "y", "2": "z"}
 SLIP_DISTANCE: Final = "slip"
 """Key of the distance that the points have slipped at the end of the run, mean over the area."""
+LARGEST_SLIP: Final = "largest_slip"
+"""Key of the largest distance that a point has slipped at an instant."""
+LARGEST_FORCE: Final = "largest_force"
+"""Key of the largest resultant of an interface that cannot open."""
+SPECTRUM_PEAK: Final = "spectrum_peak"
+"""Key of the largest value of the maximax spectrum of a sensor."""
+LAST_BOLT_FORCE: Final = "last_bolt_force"
+"""Key of the tension of a bolt at the end."""
+_UNITS: Final = {
+    SLIP_DISTANCE: "m",
+    LARGEST_SLIP: "m",
+    LARGEST_FORCE: "N",
+    SPECTRUM_PEAK: "m s-2",
+    LAST_BOLT_FORCE: "N",
+}
 
 
 def in_words(parameter: str) -> str:
@@ -128,21 +147,37 @@ class Sensitivities:
     ----------
     derivatives : by parameter. changing : (n, n_time) by interface (module docstring). quantities : scalars.
     time : (n_time,) instants of the run, s.
+    spectra : derivatives of the spectra of the sensors by name, arrays (n, 3, n_frequency, 3)
+        (``spectra.spectrum_changes``).
     """
 
     derivatives: Sequence[HistoryChanges]
     changing: Mapping[str, Array]
     quantities: Sequence[QuantitySensitivity]
     time: Array
+    spectra: Mapping[str, ShockSpectrum]
 
     @staticmethod
-    def of(outcome: Outcome, derivatives: Sequence[HistoryChanges]) -> Sensitivities:
-        """Those of a finished run."""
+    def of(
+        outcome: Outcome, derivatives: Sequence[HistoryChanges], requests: Mapping[str, Sensor] = MappingProxyType({})
+    ) -> Sensitivities:
+        """Those of a finished run; ``requests`` : tables of its sensors, for their spectra."""
         changing = {
             name: np.stack([_changing(h, d.interfaces[name], d.friction[name]) for d in derivatives])
             for name, h in outcome.interfaces.items()
         }
-        return Sensitivities(derivatives, changing, list(_quantities(outcome, derivatives, changing)), outcome.time)
+        responses = spectra_of(outcome, requests)
+        spectra = {
+            name: spectrum_changes(
+                spectrum,
+                outcome.sensors[name],
+                outcome.time,
+                np.stack([np.asarray(d.sensors[name].acceleration) for d in derivatives]),
+            )
+            for name, spectrum in responses.items()
+        }
+        scalars = list(_quantities(outcome, derivatives, changing, {n: (responses[n], spectra[n]) for n in spectra}))
+        return Sensitivities(derivatives, changing, scalars, outcome.time, spectra)
 
     def __getitem__(self, quantity: str) -> QuantitySensitivity:
         """The changes of one quantity (KeyError where there is none)."""
@@ -184,6 +219,11 @@ class Sensitivities:
             motions = ("displacement", "velocity", "acceleration")
             given = {key: stacked([getattr(d.sensors[name], key) for d in self.derivatives]) for key in motions}
             groups[f"/sensitivities/sensors/{name}"] = StoredGroup.of(named(_ROWS, given), along)
+        for name, s in self.spectra.items():
+            given = {"acceleration": s.acceleration, "pseudo_velocity": s.pseudo_velocity}
+            places = named(LABELS, {"response": list(RESPONSES), "frequency": s.frequency, "component": AXES})
+            group = StoredGroup.of(named(_SPECTRUM_ROWS, given), [*label, *places])
+            groups[f"/sensitivities/sensors/{name}/spectrum"] = group
         for name in self.derivatives[0].bolts:
             tension = stacked([d.bolts[name].force for d in self.derivatives])
             group = StoredGroup.of(named(_ROWS, {"tension": tension}), [*label, *named(LABELS, {"time": self.time})])
@@ -242,6 +282,10 @@ _ROWS: Final = rows(
     tension   | N | parameter time | change of the tension of the shank
     """
 )
+_SPECTRUM_ROWS: Final = {
+    name: replace(row, dims=("parameter", *row.dims), meaning=f"change of the {row.meaning}")
+    for name, row in SPECTRUM.items()
+}
 
 
 # -- states that change -----------------------------------------------------------------------------------------------
@@ -296,8 +340,11 @@ def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float
         made |= {FIRST_CONTACT.key: first_contact_time(fields), SEPARATION_INSTANT.key: separation_time(fields)}
     if history.has_friction:
         made[FRICTION_WORK.key] = float(history.slid(time)[1][-1] @ history.areas)
-        slid = np.linalg.norm(slip_in_contact(history, time)[-1], axis=1)
-        made[SLIP_DISTANCE] = float(slid @ history.areas / history.areas.sum())
+        slid = np.linalg.norm(slip_in_contact(history, time), axis=2)
+        made[SLIP_DISTANCE] = float(slid[-1] @ history.areas / history.areas.sum())
+        made[LARGEST_SLIP] = float(slid.max())
+    if history.contact_status is None:
+        made[LARGEST_FORCE] = float(np.linalg.norm(history.force(), axis=1).max())
     return made
 
 
@@ -356,9 +403,12 @@ class _Activity:
 
 
 def _quantities(
-    outcome: Outcome, derivatives: Sequence[HistoryChanges], changing: Mapping[str, Array]
+    outcome: Outcome,
+    derivatives: Sequence[HistoryChanges],
+    changing: Mapping[str, Array],
+    spectra: Mapping[str, tuple[ShockSpectrum, ShockSpectrum]],
 ) -> Iterator[QuantitySensitivity]:
-    """Scalar quantities with their changes."""
+    """Scalar quantities with their changes; ``spectra`` of the sensors, with their derivatives."""
     time, n, activities = outcome.time, len(derivatives), list[_Activity]()
     for name, history in outcome.interfaces.items():
         ends = [
@@ -387,12 +437,16 @@ def _quantities(
             motion = getattr(sensor, key.removesuffix("_peak")) if key.endswith("_peak") else None
             last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
             yield replace(q, flagged=every.shares(last))
+        if name in spectra:
+            values, changes = (s.acceleration for s in spectra[name])
+            row, axis = (int(i) for i in np.unravel_index(int(np.argmax(values[0])), values[0].shape))
+            largest, slopes = float(values[0, row, axis]), changes[:, 0, row, axis]
+            key, flagged = f"{name}.{SPECTRUM_PEAK}", every.shares(len(time) - 1)
+            yield QuantitySensitivity(key, _UNITS[SPECTRUM_PEAK], largest, slopes, flagged)
     for name, bolt in outcome.bolts.items():
-        i = int(np.argmax(bolt.force))
-        own = np.array([d.bolts[name].force[i] for d in derivatives])
-        yield QuantitySensitivity(
-            f"{name}.{BOLT_FORCE.key}", BOLT_FORCE.unit, float(bolt.force[i]), own, every.shares(i)
-        )
+        for key, i in ((BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE, len(time) - 1)):
+            own = np.array([d.bolts[name].force[i] for d in derivatives])
+            yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
@@ -442,5 +496,5 @@ def _differences(
         if value is None or any(x is None for pair in pairs for x in pair):
             continue
         changes = np.array([(float(m or 0.0) - float(s or 0.0)) / (2.0 * _STEP) for m, s in pairs])
-        unit = "m" if key == SLIP_DISTANCE else definition_of(f"{owner}.{key}").unit
+        unit = _UNITS[key] if key in _UNITS else definition_of(f"{owner}.{key}").unit
         yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, np.zeros(len(changes), dtype=bool))

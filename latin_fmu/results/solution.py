@@ -31,6 +31,7 @@ from .sensors import (
 )
 from .sentences import sentences, wrapped
 from .spectra import ShockSpectrum
+from .spread import Bands
 from .summary import details as details_of
 from .summary import report
 
@@ -67,6 +68,7 @@ class Solution:
     surfaces : whether results hold pressure and slip of the interfaces.
     units : system of units of the scene, which labels the results.
     sensitivities : derivatives by parameters of the scene; None where none are requested.
+    bands : bands of results from parameters that scatter; None where none do.
 
     Examples
     --------
@@ -86,6 +88,7 @@ class Solution:
     surfaces: bool = False
     units: UnitSystem = SI
     sensitivities: Sensitivities | None = None
+    bands: Bands | None = None
 
     status = _of(lambda o: o.status, "One sentence, with a remedy where the run did not converge.")
     converged = _of(
@@ -138,6 +141,8 @@ class Solution:
             groups["/accuracy"] = self.estimate.group(self.units)
         if self.sensitivities is not None:
             groups |= self.sensitivities.groups(self.units)
+        if self.bands is not None:
+            groups |= self.bands.groups(self.units)
         return in_units(groups, self.units)
 
     def _blocks(self) -> Iterator[dict[str, StoredGroup]]:
@@ -164,8 +169,10 @@ class Solution:
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
         if said := sentences(self.outcome, self.units, self.estimate, self.spectra):
             lines += ["", *said]
-        if self.sensitivities is not None:
+        if self.sensitivities is not None and (self.bands is None or not self.bands.alone):
             lines += ["", *self.sensitivities.lines(self.units)]
+        if self.bands is not None:
+            lines += ["", *self.bands.lines(self.units)]
         lines += ["", *self._cost()]
         if details:
             lines += ["", *details_of(self.outcome, self.units), *self._sensor_lines()]
@@ -200,4 +207,6 @@ class Solution:
         sensors |= {"bolts": bolt_report(self.outcome)} if self.bolts else {}
         if self.sensitivities is not None:
             sensors |= {"sensitivities": self.sensitivities.report(self.units)}
+        if self.bands is not None:
+            sensors |= {"bands": self.bands.report(self.units)}
         return report(self.outcome) | {"units": self.units.name} | sensors | estimate

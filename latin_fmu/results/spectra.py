@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -42,6 +42,7 @@ RESPONSES: Final = ("maximax", "primary", "residual")
 SAMPLES: Final = 32
 """Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
 _SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
+_STEP: Final = 1e-6  # of the largest acceleration, in the derivatives of spectra
 _COVERING = 0.85  # of an extrapolated difference of spectra
 _AT_ONCE = 2**20  # numbers per array of the residual response
 
@@ -211,6 +212,31 @@ def sensor_spectrum(history: SensorHistory, time: Array, request: Spectrum) -> S
     if not frequencies:
         return None
     return shock_response_spectrum(history.acceleration, step, frequencies, request.quality)
+
+
+def spectrum_changes(spectrum: ShockSpectrum, history: SensorHistory, time: Array, changes: Array) -> ShockSpectrum:
+    """Derivatives of the ``spectrum`` of a sensor along ``changes`` (n, n_time, 3) of its acceleration, m s-2: its
+    fields, but acceleration and pseudo-velocity (n, 3, n_frequency, 3), their changes.
+
+    The response is linear in the acceleration, and its largest magnitude changes as at the instant of that: the central
+    difference is exact where both its ends are largest there.
+    """
+    own = np.asarray(history.acceleration)
+    sizes = np.abs(changes).max(axis=(1, 2))
+    # of a sensor at rest anything is larger
+    steps = _STEP * (float(np.abs(own).max()) or 1.0) / np.where(sizes > 0.0, sizes, 1.0)
+    moved = steps[:, None, None] * changes
+    ends = np.moveaxis(np.stack([own + moved, own - moved]), 2, 0)  # time, end, change, component
+    flat = ends.reshape(len(own), -1)
+    made = shock_response_spectrum(
+        flat, float(time[-1] - time[0]) / (len(time) - 1), spectrum.frequency, spectrum.quality
+    )
+
+    def slopes(values: Array) -> Array:
+        more, less = np.moveaxis(values.reshape(*values.shape[:2], 2, len(changes), 3), (2, 3), (0, 1))
+        return np.asarray((more - less) / (2.0 * steps[:, None, None, None]))
+
+    return replace(spectrum, acceleration=slopes(made.acceleration), pseudo_velocity=slopes(made.pseudo_velocity))
 
 
 def spectrum_group(spectrum: ShockSpectrum, error: Array | None = None) -> StoredGroup:

@@ -138,6 +138,8 @@ def _kind(annotation: Any) -> str:
     parts = [part for part in get_args(annotation) if part is not type(None)]
     if get_origin(annotation) is dict:
         return "tables by name"
+    if get_origin(annotation) is Mapping:
+        return f"by name: {_kind(parts[1])}"
     if tables := tables_in(annotation):
         tags = tags_of(tables)
         return f"table, type = {' | '.join(tags)}" if tags else "table"

@@ -22,6 +22,7 @@ from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
+from .spread import Distribution, SpreadTable, number_at, spread_problems
 from .substructures import (
     Bolt,
     Gravity,
@@ -232,6 +233,15 @@ class Scene(SceneTable):
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
+    spread: Annotated[
+        SpreadTable,
+        about(
+            "table [spread]: how numbers of the scene scatter, independently of each other, by their dotted names as "
+            'in `--set`: standard deviation, the same as a share of the value ("5 %"), or the ends [low, high] of a '
+            "range in which all values are equally likely. A run has the bands of its results at 95 %, to first order",
+            "unit of the number",
+        ),
+    ] = Field(default_factory=dict)
 
     _base_dir: Path = PrivateAttr(default=Path())
     _context: dict[str, Any] = PrivateAttr(default_factory=dict)  # what its files are read with
@@ -256,7 +266,10 @@ class Scene(SceneTable):
             else:
                 problems += _relation_problems(written, base_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
-        if problems := unreadable or _relation_problems(written, base_dir):
+        problems = unreadable or _relation_problems(written, base_dir)
+        if scene.spread and not problems:
+            problems = list(spread_problems(scene.spread, scene.tables()))
+        if problems:
             raise SceneError(problems, _HEADING)
         scene._base_dir = base_dir
         scene._context = data._context if isinstance(data, Scene) else dict(info.context or {})
@@ -320,6 +333,17 @@ class Scene(SceneTable):
         for name, port in self.port.items():
             own |= port.loads(name)
         return own
+
+    @property
+    def differentiated(self) -> tuple[str, ...]:
+        """Numbers that results are differentiated by: those of ``output.sensitivities``, then those that scatter."""
+        return tuple(dict.fromkeys((*self.output.sensitivities, *self.spread)))
+
+    @property
+    def distributions(self) -> dict[str, Distribution]:
+        """Distributions of the numbers in ``spread``, by name."""
+        tables = self.tables() if self.spread else {}
+        return {name: Distribution.of(number_at(tables, name) or 0.0, d) for name, d in self.spread.items()}
 
     def boundaries_of(self, substructure: str) -> dict[str, Boundary]:
         """Boundary conditions on the faces of a substructure."""

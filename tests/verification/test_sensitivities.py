@@ -56,7 +56,7 @@ BOLTED = (
     (
         'time={start="static",end=8e-6,step=5e-7}',
         'load.pull.law={type="half_sine",start=0.0,duration=2e-5}',
-        'sensor.end={face="upper.upper_left"}',
+        'sensor.end={face="upper.upper_left",spectrum={lowest=5e4}}',
     ),
     ("contact.all.friction_coefficient", "bolt.m6.force", "load.pull.traction.0"),
 )
@@ -154,6 +154,25 @@ def test_tension_of_a_bolt_follows_the_force_it_is_given() -> None:
     for motion in ("displacement", "velocity"):
         values = [getattr(s.sensors["end"], motion) for s in (more, less)]
         assert apart(getattr(own.sensors["end"], motion), *values, own.value) < 1e-4
+
+
+def test_spectra_and_last_values_are_those_of_central_differences() -> None:
+    solution = differentiated(BOLTED)
+    known = solution.sensitivities
+    own = known.spectra["end"]
+    for i, d in enumerate(known.derivatives):
+        more, less = ends(BOLTED, d.name)
+        for kind in ("acceleration", "pseudo_velocity"):
+            values = [getattr(s.spectra["end"], kind) for s in (more, less)]
+            assert apart(getattr(own, kind)[i], *values, d.value) < 1e-4, (d.name, kind)
+        peaks = [float(s.spectra["end"].acceleration[0].max()) for s in (more, less)]
+        tensions = [float(s.bolts["m6"].force[-1]) for s in (more, less)]
+        for quantity, (a, b) in (("end.spectrum_peak", peaks), ("m6.last_bolt_force", tensions)):
+            difference = np.sign(d.value) * (a - b) / (2.0 * STEP)
+            assert known[quantity].changes[i] == pytest.approx(difference, rel=1e-4, abs=1e-6 * known[quantity].value)
+    stored = solution.to_datatree()["sensitivities/sensors/end/spectrum/acceleration"]
+    assert stored.dims == ("parameter", "response", "frequency", "component")
+    np.testing.assert_array_equal(stored.values, own.acceleration)
 
 
 def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:

@@ -1,0 +1,315 @@
+"""Bands of the results of a run whose parameters scatter, to first order in them: data, groups of the file, sentences.
+
+With the derivatives q_i of a result by independent parameters of standard deviations s_i, its standard deviation is
+sigma = sqrt(sum (q_i s_i)^2), and its mean that of the run but for parameters whose range has another middle than their
+value. Ends at 95 % are mean +- k sigma: k = 1.960 where all parameters are normal, 1.645 for one uniform one. Between,
+the excess kurtosis of the sum, -1.2 sum over the uniform ones of (q_i s_i)^4 / sigma^4, chooses the symmetric
+distribution of Pearson's family (a beta distribution): exact for one uniform parameter and for normal ones, within
+1 % for two equal uniform ones (R. Willink, A procedure for the evaluation of measurement uncertainty based on
+moments, Metrologia 42 (2005) 329-343).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from ..latin.outcome import Array, Outcome
+from ..scene.sensors import Sensor
+from ..scene.spread import Distribution
+from ..scene.units import SI, UnitSystem
+from .groups import StoredGroup, StoredVariable
+from .quantities import AXES, BOLT, INTERFACE, LABELS, Columns, StoredQuantity, named, rows
+from .sensitivities import Sensitivities, in_words
+from .sensors import sensor_group, spectra_of
+from .sentences import wrapped
+from .spectra import spectrum_group
+from .summary import finite, percent, readable
+
+LEVEL: Final = 0.95
+"""Probability of a band."""
+UNIFORM: Final = -1.2
+"""Excess kurtosis of a uniform distribution."""
+_NORMAL: Final = 1e-5  # excess kurtosis above which a sum counts as normal
+_COUNTS: Final = 0.01  # share of a variance from which on a flagged derivative counts
+_ASKEW: Final = 0.02  # shift of the middle of a band over its half width that is printed
+
+
+def coverage(kurtosis: Array) -> Array:
+    """Half width of a band at LEVEL over the standard deviation, from the excess kurtosis, -1.2 to 0.
+
+    >>> coverage(np.array([0.0, -1.2])).round(3).tolist()
+    [1.96, 1.645]
+    """
+    from scipy.special import betaincinv, ndtri
+
+    upper, size = 0.5 + 0.5 * LEVEL, np.minimum(kurtosis, -_NORMAL)
+    alpha = -0.5 * (6.0 / size + 3.0)
+    beta = (2.0 * betaincinv(alpha, alpha, upper) - 1.0) * np.sqrt(2.0 * alpha + 1.0)
+    return np.asarray(np.where(kurtosis > -_NORMAL, ndtri(upper), beta))
+
+
+@dataclass(frozen=True)
+class ResultBand:
+    """Band of a result of any shape: mean, standard deviation, and ``factor``, half its width at LEVEL over that."""
+
+    mean: Array
+    deviation: Array
+    factor: Array
+
+    @property
+    def half(self) -> Array:
+        """Half its width, of the unit of the result."""
+        return self.factor * self.deviation
+
+    @property
+    def low(self) -> Array:
+        """Lower end of it."""
+        return np.asarray(self.mean - self.half)
+
+    @property
+    def high(self) -> Array:
+        """Upper end of it."""
+        return np.asarray(self.mean + self.half)
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Parameters that scatter.
+
+    Attributes
+    ----------
+    distributions : by name. places : of them among the derivatives of a run. scales : changes that derivatives are for.
+    """
+
+    distributions: Mapping[str, Distribution]
+    places: Sequence[int]
+    scales: Array
+
+    @property
+    def _all(self) -> Sequence[Distribution]:
+        return list(self.distributions.values())
+
+    def parts(self, changes: Array) -> Array:
+        """What each parameter makes of the standard deviation, (n, ...), from derivatives (n_derivative, ...)."""
+        weights = np.array([d.deviation for d in self._all]) / self.scales
+        return np.asarray(changes[self.places] * weights.reshape(-1, *[1] * (changes.ndim - 1)))
+
+    def band(self, value: Array, changes: Array) -> ResultBand:
+        """Band of a result with its derivatives (n_derivative, ...)."""
+        parts = self.parts(changes)
+        squares = parts * parts
+        variance = squares.sum(axis=0)
+        uniform = np.array([d.uniform for d in self._all])
+        shifts = np.array([(d.mean - d.value) / d.deviation for d in self._all]).reshape(-1, *[1] * (parts.ndim - 1))
+        fourth = np.square(squares[uniform] / np.where(variance > 0.0, variance, 1.0)).sum(axis=0)
+        return ResultBand(value + (shifts * parts).sum(axis=0), np.sqrt(variance), coverage(UNIFORM * fourth))
+
+
+@dataclass(frozen=True)
+class QuantityBand:
+    """A scalar quantity, ``owner.key``, of the run, with its band; ``shares`` of the parameters in its variance,
+    ``flagged`` : whether the derivative by one of these is."""
+
+    quantity: str
+    unit: str
+    value: float
+    band: ResultBand
+    shares: Array
+    flagged: bool
+
+    @property
+    def words(self) -> str:
+        """Name of the quantity in words."""
+        owner, _, key = self.quantity.rpartition(".")
+        return f"{owner} {key.replace('_', ' ')}"
+
+    def text(self, label: str) -> str:
+        """Value and band with their unit, ``label``."""
+        half, shift = float(self.band.half), float(self.band.mean) - self.value
+        text = readable(self.value, label)
+        if half == 0.0:
+            return f"{text}, does not change"
+        if abs(shift) > _ASKEW * half:
+            return f"{text}, {readable(float(self.band.low), label)} to {readable(float(self.band.high), label)}"
+        share = f" ({percent(half / abs(self.value))})" if self.value else ""
+        return f"{text} +- {readable(half, label, 3)}{share}"
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Bands of a run (module docstring).
+
+    Attributes
+    ----------
+    scatter : its parameters. quantities : scalars. histories : results over time and spectra with their bands, by the
+        path of their group in the file and the name of their row; with the labels of their dimensions.
+    alone : whether the scene names no other parameters to differentiate by.
+    """
+
+    scatter: Scatter
+    quantities: Sequence[QuantityBand]
+    histories: Mapping[str, tuple[list[tuple[StoredQuantity, Array, ResultBand]], Columns]]
+    alone: bool
+
+    @staticmethod
+    def of(
+        outcome: Outcome,
+        known: Sensitivities,
+        distributions: Mapping[str, Distribution],
+        requests: Mapping[str, Sensor],
+    ) -> Bands:
+        """Bands of a run from its derivatives; ``requests`` : tables of its sensors."""
+        names = [d.name for d in known.derivatives]
+        places = [names.index(name) for name in distributions]
+        scatter = Scatter(distributions, places, np.array([known.derivatives[i].scale for i in places]))
+        quantities = []
+        for q in known.quantities:
+            band, squares = scatter.band(np.array(q.value), q.changes), scatter.parts(q.changes) ** 2
+            shares = squares / (squares.sum() or 1.0)
+            flagged = bool((q.flagged[places] & (shares > _COUNTS)).any())
+            quantities.append(QuantityBand(q.quantity, q.unit, q.value, band, shares, flagged))
+        histories = {
+            path: ([(row, value, scatter.band(value, changes)) for row, value, changes in found], labels)
+            for path, found, labels in _histories(outcome, known, requests)
+        }
+        return Bands(scatter, quantities, histories, len(places) == len(names))
+
+    def __getitem__(self, quantity: str) -> QuantityBand:
+        """The band of one quantity (KeyError where there is none)."""
+        for known in self.quantities:
+            if known.quantity == quantity:
+                return known
+        raise KeyError(quantity)
+
+    def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
+        """Groups of the results file by path."""
+        distributions, quantities = list(self.scatter.distributions.values()), self.quantities
+        labels = {
+            "parameter": np.array(list(self.scatter.distributions), dtype=np.str_),
+            "quantity": np.array([q.quantity for q in quantities], dtype=np.str_),
+        }
+        made: dict[str, object] = {
+            "parameter_mean": np.array([d.mean for d in distributions]),
+            "parameter_deviation": np.array([d.deviation for d in distributions]),
+            "distribution": np.array([d.uniform for d in distributions], dtype=np.int8),
+            "quantity_unit": np.array([units.label(q.unit) for q in quantities], dtype=np.str_),
+            "value": np.array([q.value for q in quantities]),
+            "deviation": np.array([q.band.deviation for q in quantities]),
+            "low": np.array([q.band.low for q in quantities]),
+            "high": np.array([q.band.high for q in quantities]),
+            "share": np.array([q.shares for q in quantities]).reshape(-1, len(distributions)),
+            "flagged": np.array([q.flagged for q in quantities], dtype=np.int8),
+        }
+        groups = {"/spread": StoredGroup.of(named(_ROWS, made), named(_ROWS, labels), {"probability": LEVEL})}
+        for path, (results, along) in self.histories.items():
+            columns = [(_end(row, word), getattr(band, word)) for row, _, band in results for word in ("low", "high")]
+            groups[path] = StoredGroup.of([*((row, value) for row, value, _ in results), *columns], along)
+        return groups
+
+    def lines(self, units: UnitSystem = SI) -> list[str]:
+        """One line a quantity: value, band, the parameter that makes most of it."""
+        made = [(q.words, self._text(q, units)) for q in self.quantities]
+        width = max((len(name) for name, _ in made), default=0)
+        head = f"  at {100 * LEVEL:g} %, to first order in {len(self.scatter.distributions)} parameters that scatter:"
+        return [head, *(line for name, text in made for line in wrapped(name.ljust(width), text))]
+
+    def _text(self, q: QuantityBand, units: UnitSystem) -> str:
+        text = q.text(units.label(q.unit))
+        if q.shares.any():
+            most = int(np.argmax(q.shares))
+            text += (
+                f"; {100 * q.shares[most]:.0f} % of its variance by {in_words(list(self.scatter.distributions)[most])}"
+            )
+        return text + " (states change on the way)" * q.flagged
+
+    def report(self, units: UnitSystem = SI) -> dict[str, Any]:
+        """Plain data for strict JSON: per quantity its unit, value, standard deviation, ends of the band, shares of the
+        parameters in its variance, whether it is flagged; ``parameters`` with mean and standard deviation."""
+        names = list(self.scatter.distributions)
+        quantities = {
+            q.quantity: {
+                "unit": units.label(q.unit),
+                "value": finite(q.value),
+                "deviation": finite(float(q.band.deviation)),
+                "low": finite(float(q.band.low)),
+                "high": finite(float(q.band.high)),
+                "shares": dict(zip(names, map(finite, q.shares.tolist()), strict=True)),
+                "flagged": q.flagged,
+            }
+            for q in self.quantities
+        }
+        known = self.scatter.distributions.items()
+        parameters = {n: {"mean": d.mean, "deviation": d.deviation, "uniform": d.uniform} for n, d in known}
+        return {"probability": LEVEL, "parameters": parameters, "quantities": quantities}
+
+
+def _histories(
+    outcome: Outcome, known: Sensitivities, requests: Mapping[str, Sensor]
+) -> Iterator[tuple[str, list[tuple[StoredQuantity, Array, Array]], Columns]]:
+    """Results that depend linearly on tractions and motions, and spectra: path of the group, rows with values and
+    derivatives (n_derivative, ...), labels of their dimensions."""
+    derivatives, time = known.derivatives, outcome.time
+    along = named(LABELS, {"time": time, "component": AXES})
+    for name, history in outcome.interfaces.items():
+        own = [d.interfaces[name] for d in derivatives]
+        forces = history.force(), np.stack([h.force() for h in own])
+        normal = history.normal_resultant(), np.stack([h.normal_resultant() for h in own])
+        yield f"/spread/interfaces/{name}", [(INTERFACE["force"], *forces), (_NORMAL_FORCE, *normal)], along
+    for name, sensor in outcome.sensors.items():
+        chosen = requests[name].filter if name in requests else None
+        # filters are linear
+        of_run, *others = (sensor_group(h, time, chosen) for h in (sensor, *(d.sensors[name] for d in derivatives)))
+        found = [
+            (_row(key, variable), variable.values, np.stack([g.variables[key].values for g in others]))
+            for key, variable in of_run.variables.items()
+            if key not in of_run.labels
+        ]
+        yield f"/spread/sensors/{name}", found, along
+    for name, spectrum in spectra_of(outcome, requests).items():
+        changes, group = known.spectra[name], spectrum_group(spectrum)
+        kinds = ("acceleration", "pseudo_velocity")
+        found = [(_row(k, group.variables[k]), getattr(spectrum, k), getattr(changes, k)) for k in kinds]
+        labels = [(_row(key, group.variables[key]), group.variables[key].values) for key in sorted(group.labels)]
+        yield f"/spread/sensors/{name}/spectrum", found, labels
+    for name, bolt in outcome.bolts.items():
+        tension = np.stack([d.bolts[name].force for d in derivatives])
+        yield f"/spread/bolts/{name}", [(BOLT["force"], bolt.force, tension)], named(LABELS, {"time": time})
+
+
+def _row(name: str, variable: StoredVariable) -> StoredQuantity:
+    """Row of a stored variable."""
+    attrs = variable.attrs
+    return StoredQuantity(
+        name, attrs.get("units"), variable.dims, attrs["long_name"], attrs.get("comment"), lambda _: None
+    )
+
+
+def _end(row: StoredQuantity, word: str) -> StoredQuantity:
+    """Row of an end of the band of another one."""
+    share = 0.5 + (0.5 if word == "high" else -0.5) * LEVEL
+    return replace(
+        row, name=f"{row.name}_{word}", meaning=f"{row.meaning}: {100 * share:g} % of all are below", comment=None
+    )
+
+
+_NORMAL_FORCE: Final = rows("normal_force | N | time | normal resultant, positive in compression")["normal_force"]
+_ROWS: Final = rows(
+    """
+    parameter | - | parameter | dotted name of a number of the scene that scatters
+    quantity  | - | quantity  | name of the quantity
+    parameter_mean | - | parameter | mean of the parameter, in its unit
+    parameter_deviation | - | parameter | standard deviation of the parameter, in its unit
+    distribution | - | parameter | distribution of the parameter | | normal uniform
+    quantity_unit | - | quantity | unit of the quantity
+    value     | - | quantity | value of the quantity in the run, in its unit
+    deviation | - | quantity | standard deviation of the quantity, in its unit, to first order
+    low       | - | quantity | lower end of the band of the quantity, in its unit
+    high      | - | quantity | upper end of the band of the quantity, in its unit
+    share     | 1 | quantity parameter | share of the parameter in the variance of the quantity
+    flagged   | - | quantity | whether states change at instants that the quantity depends on | | no yes
+    """
+)
