@@ -113,7 +113,8 @@ class ProgressSink(Protocol):
     """Receiver of the progress of a run."""
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
+        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``; of instants of
+        the march of derivatives with iteration 0."""
 
 
 @contextmanager
@@ -253,7 +254,7 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, problem, recorder)
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress)
     return Solution(
         outcome,
         scene.text(),
@@ -268,17 +269,22 @@ def solve(
 
 
 def _derivatives(
-    scene: Scene, outcome: Outcome, tangent: Tangents | None, problem: SolverReadyProblem, recorder: Recorder
+    scene: Scene,
+    outcome: Outcome,
+    tangent: Tangents | None,
+    ended: tuple[SolverReadyProblem, Recorder],
+    progress: ProgressSink | None,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
     """Derivatives of a run by parameters, and bands from those that scatter; where there are none of those wanted, the
     run is good without them, with a remark."""
     if tangent is None:
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
     if outcome.converged and outcome.complete:
         try:
             with one_thread():
-                made = Sensitivities.of(outcome, tangent.march(problem, recorder), scene.sensor)
+                made = Sensitivities.of(outcome, tangent.march(*ended, shown), scene.sensor)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities:

@@ -559,7 +559,7 @@ def _differences(
     owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]]
 ) -> Iterator[QuantitySensitivity]:
     """Central differences of the scalars of an owner along each parameter, flagged where they bend; ``ends`` : by
-    parameter the scalars a little further, before, and CHECKED further."""
+    parameter the scalars _STEP further, before, and CHECKED further."""
     for key, value in values.items():
         moved = np.array([[_number(end.get(key)) for end in along] for along in ends])
         if value is None or np.isnan(moved[:, :2]).any():

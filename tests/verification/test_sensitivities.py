@@ -370,3 +370,19 @@ def test_a_peak_that_another_one_overtakes_is_flagged() -> None:
     own = [{"peak_force": peak} for peak in (1.0 + 1e-6, 1.0 - 1e-6, 1.05)]
     (q,) = sensitivities._differences("joint", {"peak_force": 1.0}, [overtaken, own])
     assert q.flagged.tolist() == [True, False]
+
+
+def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
+    """Instants of the motion with iteration 0, after the windows of the run."""
+    calls = list[tuple[int, int, int]]()
+
+    class Sink:
+        def update(self, done: int, total: int, iteration: int, error: float) -> None:
+            del error
+            calls.append((done, total, iteration))
+
+    latin_fmu.solve(scene_of(BOUNCE).replace("output.sensitivities", list(BOUNCE[2])), progress=Sink())
+    run = [call for call in calls if call[2] > 0]
+    assert calls[: len(run)] == run
+    assert [done for done, _, _ in calls[len(run) :]][-1] == 220
+    assert {total for _, total, _ in calls[len(run) :]} == {220}
