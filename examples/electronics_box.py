@@ -17,6 +17,7 @@ from example_tools import BLUE, GREEN, MODELS, ORANGE, VERMILION, Array, label_f
 from matplotlib.figure import Figure
 
 import latin_fmu
+from latin_fmu.results.sensors import share_lost
 
 SCENE = MODELS / "electronics_box" / "scene.toml"
 G = 9.80665  # m s-2
@@ -52,11 +53,13 @@ class Run:
     peak: float
 
     @property
-    def clamp_loss(self) -> float:
-        """Loss of the mean tension of the four screws over that at the start. The end is the mean of the second half of
-        the run, by a window that leaves vibrations out."""
-        late = self.tension[len(self.time) // 2 :].mean(axis=1)
-        return float(1.0 - np.average(late, weights=np.hanning(len(late))) / self.tension[0].mean())
+    def clamp_loss(self) -> float | None:
+        """Loss of the mean tension of the four screws over that at the start, None where they were never tight. The end
+        is the mean of the second half of the run, by a window that leaves vibrations out."""
+        mean = self.tension.mean(axis=1)
+        late = mean[len(mean) // 2 :]
+        end = np.average(late, weights=np.hanning(len(late)))
+        return None if share_lost(mean) is None else float(1.0 - end / mean[0])
 
 
 def solved(settings: Sequence[str]) -> Run:
@@ -117,7 +120,8 @@ def apart(one: Run, strict: Run) -> dict[str, float]:
     """Differences of a run from the one at ``STRICT``, %."""
     spectra = np.abs(one.spectrum / strict.spectrum - 1.0)
     numbers = {"tension": float(np.abs(one.tension / strict.tension - 1.0).max())}
-    numbers["clamp loss, of the tension"] = abs(one.clamp_loss - strict.clamp_loss)
+    if one.clamp_loss is not None and strict.clamp_loss is not None:
+        numbers["clamp loss, of the tension"] = abs(one.clamp_loss - strict.clamp_loss)
     for axis, own in zip("xyz", spectra.T, strict=True):
         numbers[f"spectrum along {axis}"] = float(own.max())
         numbers[f"spectrum along {axis} from 110 Hz on"] = float(own[FREQUENCIES > 110.0].max())
@@ -139,11 +143,14 @@ def main(argv: Sequence[str] | None = None) -> dict[str, float]:
             f"{label}: at, Hz": float(FREQUENCIES[one.spectrum[:, 2].argmax()]),
             f"{label}: smallest tension, N": float(one.tension.min()),
             f"{label}: largest tension, N": float(one.tension.max()),
-            f"{label}: clamp loss, %": 100.0 * one.clamp_loss,
             f"{label}: slip, um": 1e6 * float(one.slide[-1]),
             f"{label}: friction work, mJ": 1e3 * one.work,
             f"{label}: iterations": one.iterations,
         }
+        if (lost := one.clamp_loss) is None:
+            numbers[f"{label}: screws that were never tight"] = len(SCREWS)
+        else:
+            numbers[f"{label}: clamp loss, %"] = 100.0 * lost
     save(figure(runs), arguments.folder, "electronics_box")
     label = "friction 0.2" if "friction 0.2" in runs else chosen[0]
     return numbers | apart(runs[label], solved((*CASES[label][1], *shorter, STRICT)))

@@ -373,7 +373,8 @@ Linux (aarch64) are compiled from the same source, where the package that made t
 them. On others, and on processors without AVX2 and FMA, numba compiles them at the first step (two to three minutes)
 and keeps them, by content, in the folder <code>latin-fmu</code> of the user's cache (<code>~/.cache</code>): another
 extraction does not compile again. The environment variable <code>LATIN_FMU_CACHE</code> names another folder, 0 keeps
-nothing; <code>LATIN_FMU_COMPILE=0</code> is for debugging: plain Python, thousands of times slower.</p>
+nothing; <code>LATIN_FMU_COMPILE=setup</code> is for debugging: the march as plain Python, thousands of times
+slower.</p>
 """
 
 _COMPILED = """\

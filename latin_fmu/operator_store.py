@@ -1,9 +1,10 @@
-"""Operators on disk: what one run factorises, the next run of the same bodies reads.
+"""Operators and static states on disk: what one run computes for them, the next run of the same bodies reads.
 
 An entry holds arrays that are a function of others: the numbers of a factor, of a matrix, its interface, its order of
 elimination and its type. Its name is the digest of these, of the version of the package and of the library of compiled
 kernels, as other instructions round otherwise: what is read has the bits that would be computed. Loads, friction, gaps
-and bolt forces enter no matrix, and a run in which they alone have changed factorises nothing.
+and bolt forces enter no matrix, and a run in which they alone have changed factorises nothing; the state with tight
+bolts depends on them, and on no load that begins with 0.
 
 An entry is a folder of ``.npy`` files and a list of them with their checksums. It is written beside its place and then
 renamed, so that processes may share a store; it is read without unpickling, the numbers of factors mapped into memory.
@@ -82,13 +83,16 @@ class OperatorStore:
         """
         return "" if self.folder is None else f"{kind}-{_digest(given)}"
 
-    def remember(self, name: str, make: Callable[[], Arrays], mapped: Collection[str] = ()) -> Arrays:
+    def remember(
+        self, name: str, make: Callable[[], Arrays], mapped: Collection[str] = (), smallest: int | None = None
+    ) -> Arrays:
         """Arrays of an entry with this ``name``, read where they are known, else made; they may be written to.
 
         Parameters
         ----------
         mapped : names of arrays that stay in their file until they are used. Others are read into memory: sums of
             NumPy and of BLAS round by the address that an array begins at, and files begin elsewhere.
+        smallest : bytes below which an entry is not written, ``_SMALLEST`` where None.
 
         Raises
         ------
@@ -102,7 +106,7 @@ class OperatorStore:
             self.read += 1
             return known
         made = make()
-        if sum(array.nbytes for array in made.values()) >= _SMALLEST:
+        if sum(array.nbytes for array in made.values()) >= (_SMALLEST if smallest is None else smallest):
             try:
                 self._write(place, made)
             except OSError as error:
@@ -196,9 +200,8 @@ def store_at(folder: Path, limit: float) -> OperatorStore:
 
 @cache
 def _code() -> str:
-    """Digest of the source of everything that computes entries, and of what it runs on."""
-    rooms = ("cholesky", "compiled", "kernels", "propagator")
-    sources = sorted(path for room in rooms for path in (PACKAGE / room).rglob("*.py"))
+    """Digest of the source of the package, and of what it runs on."""
+    sources = sorted(PACKAGE.rglob("*.py"))
     # numba takes sums in another order than the library, Python in a third one
     switches = [os.environ.get(f"LATIN_FMU_{name}", "1") for name in ("COMPILE", "LIBRARY")]
     on = f"{platform.machine()} {sys.platform} {switches}"
@@ -210,7 +213,9 @@ def _digest(given: Iterable[Any]) -> str:
     digest = hashlib.blake2b(f"{_code()} {np.__version__}".encode(), digest_size=20)
     for part in given:
         if isinstance(part, sp.csr_array | sp.csc_array):
-            arrays: tuple[Any, ...] = (np.array(part.shape), part.indptr, part.indices, part.data)
+            # SciPy chooses the width of indices by how a matrix was made
+            pattern = (np.asarray(indices, dtype=np.int64) for indices in (part.indptr, part.indices))
+            arrays: tuple[Any, ...] = (np.array(part.shape), *pattern, part.data)
         elif isinstance(part, np.ndarray):
             arrays = (part,)
         else:

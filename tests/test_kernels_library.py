@@ -22,7 +22,7 @@ from latin_fmu.cholesky import substitution as sweeps
 from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.many_columns import MANY
 from latin_fmu.cholesky.substitution import LANES, SPARE
-from latin_fmu.compiled import COMPILES, declare, fields, library, with_numba
+from latin_fmu.compiled import declare, fields, library, with_numba
 from latin_fmu.compiled.declare import Entry, MismatchError, Signature, address
 from latin_fmu.interface import BEHAVIOURS
 from latin_fmu.kernels import inputs, sparse_response
@@ -32,7 +32,6 @@ from latin_fmu.propagator import stable_step
 
 ROOT = Path(__file__).parents[1]
 
-pytestmark = pytest.mark.skipif(not COMPILES, reason="compilation is off")
 with_library = pytest.mark.skipif(library.loaded() is None, reason="no library here: an editable installation")
 
 

@@ -14,10 +14,12 @@ import pytest
 
 import latin_fmu
 from latin_fmu import operator_store
+from latin_fmu.assembly import statics
 from latin_fmu.cholesky import factor as factors
 from latin_fmu.cholesky.symbolic import shared_analysis
 from latin_fmu.errors import ResultsError
 from latin_fmu.operator_store import OperatorStore
+from tests.scenes import MODELS
 
 STEEL = {"young_modulus": 2.1e11, "poisson_ratio": 0.3, "density": 7800.0}
 BODY = {"material": "steel"}
@@ -164,3 +166,32 @@ def test_the_second_run_factorises_nothing_and_gives_the_same_bits(
     stiffer = latin_fmu.solve(scene(tmp_path, modulus=2e11, **kept_here))
     alone = latin_fmu.solve(scene(tmp_path, modulus=2e11, interface_operator=form))
     assert np.array_equal(stiffer.substructures["b"].displacement, alone.substructures["b"].displacement)
+
+
+def test_the_tightened_state_is_read_where_nothing_that_it_depends_on_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """By another run, by its modes and with a blow of another size, which begins with 0; with the bits of a run
+    without the folder."""
+
+    def refuse(*_: Any) -> Any:
+        raise AssertionError("an equilibrium")
+
+    plain = latin_fmu.load_scene(MODELS / "lap_joint" / "shock.toml").replace("time.end", 5e-6)
+    scene = plain.replace("solver.operators", {"folder": str(tmp_path)})
+    first = latin_fmu.solve(scene)
+    with monkeypatch.context() as patch:
+        patch.setattr(statics, "equilibrium", refuse)
+        second = latin_fmu.solve(scene)
+        stronger = latin_fmu.solve(scene.replace("load.shock.traction", [-80e6, 0.0, 0.0]))
+        frequency = latin_fmu.vibration_modes(scene, count=2).frequency
+        for changed in (("bolt.m6.force", 9e3), ("contact.all.friction_coefficient", 0.4)):
+            with pytest.raises(AssertionError, match="an equilibrium"):
+                latin_fmu.solve(scene.replace(*changed))
+    alone = latin_fmu.solve(plain)
+    for solution in (first, second):
+        for name, bolt in alone.bolts.items():
+            assert np.array_equal(solution.bolts[name].force, bolt.force)
+            assert solution.bolts[name].tightening == bolt.tightening
+    assert not np.array_equal(stronger.bolts["m6"].force, alone.bolts["m6"].force)
+    assert np.array_equal(frequency, latin_fmu.vibration_modes(plain, count=2).frequency)

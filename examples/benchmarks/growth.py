@@ -8,7 +8,8 @@
     processes  as many such blocks on each of one and two processes (``processes``)
     threads    blocks within and beyond the cache on one thread and on two
 
-Of unknowns and blocks the set-up is measured, too: meshes, matrices and interfaces, factors, tables. All but the last
+Of unknowns and blocks the set-up is measured, too: meshes, matrices and interfaces, factors, tables; the exponents of
+both from 25,000 unknowns on are printed. The largest block has 255,552 unknowns and takes 10 GB. All but the last
 are seconds of the processor, those of processes without the exchanges. Threads are compared by the
 wall clock, in turn, and the least of the rounds is taken; beside the gain stands the memory that an instant reads, over
 its time: factors twice, in each iteration but the first the matrices or the part of the factors at the interfaces. A
@@ -35,7 +36,8 @@ from latin_fmu.latin.windows import Run
 
 Line = list[tuple[float, float]]  # size, s per instant, or of the set-up
 SET_UP = "set-up, "
-PLATES, BLOCKS, TURNS = (12, 16, 24, 40), (6, 10, 14, 20), 3
+PLATES, BLOCKS, TURNS = (12, 16, 24, 40), (6, 10, 14, 20, 29, 36, 43), 3
+REAL_SIZE = 25_000.0  # unknowns from which on the growth of a real assembly is stated
 STACKS = (2, 4, 8, 16, 32, 64, 128, 256, 512)
 MANY = 64  # blocks from which on the cost of each is compared: their operators do not fit in the cache
 THREADED = ((16, 4), (8, 6), (4, 10), (1, 14), (2, 14))  # blocks, elements along their edges
@@ -55,6 +57,12 @@ def measured(what: str, scenes: dict[float, dict[str, Any]], rounds: int) -> dic
     """Lines of an instant and of the set-up over the sizes of scenes."""
     costs = {size: least(tables, rounds) for size, tables in scenes.items()}
     return {name: [(size, cost[i]) for size, cost in costs.items()] for i, name in enumerate((what, SET_UP + what))}
+
+
+def exponent(line: Line, least: float) -> float:
+    """Exponent of the growth of a line from a size on, by least squares of logarithms; NaN for fewer than two sizes."""
+    points = np.log([(size, cost) for size, cost in line if size >= least] or np.ones((1, 2)))
+    return float(np.polyfit(*points.T, 1)[0]) if len(points) > 1 else float("nan")
 
 
 def by_blocks(count: int, rounds: int) -> Line:
@@ -151,11 +159,14 @@ def main(argv: list[str] | None = None) -> dict[str, Line]:
     stacks = QUICK_STACKS if chosen.quick else STACKS
     faces = [in_a_process(m, 2, "automatic") for m in plates]
     lines: dict[str, Line] = {"points of a face": [(float(cost.points), cost.march) for cost in faces]}
-    lines |= measured("unknowns of a block", {3.0 * (n + 1) ** 3: stack(1, n) for n in blocks}, min(rounds, 2))
+    lines |= measured("unknowns of a block", {3.0 * (n + 1) ** 3: stack(1, n) for n in blocks}, 1)
     lines |= measured("blocks", {float(count): stack(count, 4) for count in stacks}, rounds)
     lines["processes"] = by_blocks(stacks[-1] if chosen.quick else 8, rounds)
     for what, line in lines.items():
         print_line(what, line)
+    for what, unknowns in {"unknowns of a block": 1, "blocks": 3 * 5**3}.items():
+        march, made = (exponent(lines[head + what], REAL_SIZE / unknowns) for head in ("", SET_UP))
+        print(f"{what:>27}  from {REAL_SIZE:,.0f} unknowns on: set-up {made:.2f}, an instant {march:.2f}")
     print_each([(count, s) for count, s in lines["blocks"] if count >= MANY] or lines["blocks"])
     print("blocks  elements      one      two threads, ms   gain   read, GB/s on one and two")
     for count, n in QUICK_THREADED if chosen.quick else THREADED:

@@ -25,13 +25,13 @@ from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_re
 from .conditions import Conditions, conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
-from .initial_state import InitialState, check_fields, field_remarks, initial_problems
+from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
-from .statics import Stage, loose_bolts, start_groups, start_problems, static_state, tightened
+from .statics import Stage, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -70,9 +70,28 @@ def starting_equilibrium(
     discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
 ) -> InitialState | None:
     """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
-    solved for it is added to ``stages``."""
+    solved for it is added to ``stages``. It is read from the folder of operators where it is known there."""
     if discretised.scene.time.start.type != "static":
         return None
+    store = store_of(discretised.scene)
+    # derivatives need what was solved; laws of the caller have no digest
+    if stages is not None or store.folder is None or not all(map(_own_law, discretised.units)):
+        return _solved_equilibrium(discretised, amplitudes, stages)
+    name = store.name("start", *start_data(discretised, amplitudes))
+    # a state of a few numbers may have taken minutes
+    made = store.remember(name, lambda: state_arrays(_solved_equilibrium(discretised, amplitudes, None)), smallest=0)
+    return state_of(made)
+
+
+def _own_law(unit: InterfaceUnit) -> bool:
+    """Whether the law of an interface is one of the package."""
+    return type(unit.behaviour).__module__.startswith(f"{__name__.partition('.')[0]}.")
+
+
+def _solved_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None
+) -> InitialState | None:
+    """As ``starting_equilibrium``, solved."""
     kept: Kept = {}
     tight = tightened(discretised, kept, stages) if discretised.cuts else None
     state = static_state(discretised, amplitudes, tight, kept, stages)

@@ -30,7 +30,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,7 +45,7 @@ from ..results.summary import aligned
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem, unit_text
 from .modal_damping import Modes
-from .modes import JoinedAssembly, Joints, pressed_points
+from .modes import JoinedAssembly, Joints, damped, pressed_points, without_scheme
 
 Kind = Literal["receptance", "mobility", "accelerance"]
 Complex = NDArray[np.complex128]
@@ -61,6 +61,7 @@ _AT_PEAKS: Final = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2
 _SHARE: Final = 1e-6  # of the mass that a base moves
 _AT_ONCE: Final = 2**22  # numbers in the matrices of frequencies that are solved together
 _HEADING: Final = "no frequency response"
+_UNDAMPED: Final = ("damping", "the scene has none, and without it the peaks are infinite")
 
 
 def frf(
@@ -105,8 +106,11 @@ def frf(
     >>> response.response["end.z"]["end"].shape
     (2, 3)
     """
-    ratios = _checked(scene, sensors, damping, (kind, points, frequencies, lowest, highest))
-    joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {})
+    ratios = _checked(scene, drives, sensors, damping, (kind, points, frequencies, lowest, highest))
+    problem = without_scheme(scene)
+    if ratios is None and not damped(problem):  # before the bolts are tightened, which takes far longer
+        raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
+    joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {}, problem)
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
@@ -144,6 +148,7 @@ def frf(
 
 def _checked(
     scene: Scene,
+    drives: Sequence[str],
     sensors: Sequence[str],
     damping: float | Sequence[float] | None,
     options: tuple[str, int, ArrayLike | None, float | None, float | None],
@@ -153,6 +158,12 @@ def _checked(
     problems, known = [], list(scene.sensor)
     if not known:
         problems.append(Problem("sensor", "the scene has none", remedy="add [sensor.NAME] tables to the scene"))
+    places = (f"{name}.{axis}" for name in (BASE, *known) for axis in AXES)
+    allowed = [*places, *scene.load]
+    for name in drives:
+        if name not in allowed:
+            what = "neither the base nor a sensor with an axis nor a load"
+            problems.append(Problem("drive", what, name, listed(allowed), did_you_mean(name, allowed)))
     for name in sensors if known else ():
         if name not in known:
             what = "no sensor of this name"
@@ -202,7 +213,8 @@ class _Excitations:
         return np.asarray(moved if isinstance(moved, np.ndarray) else moved.toarray())
 
     def column(self, drive: str) -> Array:
-        """Forces (n,) of a drive: of unit size, or M r of a base along an axis. Raises InputError: it is none."""
+        """Forces (n,) of a drive: of unit size, or M r of a base along an axis. Raises InputError: nothing is held
+        along the axis, or a load has no resultant."""
         axis = _base_axis(drive)
         if axis is not None:
             if self.carried[axis] > 1.0 - _SHARE:
@@ -214,10 +226,6 @@ class _Excitations:
         if place in self.scene.sensor and along in AXES:
             forces: Array = self.rows(place)[AXES.index(along)]
             return forces
-        if drive not in self.scene.load:
-            known = [*(f"{name}.{axis}" for name in (BASE, *self.scene.sensor) for axis in AXES), *self.scene.load]
-            what = "neither the base nor a sensor with an axis nor a load"
-            raise InputError([Problem("drive", what, drive, listed(known), did_you_mean(drive, known))], _HEADING)
         return self._load(drive)
 
     def _load(self, name: str) -> Array:
@@ -299,8 +307,7 @@ class _Basis:
             raise InputError([Problem(where, what, remedy=remedy)], _HEADING)
         damping = joined.damping_of(joined.expansion @ vectors)
         if not np.abs(damping).max(initial=0.0) > 0.0:
-            what = "the scene has none, and without it the peaks are infinite"
-            raise InputError([Problem("damping", what, remedy="give a damping ratio of the modes")], _HEADING)
+            raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
         return _Basis(vectors, omega, damping, modes.n_rigid, n_mode)
 
     @property
@@ -409,6 +416,15 @@ class FrequencyResponse(Stored):
                 row = (drive, sensor, self.kind_of(drive), size, AXES[axis], f"{f[at]:.6g} Hz", phase)
                 table.append(row)
         return [head, f"  {basis}", "", *aligned(table)]
+
+    def report(self) -> dict[str, Any]:
+        """Plain data for strict JSON: what the root of a file has, and of each drive its sensors."""
+        root, *others = self.groups().items()
+        drives: dict[str, dict[str, Any]] = {name: {} for name in self.response}
+        for path, group in others:
+            drive, _, sensor = path.removeprefix("/drives/").partition("/")
+            drives[drive][sensor] = group.report()
+        return root[1].report() | {"drives": drives}
 
     def groups(self) -> dict[str, StoredGroup]:
         """Groups by path: the frequencies, and one for every drive and sensor."""

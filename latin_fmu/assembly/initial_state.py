@@ -7,11 +7,13 @@ two nodes, which leaves room for rounded coordinates.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Final
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import Problem, Problems
 from ..fem.mesh import nearest
@@ -29,6 +31,7 @@ from .models import ModelClass
 
 _BESIDE: Final = 0.01  # of the smallest distance between nodes
 _TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match interpolate a curved field differently
+_FIELDS: Final = ("displacement", "traction", "closure")
 _CHANGED: Final = 1e-9  # of the largest value of a field: round-off of conditions along inclined axes
 
 
@@ -281,3 +284,32 @@ class InitialState:
             if unit.name in self.closure and not assembly.quasi_static:
                 group = assembly.layout.group(i)
                 group.gap[group.members[i]] = unit.geometry.gap - self.closure[unit.name]
+
+
+def state_arrays(state: InitialState | None) -> dict[str, NDArray[Any]]:
+    """A state as arrays for an ``OperatorStore``: fields by number, and the text ``about`` with all else."""
+    about: dict[str, Any] = {}
+    arrays: dict[str, NDArray[Any]] = {}
+    if state is not None:
+        about = {"amplitudes": dict(state.amplitudes), "message": state.message, "remarks": state.remarks}
+        about["bolts"] = asdict(state.bolts)
+        for key in _FIELDS:
+            fields = getattr(state, key)
+            about[key] = list(fields)
+            arrays |= {f"{key}.{i}": values for i, values in enumerate(fields.values())}
+    # numbers are written with all their digits
+    return arrays | {"about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)}
+
+
+def state_of(arrays: Mapping[str, NDArray[Any]]) -> InitialState | None:
+    """The state from ``state_arrays``."""
+    about = json.loads(arrays["about"].tobytes())
+    if not about:
+        return None
+    fields = {key: {n: arrays[f"{key}.{i}"] for i, n in enumerate(about[key])} for key in _FIELDS}
+    bolts = about["bolts"]
+    forces = {name: tuple(values) for name, values in bolts["forces"].items()}
+    tight = TightBolts(bolts["shortening"], tuple(bolts["orders"]), forces)
+    return InitialState(
+        **fields, amplitudes=about["amplitudes"], message=about["message"], remarks=tuple(about["remarks"]), bolts=tight
+    )

@@ -112,6 +112,21 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     return _named(joined, modes, damping, joints)
 
 
+def without_scheme(scene: Scene) -> DiscretisedProblem:
+    """Matrices and interfaces of a scene with a scheme that moves no mass. Errors as for ``vibration_modes``."""
+    plain = {"scheme": tables.HHTTable(), "quasi_static": False, "start": GivenStart()}
+    return discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
+
+
+def damped(problem: DiscretisedProblem) -> bool:
+    """Whether a body or a joint of a discretised scene has damping."""
+    models = (model for cls in problem.classes for model in cls.members)
+    return any(isinstance(unit.behaviour, ViscousJoint) for unit in problem.units) or any(
+        model.modal is not None or (model.damping is not None and bool(model.damping.count_nonzero()))
+        for model in models
+    )
+
+
 @dataclass(frozen=True)
 class JoinedAssembly:
     """Stiffness and mass of an assembly whose joints are linear.
@@ -131,11 +146,12 @@ class JoinedAssembly:
     remarks: tuple[str, ...]
 
     @staticmethod
-    def of(scene: Scene, joints: Joints, pressed: Mapping[str, np.ndarray]) -> JoinedAssembly:
+    def of(
+        scene: Scene, joints: Joints, pressed: Mapping[str, np.ndarray], problem: DiscretisedProblem | None = None
+    ) -> JoinedAssembly:
         """The assembly of a scene; ``pressed`` : (n_point,) points that are closed, by interface; the others by their
-        gap. Errors as for ``vibration_modes``."""
-        plain = {"scheme": tables.HHTTable(), "quasi_static": False, "start": GivenStart()}
-        discretised = discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
+        gap. ``problem`` : the scene by ``without_scheme``, made where None. Errors as for ``vibration_modes``."""
+        discretised = without_scheme(scene) if problem is None else problem
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
         rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []

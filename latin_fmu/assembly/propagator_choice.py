@@ -1,8 +1,8 @@
 """Propagators by name, and which of them marches the substructures of a scene: sizes and memory of its operators, and
 its stable step.
 
-Where kernels are not compiled the pattern of a factor is not analysed: factors of three-dimensional meshes in nested
-dissection hold about 21 n^(4/3) entries and take about 26 n^2 multiplications (George 1973 for the powers).
+Before a pattern is analysed the size of its factor follows from the number n of unknowns: those of three-dimensional
+meshes in nested dissection hold about 21 n^(4/3) entries (George 1973 for the power).
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from ..compiled import COMPILES
 from ..errors import Problem, SceneError
 from ..latin.processes import distributed
 from ..machine import in_threads, memory_room
@@ -34,7 +33,7 @@ from .models import KeptOperators, ModelClass
 
 AVAILABLE: Final = 0.7  # part of the memory of the machine that operators may take
 _CELL_BYTES = 20e3  # of matrices while they are assembled, per hexahedron, at least
-_ENTRIES, _FLOPS = 21.0, 26.0  # of a factor, see the module docstring
+_ENTRIES = 21.0  # of a factor, see the module docstring
 _SPARSE_BYTES = 12  # per entry of a sparse matrix
 _STATE_VECTORS = 12  # per member: displacement, velocity, acceleration, loads and work space
 
@@ -156,13 +155,11 @@ def class_size(model: SubstructureModel, members: int, interfaces: Interfaces = 
         mass, damping = reduced_mass.nnz, 0 if reduced_damping is None else reduced_damping.nnz
     n = stiffness.shape[0]
     last, trace, rank = model.at_interface
-    # without compiled code no pattern is analysed: the laws of the module stand for it
-    factor, multiplications = _ENTRIES * n ** (4 / 3), _FLOPS * float(n) ** 2
-    swept = 0.0
+    factor = multiplications = swept = 0.0
     if takes_sweeps(model, interfaces):
         shape = swept_shape(model)
         factor, multiplications, swept = float(shape.panel_start[-1]), flops(shape), float(shape.face_entries)
-    elif COMPILES and n:
+    elif n:
         from ..cholesky.symbolic import Pattern, shared_analysis
 
         pattern = shared_analysis(Pattern(stiffness, last, rank))

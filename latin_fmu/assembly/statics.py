@@ -38,7 +38,7 @@ from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisp
 from ..scene.fields import GROUND, split_face
 from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
 from ..scene.materials import DAMPING_KEYS
-from ..scene.schema import BODY_FORCE, GRAVITY, Scene
+from ..scene.schema import BODY_FORCE, GRAVITY, Scene, toml_text
 from ..scene.settings import StaticStart
 from ..scene.substructures import ALL
 from ..scene.units import UnitSystem
@@ -387,9 +387,26 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
-    for key in ("sensor", "accuracy", "output", "bolt"):
+    for key in ("sensor", "accuracy", "output", "bolt", "spread"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
+
+
+def start_data(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> Iterator[Any]:
+    """All that the state at t = 0 with tight bolts depends on: its scene, in which a load that begins with 0 does not
+    stand, bolts, tolerances, and the numbers of meshes, which scenes name by files."""
+    scene, given = static_scene(whole.scene, amplitudes), settings_of(whole.scene)
+    tables = {key: table for key, table in scene.tables().items() if key not in ("name", "description", "solver")}
+    yield toml_text(tables | {"bolt": whole.scene.tables()["bolt"]})
+    yield from (given.tolerance, given.force_tolerance, sorted(amplitudes.items()))
+    yield from (part for item in whole.elongation.items() for part in item)
+    for c in static_problem(whole, scene).classes:
+        for member in c.members:
+            yield from (member.name, member.stiffness, member.expansion, member.trace, member.channel_area)
+            yield from (member.imposed_pattern, member.imposed_start, member.displacement, member.positions)
+            yield from (part for load in member.loads for part in (load.name, load.pattern))
+    for unit in whole.units:
+        yield from (unit.name, unit.geometry.gap, unit.geometry.frames)
 
 
 def something_acts(scene: Scene) -> bool:

@@ -169,6 +169,7 @@ def _register_frf(add: AddParser) -> None:
     option(parser, "--highest", "HZ", "last frequency (default: that of the tenth mode)", float)
     option(parser, "--points", "N", "frequencies, by equal factors; more at peaks (default: 400)", int, default=400)
     parser.add_argument("--along", choices=("x", "y", "z"), help="axis in the figure (default: that of the largest)")
+    add_json(parser)
     option(parser, "-o --output", "STEM", "default: SCENE_frf in the current folder", Path)
 
 
@@ -196,11 +197,11 @@ def _frf(arguments: argparse.Namespace) -> int:
     given = {key: getattr(arguments, key) for key in ("damping", "kind", "joints", "lowest", "highest", "points")}
     with Waiting("modes"):
         made = frf(scene, arguments.drive, sensors=arguments.sensor, **given)
-    print("\n".join(made.lines()))
+    tell(arguments, made.lines(), made.report)
     write_bytes(targets[0], made.as_csv().encode())
     made.save(targets[1])
     save_figure(response_figure(made, arguments.along), targets[2])
-    print(f"frequency responses: {', '.join(map(str, targets))}")
+    tell_written(arguments, f"frequency responses: {', '.join(map(str, targets))}")
     return CONVERGED
 
 

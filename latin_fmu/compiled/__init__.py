@@ -23,6 +23,6 @@ raise nothing and touch no Python object: the build fails by name on a symbol th
 
 from __future__ import annotations
 
-from .declare import COMPILES, PLAIN, bound, entry, fields, kernel, lazy_intrinsic, ordered_kernel, share
+from .declare import PLAIN, bound, entry, fields, kernel, lazy_intrinsic, ordered_kernel, share
 
-__all__ = ["COMPILES", "PLAIN", "bound", "entry", "fields", "kernel", "lazy_intrinsic", "ordered_kernel", "share"]
+__all__ = ["PLAIN", "bound", "entry", "fields", "kernel", "lazy_intrinsic", "ordered_kernel", "share"]

@@ -183,11 +183,9 @@ def address(array: NDArray[Any]) -> int:
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-_CHOICE: Final = os.environ.get("LATIN_FMU_COMPILE", "1")
-COMPILES: Final = _CHOICE != "0"
-PLAIN: Final = _CHOICE in ("0", "setup")
+PLAIN: Final = os.environ.get("LATIN_FMU_COMPILE") == "setup"
 """Whether the kernels of a run (``latin_fmu.kernels``) are plain Python functions, to be followed by a debugger: a
-thousand times slower. With ``LATIN_FMU_COMPILE=setup`` those of the set-up stay compiled."""
+thousand times slower. Those of the set-up stay compiled."""
 
 
 class Kernel:

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from ..cholesky.factor import interface_factor
+from ..cholesky.factor import CholeskyFactor
 from .assembly import Array, Assembly, Group, Index
 
 _SHIFT = 1e-10  # of the diagonal of S
@@ -60,7 +60,7 @@ class PerfectInterfaceSolve:
         # redundant interfaces stay regular by the shift, which the refinement takes out again; 1 where nothing can move
         shift = np.where(diagonal > 0, _SHIFT * diagonal, 1.0)
         none = np.zeros(0, dtype=np.int64)
-        self._factor = interface_factor(sp.csr_array(self._matrix + sp.diags_array(shift)), none)
+        self._factor = CholeskyFactor(sp.csr_array(self._matrix + sp.diags_array(shift)), none)
 
     def _assemble(self) -> sp.csr_array:
         """S: velocities per nodal force, m s-1 N-1."""

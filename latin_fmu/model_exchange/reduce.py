@@ -24,7 +24,7 @@ from ..assembly.build import discretise
 from ..assembly.interfaces import completed
 from ..assembly.merged_assembly import jump, merge, placed
 from ..assembly.problem import DiscretisedProblem, characteristic_traction
-from ..cholesky.factor import interface_factor
+from ..cholesky.factor import CholeskyFactor
 from ..cosim.output_table import ENERGY
 from ..cosim.variable import Variable, output, parameter
 from ..cosim.variables import scalar_table
@@ -629,9 +629,7 @@ def _mesh(
                 loads[start : start + model.n_full, names.index(load.name)] += load.pattern
     # dofs that are held drop out
     loads = expansion.T @ loads
-    factor = interface_factor(
-        sp.csr_array(expansion.T @ matrix @ expansion), np.zeros(0, dtype=np.int64), _rank(bodies)
-    )
+    factor = CholeskyFactor(sp.csr_array(expansion.T @ matrix @ expansion), np.zeros(0, dtype=np.int64), _rank(bodies))
     deflection: Array = np.einsum("ij,ij->j", loads, factor.solve(loads))
     return deflection
 

@@ -21,7 +21,7 @@ from ..results.quantities_of_interest import (
     normal_resultant,
     status_shares,
 )
-from ..results.sensors import share_lost
+from ..results.sensors import loss_text
 from ..results.spectra import ShockSpectrum
 from ..results.summary import percent, prefix_for
 from ..scene.units import SI, UnitSystem, unit_text
@@ -288,14 +288,13 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
 
 
 def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
-    """Tension of the bolts, with what each has lost at the end."""
+    """Tension of the bolts, with what each has lost at the end of the run."""
     if not (bolts := datasets_of(tree, "bolts")):
         return []
     curves, unit, time = {}, "N", np.zeros(0)
     for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
-        lost = share_lost(tension)
-        curves[f"{name}: {100 * abs(lost):.2g} % {'lost' if lost >= 0.0 else 'gained'} at the end"] = tension
+        curves[f"{name}: {loss_text(tension)}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
 

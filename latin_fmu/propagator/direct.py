@@ -23,7 +23,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import CholeskyFactor, LowRankFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, LowRankFactor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator, nodal_forces
@@ -185,7 +185,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
         if model.factor == "cg":
             factor = IterativeFactor(matrix, dofs)
         else:
-            factor = interface_factor(matrix, dofs, rank, np.dtype(model.factor), model.store)
+            factor = CholeskyFactor(matrix, dofs, rank, np.dtype(model.factor), store=model.store)
         if modal is not None:
             factor = LowRankFactor(factor, np.sqrt(c_damping) * modal)
         compliance = projected(trace, gain, factor.schur_inverse)

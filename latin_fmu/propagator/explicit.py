@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from ..cholesky.factor import DiagonalFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator, nodal_forces
@@ -95,7 +95,7 @@ class ExplicitPropagator(Propagator):
         full = sp.csr_array(spla.inv(sp.csc_matrix(held)))
         compliance = projected(trace, dt, full[dofs][:, dofs].toarray())
         return Operators(
-            *same, interface_factor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
+            *same, CholeskyFactor(held, dofs), dofs, trace, model.spread, model.channel_area, compliance, _NONE
         )
 
     # -- start ------------------------------------------------------------------------------------------------

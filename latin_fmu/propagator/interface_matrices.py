@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..cholesky.numeric import POTRF, UPPER, fortran, invert, mirror, routines
-from ..compiled import COMPILES, entry
+from ..compiled import entry
 from ..errors import SolverError
 
 Array = NDArray[np.float64]
@@ -36,13 +36,9 @@ def _rows(matrix: sp.csr_array) -> tuple[Index, Index]:
 
 def projected(trace: sp.csr_array, gain: float, matrix: Array) -> Array:
     """``gain`` T X T^T for symmetric X (n, n) and T (n_channel, n); symmetric to the last bit."""
-    if COMPILES:
-        out = np.empty((trace.shape[0], trace.shape[0]))
-        project(*_rows(trace), trace.data, gain, matrix, out)
-        return out
-    product = gain * (trace @ (trace @ matrix).T)
-    symmetric: Array = 0.5 * (product + product.T)
-    return symmetric
+    out = np.empty((trace.shape[0], trace.shape[0]))
+    project(*_rows(trace), trace.data, gain, matrix, out)
+    return out
 
 
 def projected_diagonal(trace: sp.csr_array, gain: float, diagonal: Array) -> Array:
@@ -90,16 +86,9 @@ def with_dashpots(trace: sp.csr_array, gain: float, schur: Array, dashpots: Arra
     SolverError : a matrix that is not positive definite (numbers that are no numbers).
     """
     springs = gain * dashpots
-    if COMPILES:
-        inverse = np.empty_like(schur)
-        stiffened(*_rows(trace), trace.data, springs, schur, inverse)
-        failed = invert(routines(), inverse)
-    else:
-        system = schur + (trace.T @ (springs[:, None] * trace.toarray()))
-        root, failed = lapack.dpotrf(system, lower=1)
-        inverse = lapack.dpotri(root, lower=1)[0]
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    if failed or not np.isfinite(np.diagonal(inverse)).all():
+    inverse = np.empty_like(schur)
+    stiffened(*_rows(trace), trace.data, springs, schur, inverse)
+    if invert(routines(), inverse) or not np.isfinite(np.diagonal(inverse)).all():
         raise _not_positive()
     return projected(trace, gain, inverse)
 
@@ -113,11 +102,10 @@ def resistance(compliance: Any, rows: Index) -> float:
     moving = rows[diagonal[rows] > STILL * diagonal.max(initial=0.0)]
     if not len(moving):
         return 0.0
-    if COMPILES:
-        force = float(face_resistance(routines(), compliance, moving))
-        # -1: singular, as of points that are held to each other
-        if force >= 0.0:
-            return force
+    force = float(face_resistance(routines(), compliance, moving))
+    # -1: singular, as of points that are held to each other
+    if force >= 0.0:
+        return force
     block = compliance[moving[:, None], moving]
     return float(la.lstsq(block, np.ones(len(moving)))[0].sum())
 

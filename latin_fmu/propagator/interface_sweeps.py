@@ -26,7 +26,6 @@ import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor
 from ..cholesky.symbolic import Pattern, Symbolic, shared_analysis
-from ..compiled import COMPILES
 from .interface_matrices import STILL
 from .model import Array, Index, OperatorPattern, SubstructureModel, with_data
 
@@ -101,7 +100,7 @@ def takes_sweeps(model: SubstructureModel, interfaces: Interfaces) -> bool:
     """
     form = interfaces.form
     channels = model.channel_area.size
-    if not COMPILES or form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
+    if form == "dense" or model.nodal is not None or model.factor == "cg" or not channels:
         return False
     if model.modal is not None:  # modal damping joins all interface dofs: no local tables, no part of a factor
         return False

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from ..cholesky.factor import DiagonalFactor, InterfaceFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, DiagonalFactor, InterfaceFactor
 from ..time_scheme import TimeScheme
 from .base import Propagator, nodal_forces
 from .model import Array, Index, LoadTerm, SubstructureModel
@@ -115,7 +115,7 @@ class ReducedPropagator(Propagator):
         symmetric = 0.5 * (compliance + compliance.T)
         factor: InterfaceFactor = DiagonalFactor(a)
         if damp is not None:
-            factor = interface_factor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
+            factor = CholeskyFactor(sp.csr_array(np.diag(a) + c_damping * damp), dofs)
         return ReducedOperators(
             diagonal,
             damp,

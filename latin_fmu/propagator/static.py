@@ -31,7 +31,7 @@ import scipy.linalg as la
 import scipy.linalg.lapack as lapack
 import scipy.sparse as sp
 
-from ..cholesky.factor import CholeskyFactor, InterfaceFactor, interface_factor
+from ..cholesky.factor import CholeskyFactor, InterfaceFactor
 from ..operator_store import NO_STORE, OperatorStore
 from ..time_scheme import QuasiStatic
 from .base import Propagator
@@ -125,7 +125,7 @@ def build_static_operators(model: SubstructureModel, springs: Array, dt: float) 
     else:
         whole = sp.csc_array(model.reduced_trace)
         held = sp.csr_array(whole.T @ sp.diags_array(area * springs) @ whole)
-        factor = interface_factor(sp.csr_array(stiffness + held), dofs, rank, store=model.store)
+        factor = CholeskyFactor(sp.csr_array(stiffness + held), dofs, rank, store=model.store)
         # rows of T S T^T on themselves, without the springs k_0 in S
         own = np.einsum("ij,ij->i", trace @ factor.schur, trace.toarray()) / area - springs
         dense = trace @ (trace @ factor.schur_inverse).T / dt

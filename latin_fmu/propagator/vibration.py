@@ -8,7 +8,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from ..cholesky.factor import interface_factor
+from ..cholesky.factor import CholeskyFactor
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Vibration:
         self.stiffness, self.mass, self._dense = stiffness, mass, DENSE if dense is None else dense
         self.shift = _SHIFT * stiffness.trace() / mass.trace() if shift is None else shift
         nothing = np.zeros(0, dtype=np.int64)
-        self._factor = interface_factor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
+        self._factor = CholeskyFactor(sp.csr_array(stiffness + self.shift * mass), nothing, rank)
 
     @property
     def n(self) -> int:

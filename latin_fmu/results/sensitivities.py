@@ -12,6 +12,7 @@ force at its event by its height times the shift, which the steps resolve to som
 
 * impulse, peak: where the change at events up to its instant is above ``AT_EVENTS`` times its own, and times a tenth of
   its value,
+* first contact without a gap: where the force rises from nothing within a step,
 * separation: where its instant is an event, and it changes by more than a tenth of its value,
 * slip, work of friction: where ``changing`` is above ``OFTEN`` in the mean over time,
 * sensors, bolts, forces of other interfaces: where more than ``SHARE`` of all change of force happens at events,
@@ -197,12 +198,12 @@ class Sensitivities:
         scalars = list(_quantities(outcome, derivatives, changing, {n: (responses[n], spectra[n]) for n in spectra}))
         return Sensitivities(derivatives, changing, scalars, outcome.time, spectra)
 
-    def checked(self, runs: Sequence[Mapping[str, float | None] | None]) -> Sensitivities:
+    def checked(self, runs: Sequence[Mapping[str, float] | None]) -> Sensitivities:
         """With secants in the place of changes that are flagged or contradicted (module docstring). runs : by parameter
         the scalars with the parameter larger by CHECKED, None where there is no such run: its flags stay."""
         quantities, secants = [], {}
         for q in self.quantities:
-            more = np.array([np.nan if run is None else _number(run.get(q.quantity)) for run in runs])
+            more = np.array([np.nan if run is None else run.get(q.quantity, np.nan) for run in runs])
             slopes = (more - q.value) / CHECKED
             apart = np.abs(slopes - q.changes) > np.maximum(APART * np.abs(slopes), NOTHING * abs(q.value))
             taken = np.isfinite(slopes) & (q.flagged | apart)
@@ -405,21 +406,17 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
-def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, float | None]:
-    """Scalars of a run by quantity; ``requests`` : tables of its sensors, for their spectra."""
-    made: dict[str, float | None] = {}
-    for name, history in outcome.interfaces.items():
-        made |= {f"{name}.{key}": value for key, value in interface_scalars(history, outcome.time).items()}
-    for name, sensor in outcome.sensors.items():
-        made |= {f"{name}.{key}": value for key, value in sensor_scalars(sensor).items()}
-    for name, spectrum in spectra_of(outcome, requests).items():
-        made[f"{name}.{SPECTRUM_PEAK}"] = float(spectrum.acceleration[0].max())
+def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` of its sensors."""
+    owned: list[tuple[str, Mapping[str, float | None]]] = [
+        *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
+        *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+    ]
     for name, bolt in outcome.bolts.items():
-        made |= {
-            f"{name}.{BOLT_FORCE.key}": float(bolt.force.max()),
-            f"{name}.{LAST_BOLT_FORCE}": float(bolt.force[-1]),
-        }
-    return made
+        owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+    pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
+    return {quantity: value for quantity, value in pairs if value is not None}
 
 
 def _number(value: float | None) -> float:
@@ -489,7 +486,7 @@ def _quantities(
             if q.quantity.rpartition(".")[2] in (SLIP_DISTANCE, LARGEST_SLIP, FRICTION_WORK.key):
                 yield replace(q, flagged=q.flagged | (changing[name].mean(axis=1) > OFTEN))
             else:
-                yield replace(q, flagged=_flags(q, history, time, activity))
+                yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
     every = _Activity(
         np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
@@ -553,6 +550,17 @@ def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activ
         over = max(duration, float(time[1] - time[0]))
         return activity.outweighs(last, q, over) | q.flagged
     return activity.shares(end) | q.flagged
+
+
+def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
+    """Whether a quantity is the first contact of faces without a gap by a force that rises from nothing within a step:
+    the instant between both follows a front only while this arrives in the same step."""
+    if not q.quantity.endswith(FIRST_CONTACT.key) or history.initial_gap.min() > 0.0:
+        return False
+    size = np.abs(history.normal_resultant())
+    level = CONTACT_SHARE * float(size.max())
+    i = int(np.argmax(size > level))
+    return i > 0 and bool(size[i - 1] < _LITTLE * level)
 
 
 def _differences(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, BOLT, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, StoredQuantity, columns, named
+from .quantities_of_interest import FLOOR
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
-from .summary import aligned, finite, readable, readable_vector
+from .summary import aligned, finite, percent, readable, readable_vector
 
 
 def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Array:
@@ -182,9 +183,22 @@ def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[
     return None if values is None else largest_of(values, time)
 
 
-def share_lost(tension: Array) -> float:
-    """Share of the tension (n_time,) of a bolt at the start that is lost at the end; < 0 where it has gained."""
-    return float((tension[0] - tension[-1]) / tension[0]) if tension[0] else 0.0
+_TIGHT: Final = 0.1  # of the largest tension: below it it is the run that pulls the bolt, not its tightening
+
+
+def share_lost(tension: Array) -> float | None:
+    """Share of the tension (n_time,) of a bolt at the start that is lost at the end; < 0 where it has gained. None
+    where the bolt was never tight: what it has at the start is less than a tenth of what the run makes of it."""
+    first = float(tension[0])
+    return (first - float(tension[-1])) / first if first > _TIGHT * float(tension.max()) else None
+
+
+def loss_text(tension: Array) -> str:
+    """What a bolt has lost or gained at the end of its tension (n_time,)."""
+    lost = share_lost(tension)
+    if lost is None:
+        return "never tight"
+    return "nothing lost" if abs(lost) < FLOOR else f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
 
 
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:

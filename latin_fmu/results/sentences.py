@@ -33,7 +33,7 @@ from .quantities_of_interest import (
     slip_in_contact,
     status_shares,
 )
-from .sensors import largest_of, share_lost
+from .sensors import largest_of, loss_text
 from .spectra import ShockSpectrum
 from .summary import percent, readable
 
@@ -200,9 +200,7 @@ def _bolt(bolt: BoltHistory, units: UnitSystem, errors: Errors) -> list[str]:
     clauses = [f"tightened to {readable(bolt.tight, unit)}"]
     if abs(first - bolt.tight) > _LITTLE * abs(bolt.tight):
         clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
-    lost = share_lost(bolt.force)
-    kept = f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}" if abs(lost) >= FLOOR else "nothing lost"
-    clauses.append(f"{readable(last, unit)} at the end ({kept})")
+    clauses.append(f"{readable(last, unit)} at the end ({loss_text(bolt.force)})")
     text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, BOLT_FORCE)} on the way"
     clauses.append(f"{text}, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:

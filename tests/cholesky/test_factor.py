@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -13,7 +10,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from latin_fmu.cholesky.factor import CholeskyFactor, CondensedFactor, interface_factor
+from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.cholesky.symbolic import analyse
 from latin_fmu.errors import LatinError, SolverError
 from latin_fmu.fem.dissection import dissection, nested_dissection
@@ -21,9 +18,6 @@ from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, mass, stiffness
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import box_mesh
-
-if os.environ.get("LATIN_FMU_COMPILE", "1") == "0":
-    pytest.skip("the Cholesky factor is compiled", allow_module_level=True)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -130,16 +124,6 @@ def test_numbers_of_the_factor_are_those_of_dense_cholesky(n_last: int, ranked: 
     lower[shape.n_interior :, shape.n_interior :] = np.linalg.cholesky(factor.schur) if n_last else 0.0
     expected = np.linalg.cholesky(matrix.toarray()[np.ix_(shape.order, shape.order)])
     np.testing.assert_allclose(lower, expected, atol=1e-13 * np.abs(expected).max())
-
-
-def test_same_answers_as_the_sparse_lu() -> None:
-    matrix, rank = body((5, 5, 5))
-    last = np.arange(matrix.shape[0] - 60, matrix.shape[0])
-    ours, theirs = CholeskyFactor(matrix, last, rank), CondensedFactor(matrix, last, rank)
-    b = np.random.default_rng(0).normal(size=(matrix.shape[0], 3))
-    np.testing.assert_allclose(ours.schur, theirs.schur, atol=1e-13 * np.abs(theirs.schur).max())
-    np.testing.assert_allclose(ours.forward(b)[1], theirs.forward(b)[1], atol=1e-12)
-    np.testing.assert_allclose(ours.solve(b), theirs.solve(b), atol=1e-13 * np.abs(b).max())
 
 
 def test_disconnected_parts_only_one_of_which_has_the_interface() -> None:
@@ -274,20 +258,6 @@ def test_large_body_against_scipy() -> None:
     b = np.random.default_rng(0).normal(size=(matrix.shape[0], 1))
     factor = CholeskyFactor(matrix, last, rank)
     np.testing.assert_allclose(factor.solve(b)[:, 0], spla.spsolve(matrix.tocsc(), b[:, 0]), atol=1e-12)
-
-
-def test_sparse_lu_where_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    matrix, rank = body((2, 2, 2))
-    last = np.arange(6)
-    assert isinstance(interface_factor(matrix, last, rank), CholeskyFactor)
-    monkeypatch.setenv("LATIN_FMU_COMPILE", "0")
-    assert isinstance(interface_factor(matrix, last, rank), CondensedFactor)
-
-
-def test_numba_is_not_imported_where_compilation_is_off() -> None:
-    code = "import sys, latin_fmu.cholesky.factor as c; assert 'numba' not in sys.modules and c.interface_factor"
-    environment = {**os.environ, "LATIN_FMU_COMPILE": "0", "PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
 
 
 def test_rows_in_groups_or_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:

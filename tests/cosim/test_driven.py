@@ -117,27 +117,6 @@ def test_prescribed_is_the_run_with_a_table(kind):
     assert plain[-2] == pytest.approx(closed_form(END - STEP), rel=0.03)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_states_and_rollback(kind):
-    """The motion that was reached is part of the state: a step taken back leaves no trace."""
-    straight, other = (Session(bars({"type": "input"}, kind), Settings(keep=False)) for _ in range(2))
-    name = name_of(kind)
-    for session in (straight, other):
-        session.set_load(name, 0.0, 1.0)
-        session.initialize()
-        assert session.step(0.0, 3 * STEP)
-    saved = other.snapshot()
-    other.set_load(name, 0.4, -7.0)
-    assert other.step(3 * STEP, 2 * STEP)
-    other.restore(saved)
-    third = Session(bars({"type": "input"}, kind), Settings(keep=False))
-    third.restore(saved, check=True)
-    for session in (straight, other, third):
-        session.set_load(name, 0.3, 2.0)
-        assert session.step(3 * STEP, 4 * STEP)
-    assert straight.snapshot() == other.snapshot() == third.snapshot()
-
-
 def test_a_displacement_starts_where_it_is_set():
     """The start value of the scene gives way to that of the host: nothing jumps, nothing moves."""
     scene = bars({"type": "input", "start_value": 0.25}, "displacement")

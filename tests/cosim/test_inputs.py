@@ -13,7 +13,6 @@ from latin_fmu.cosim import Session, Settings
 from latin_fmu.cosim.loads import GridPart, Loads, given_rows, read_histories
 from latin_fmu.cosim.variables import CAUSAL, HOLD, PRESCRIBED, RATE
 from latin_fmu.errors import InputError
-from latin_fmu.kernels.inputs import RATED
 from latin_fmu.scene.schema import Scene
 from latin_fmu.stability.scenes import Box, Material, column
 
@@ -109,27 +108,6 @@ def test_the_force_is_nearer_than_under_a_staircase(make, shape, times) -> None:
     line, staircase = force_error(make(), CAUSAL, shape), force_error(make(), HOLD, shape)
     assert staircase < 0.5
     assert staircase >= times * line, (staircase, line)
-
-
-def test_the_values_before_belong_to_the_state() -> None:
-    """A step taken back leaves no trace, and another session goes on from the bytes of the state."""
-    straight, other = Session(blocks()), Session(blocks())
-    for session in (straight, other):
-        session.initialize()
-        for i in range(3):
-            session.set_load("press", 0.3 + 0.1 * i**2)
-            assert session.step(i * H, H)
-    saved = other.snapshot()
-    other.set_load("press", -0.7, 1e5)
-    assert other.step(3 * H, 0.4 * H)
-    other.restore(saved)
-    third = Session(blocks())
-    third.restore(saved, check=True)
-    for session in (straight, other, third):
-        session.set_load("press", 1.2)
-        assert session.step(3 * H, H)
-        assert session._loads.memory[RATED].tolist() == [0.0]
-    assert straight.snapshot() == other.snapshot() == third.snapshot()
 
 
 def test_steps_keep_the_rates_of_the_line() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import InputError
@@ -13,67 +11,6 @@ from latin_fmu.errors import InputError
 from .scenes import bar, blocks
 
 H = 0.4e-6
-ACTIONS = st.lists(
-    st.tuples(
-        st.sampled_from(["step", "step", "stray", "save", "restore", "serialize", "reopen"]), st.floats(0.05, 2.5)
-    ),
-    min_size=3,
-    max_size=10,
-)
-
-
-@pytest.fixture(scope="module")
-def sessions() -> list[Session]:
-    """Two sessions used again and again: building is most of the time."""
-    return [Session(blocks()) for _ in range(2)]
-
-
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(actions=ACTIONS)
-def test_rollback_is_exact(sessions, actions):
-    straight, other = sessions
-    for session in sessions:
-        session.reset()
-        session.initialize()
-    saved, t, i = other.snapshot(), 0.0, 0
-    for action, size in actions:
-        if action in ("save", "serialize"):
-            saved = other.snapshot()
-        elif action == "stray":  # a step that is taken back
-            back = other.snapshot()
-            other.set_load("press", size, 1e5)
-            assert other.step(t, 1.3 * size * H)
-            other.restore(back)
-        elif action == "restore":  # to the past and back to the present
-            now = other.snapshot()
-            other.restore(saved)
-            other.restore(now)
-        elif action == "reopen":  # another session goes on
-            now = other.snapshot()
-            other.reset()
-            other.restore(now)
-        else:
-            i += 1
-            for session in sessions:
-                session.set_load("press", 0.1 * i, size * 1e4)
-                assert session.step(t, size * H)
-            t = t + size * H
-            assert np.array_equal(straight.row, other.row)
-    assert straight.snapshot() == other.snapshot()
-
-
-def test_a_state_goes_on_in_a_new_session():
-    first = Session(blocks())
-    first.initialize()
-    assert first.step(0.0, H)
-    snapshot = first.snapshot()
-    second = Session(blocks())
-    second.restore(snapshot)
-    assert np.array_equal(second.row, first.row)
-    for session in (first, second):
-        session.set_load("press", 0.5)
-        assert session.step(H, H)
-    assert np.array_equal(second.row, first.row)
 
 
 def test_a_prescribed_state_goes_on_in_a_new_session():

@@ -292,36 +292,6 @@ def test_garbage_is_a_mesh_error_and_never_ends_the_process(tmp_path: Path, suff
         assert_refused(lambda: read_mesh(path), path.name)
 
 
-def test_truncated_files_are_mesh_errors(box: Mesh, written: Write) -> None:
-    """Cut anywhere, a file is refused with its name or still makes the whole mesh; no other error is raised."""
-    path = written(box.nodes, groups_of(box, top="zmax"))
-    text, messages = path.read_text(), list[str]()
-    for end in range(0, len(text), 97):
-        path.write_text(text[:end])
-        try:
-            assert read_mesh(path).n_cell <= box.n_cell
-        except MeshError as error:
-            messages.append(str(error))
-    assert all(path.name in message for message in messages)
-    assert len(messages) >= 0.4 * len(text) / 97  # the nodes come first, and no cell can do without all of them
-
-
-def test_damaged_files_are_mesh_errors(box: Mesh, written: Write) -> None:
-    """One number replaced at a time, by none, a huge, or a negative one: another mesh, or an error with the file."""
-    path = written(box.nodes, groups_of(box, top="zmax"))
-    words, messages = path.read_text().split(" "), list[str]()
-    rng = np.random.default_rng(6)
-    for where in rng.integers(0, len(words), 150):
-        for wrong in ("", "999999", "-7"):
-            path.write_text(" ".join([*words[:where], wrong, *words[where + 1 :]]))
-            try:
-                assert read_mesh(path, "part").n_cell > 0
-            except MeshError as error:
-                messages.append(str(error))
-    assert all(path.name in message for message in messages)
-    assert len(messages) > 100
-
-
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("tag", [-1, 0, -3])
 def test_node_tags_below_one_are_refused(tag: int, binary: bool, box: Mesh, tmp_path: Path) -> None:

@@ -117,27 +117,11 @@ def explicit_layers(tables: Tables) -> None:
     tables["time"] |= {"instants": 60}
 
 
-def reduced_layers(tables: Tables) -> None:
-    layers(tables)
-    tables["solver"]["propagator"] = {"type": "reduced", "modes": 20}
-
-
-def many(tables: Tables) -> None:
-    """Classes of five and of four identical blocks between the first and the last."""
-    tables.update(stack(11))
-    damped(tables)
-    del tables["boundary"]
-
-
 def apart(tables: Tables) -> None:
     """No interface at all: what is compared are the fields."""
     del tables["interface"]
     driven_face(tables)
     with_everything_kept(tables)
-
-
-def unlike(tables: Tables) -> None:
-    tables["solver"]["share_identical"] = False
 
 
 def massless(tables: Tables) -> None:
@@ -164,29 +148,6 @@ def landing_layers(tables: Tables) -> None:
 
 def with_everything_kept(tables: Tables) -> None:
     tables["output"] = {"fields": True, "energy": True, "every": 4}
-
-
-CHANGES: list[Callable[[Tables], None]] = [
-    moving_ground,
-    driven_face,
-    damped,
-    thrown,
-    frictionless,
-    mixed,
-    unlike,
-    massless,
-    with_everything_kept,
-    many,
-    apart,
-    layers,
-    free_layers,
-    damped_layers,
-    massless_layers,
-    landing,
-    landing_layers,
-    explicit_layers,
-    reduced_layers,
-]
 
 
 def same_bits(one: Any, other: Any) -> None:
@@ -219,13 +180,6 @@ def both_drivers(tables: Tables, python_driver: Callable[[], None], windows_of_o
     assert not windows_of_one or len(fast.windows) == tables["time"]["instants"]
     same_bits(fast, slow)
     return fast
-
-
-@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
-def test_both_drivers_give_the_same_bits(change: Callable[[Tables], None], python_driver: Callable[[], None]) -> None:
-    tables = stack()
-    change(tables)
-    both_drivers(tables, python_driver)
 
 
 def alike(n: int, behaviour: str = "contact", **solver: Any) -> Tables:

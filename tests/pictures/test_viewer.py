@@ -67,7 +67,9 @@ def array(block: bytes, place: list[int], dtype: str) -> Array:
 
 
 def test_numbers_are_those_of_the_file(tree: xr.DataTree) -> None:
-    head, block = contents(viewer.page(tree))
+    page = viewer.page(tree)
+    assert "<title>&lt;/script&gt;&amp;&lt;b&gt;</title>" in page
+    head, block = contents(page)
     np.testing.assert_allclose(np.array(head["times"]), tree["substructures/a"]["time"].values * 1e6)
     assert head["second"] == "µs"
     assert head["title"] == "</script>&<b>"

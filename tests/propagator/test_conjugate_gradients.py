@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.cholesky.factor import CondensedFactor
+from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.errors import SolverError
 from latin_fmu.propagator.direct import ConjugateGradients, IterativeFactor
 
@@ -28,7 +28,7 @@ def test_half_solves_are_those_of_the_factor(count: int) -> None:
     a = matrix()
     last = np.sort(np.random.default_rng(2).permutation(90)[:count]).astype(np.int64)
     b = np.random.default_rng(3).normal(size=(90, 5))
-    factor, iterative = CondensedFactor(a, last), IterativeFactor(a, last)
+    factor, iterative = CholeskyFactor(a, last), IterativeFactor(a, last)
     if count:
         close(iterative.schur, factor.schur)
         close(iterative.schur @ iterative.schur_inverse, np.eye(count), 1e-6)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from latin_fmu.compiled import COMPILES
 from latin_fmu.kernels import entries
 from latin_fmu.kernels.instants import OPENINGS
 from latin_fmu.kernels.substructure import linear_response
@@ -22,7 +21,6 @@ from tests.plain_kernels import call
 
 Array = np.ndarray
 Make = Callable[..., Any]
-has_panels = pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has no panels")
 
 
 @pytest.fixture
@@ -100,7 +98,6 @@ def test_a_run_continues_on_a_copy_of_its_blocks(marched: DirectPropagator) -> N
     np.testing.assert_array_equal(free_velocity(marched), first)
 
 
-@has_panels
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_panels_lie_in_memory_once(model: Make, begin: Make, hht: TimeScheme, precision: str) -> None:
     """In the fixed block, also after it has grown; solutions stay the same to the last bit."""
@@ -124,7 +121,6 @@ def test_panels_lie_in_memory_once(model: Make, begin: Make, hht: TimeScheme, pr
     assert [block() is None for block in blocks] == [True] * (len(blocks) - 1) + [False]
 
 
-@has_panels
 def test_classes_with_one_factor_share_its_panels(model: Make, begin: Make, hht: TimeScheme) -> None:
     """In one image their places are the same; images before and after are not changed by each other."""
     held = model("held")

@@ -7,18 +7,9 @@ import pytest
 import scipy.sparse as sp
 
 from latin_fmu.errors import SolverError
-from latin_fmu.propagator import interface_matrices
 from latin_fmu.propagator.interface_matrices import projected, resistance, with_dashpots
 
 Array = np.ndarray
-
-
-@pytest.fixture(params=[True, False], ids=["compiled", "NumPy"], autouse=True)
-def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compiled and in NumPy, where there is a compiler."""
-    if request.param and not interface_matrices.COMPILES:
-        pytest.skip("compilation is off")
-    monkeypatch.setattr(interface_matrices, "COMPILES", request.param)
 
 
 def definite(n: int, seed: int) -> Array:

@@ -12,7 +12,7 @@ from latin_fmu.kernels.energy_parts import TERMS
 from latin_fmu.propagator.base import channel_displacement, channel_velocity, full_displacement, full_velocity
 from tests.alone import alone_of
 
-from .conftest import continue_from
+from .conftest import DT
 
 Array = np.ndarray
 Make = Callable[..., Any]
@@ -70,14 +70,6 @@ def test_channels_read_the_motion(hht: Any, model: Make, begin: Make, advance: M
     close(channel_velocity(propagator)[:, 0], m.model.trace @ motion.v[-1])
     ops, imposed = propagator.operators, propagator.forcing.channel_acceleration(propagator.instant)
     close((ops.trace @ propagator.state.a[ops.dofs] + imposed)[:, 0], m.model.trace @ motion.a[-1])
-
-
-def test_the_response_without_search_direction_is_the_admittance(hht: Any, model: Make, begin: Make) -> None:
-    propagator = begin([model("held")], hht)
-    before = response(propagator).copy()
-    propagator.bind(np.zeros(propagator.n_channel))
-    close(response(propagator), before, 1e-13)
-    close(response(propagator), propagator.operators.admittance, 1e-13)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
@@ -146,23 +138,11 @@ def test_superposition(
         close(getattr(actual, name), 2 * getattr(parts[0], name) - 3 * getattr(parts[1], name))
 
 
-def test_restore_repeats_bit_by_bit(
-    kind: str, scheme: Any, model: Make, begin: Make, advance: Make, tractions: Make
+def test_a_march_taken_up_again_is_the_same_to_the_last_bit(
+    kind: str, scheme: Any, model: Make, begin: Make, resumes: Make
 ) -> None:
     m = model(kind)
-    given = tractions(len(m.model.channel_area))
-    propagator = begin([m], scheme, given[0])
-    advance(propagator, given[:9])
-    snapshot = alone_of(propagator).snapshot()
-    first = advance(propagator, given)
-    energies = {t: alone_of(propagator).totals[t].copy() for t in TERMS}
-    alone_of(propagator).restore(snapshot)
-    assert propagator.instant == 8
-    second = advance(propagator, given)
-    for name in "uva":
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    for term in TERMS:
-        np.testing.assert_array_equal(alone_of(propagator).totals[term], energies[term])
+    resumes(m, lambda: begin([m], scheme), DT)
 
 
 def test_predict_and_trials_leave_the_state_alone(hht: Any, model: Make, begin: Make, tractions: Make) -> None:
@@ -208,24 +188,8 @@ def test_admittance_is_symmetric_and_positive(scheme: Any, kind: str, model: Mak
     close(operators.admittance, compliance * operators.area, 1e-15)
 
 
-def test_admittance_is_the_velocity_of_one_instant(
-    scheme: Any, kind: str, model: Make, begin: Make, admittance_columns: Make
-) -> None:
-    propagator = begin([model(kind)], scheme)
-    for j, column in admittance_columns(propagator).items():
-        close(column, propagator.operators.admittance[:, j], 1e-11)
-
-
-def test_condensed_response(kind: str, hht: Any, model: Make, begin: Make) -> None:
-    """Y = (1 + D k)^-1 D, symmetric after division by the areas; k may be 0 somewhere."""
-    propagator = begin([model(kind)], hht)
-    k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)
-    k[1] = 0.0
-    propagator.bind(k)
-    d = propagator.operators.admittance
-    close(response(propagator), np.linalg.solve(np.eye(len(k)) + d * k, d), 1e-12)
-    force = response(propagator) / propagator.operators.area
-    close(force, force.T, 1e-13)
+def test_answers_to_tractions(scheme: Any, kind: str, model: Make, begin: Make, answers: Make) -> None:
+    answers(begin([model(kind)], scheme), 1e-11)
 
 
 def test_energy_identity_of_every_member(
@@ -246,20 +210,6 @@ def test_energies_are_those_of_the_motion(hht: Any, model: Make, begin: Make, ad
     assert totals["kinetic"][0] == pytest.approx(0.5 * motion.v[-1] @ (m.model.mass @ motion.v[-1]), rel=1e-12)
     assert totals["elastic"][0] == pytest.approx(0.5 * motion.u[-1] @ (m.model.stiffness @ motion.u[-1]), rel=1e-12)
     assert totals["damping_dissipation"][0] > 0
-
-
-def test_a_march_taken_back_is_not_accounted(hht: Any, model: Make, begin: Make, tractions: Make) -> None:
-    """Energies go back with the motion."""
-    m = model("everything")
-    propagator, given = begin([m], hht), tractions(len(m.model.channel_area))
-    before, kept = alone_of(propagator).totals, alone_of(propagator).snapshot()
-    for traction in given[1:4]:
-        alone_of(propagator).predict()
-        alone_of(propagator).commit(traction)
-    assert alone_of(propagator).totals["interface_work"][0] != before["interface_work"][0]
-    alone_of(propagator).restore(kept)
-    for term in TERMS:
-        np.testing.assert_array_equal(alone_of(propagator).totals[term], before[term])
 
 
 def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
@@ -294,27 +244,6 @@ def test_segments_are_one_run(
     close(pieces.state.residual, whole.state.residual, 1e-11)
     for term in TERMS:
         assert alone_of(pieces).totals[term][0] == pytest.approx(alone_of(whole).totals[term][0], rel=1e-10, abs=1e-12)
-
-
-def test_a_state_can_be_taken_up_by_another_propagator(
-    kind: str, hht: Any, model: Make, begin: Make, advance: Make, tractions: Make, changed: Make
-) -> None:
-    """The state in the image and the motions are all that the next segment needs, bit by bit."""
-    m = model(kind)
-    given = tractions(len(m.model.channel_area))
-    first = begin([m], hht, given[0])
-    advance(first, given[:10])
-    second = begin([m], hht, given[1])  # stands elsewhere before
-    continue_from(second, first)
-    rest = part(m, changed, 9, 24)
-    first.begin([rest], first.dt)
-    expected = advance(first, given[9:])
-    second.begin([rest], second.dt)
-    actual = advance(second, given[9:])
-    for name in "uva":
-        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name))
-    for term in TERMS:
-        np.testing.assert_array_equal(alone_of(second).totals[term], alone_of(first).totals[term])
 
 
 def test_another_step_in_between(hht: Any, model: Make, begin: Make, advance: Make, changed: Make) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from latin_fmu.cholesky.factor import interface_factor
+from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.propagator.model import OperatorPattern, SubstructureModel, reduced_rank, share_patterns
 
 Make = Callable[..., Any]
@@ -66,7 +66,7 @@ def test_factor_of_an_operator(model: Make, kind: str) -> None:
     p = m.expansion
     a = sp.csr_array(p.T @ (m.mass + 0.02 * m.stiffness) @ p)
     dofs = np.flatnonzero(np.diff(sp.csc_array(m.trace @ p).indptr))
-    factor = interface_factor(a, dofs, reduced_rank(p, m.ordering))
+    factor = CholeskyFactor(a, dofs, reduced_rank(p, m.ordering))
     inverse, b = np.linalg.inv(a.toarray()), np.random.default_rng(5).normal(size=(a.shape[0], 3))
     np.testing.assert_allclose(factor.solve(b), inverse @ b, atol=1e-12 * np.abs(inverse @ b).max())
     expected = inverse[np.ix_(dofs, dofs)]

@@ -95,6 +95,9 @@ def test_a_bolt_says_its_clamp_force_and_what_is_lost(crushing: Solution) -> Non
     text = said(crushing, bolts={"m6": bolt})
     assert "bolt m6 tightened to 5.100 kN; 5.000 kN at the start, when all bolts are tight" in text
     assert "4.750 kN at the end (5 % lost); 4.750 kN to 5.000 kN on the way, 250 MPa at most" in text
+    loose = said(crushing, bolts={"m6": replace(bolt, force=np.linspace(10.0, 104.0, 101), tightening=(10.0,))})
+    assert "104.0 N at the end (never tight)" in loose
+    assert "gained" not in loose
     kept = replace(bolt, force=np.full(101, 5.1e3), plastic_elongation=np.full(101, 2e-6))
     assert "(nothing lost)" in said(crushing, bolts={"m6": kept})
     assert "yields by 2.00 um" in said(crushing, bolts={"m6": kept})

@@ -20,7 +20,6 @@ from latin_fmu.assembly.propagator_choice import (
     fitting,
     operator_bytes,
 )
-from latin_fmu.compiled import COMPILES
 from latin_fmu.effects import cost
 from latin_fmu.effects.cost import Prediction, march_counts, operator_counts, run_size, seconds
 from latin_fmu.effects.explanation import explain
@@ -43,7 +42,6 @@ def scene(elements: int, **solver: Any) -> latin_fmu.Scene:
     return latin_fmu.scene_from_dict(tables)
 
 
-@pytest.mark.skipif(not COMPILES, reason="the factor of SciPy has another pattern")
 def test_the_factor_is_as_large_as_predicted() -> None:
     """Entries from the pattern, to the last one; the law of nested dissection within a factor of two."""
     discretised = discretise(scene(8))

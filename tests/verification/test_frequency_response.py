@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import scipy.sparse.linalg as spla
 
 import latin_fmu
+from latin_fmu.assembly import frequency_response
 from latin_fmu.assembly.modes import JoinedAssembly
 from latin_fmu.cli import main
 from latin_fmu.stability.scenes import Box, Material, column, placed
@@ -182,7 +184,7 @@ def test_against_a_base_that_shakes() -> None:
     assert (error < [0.01, 0.03, 0.01]).all(), error
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     scene, stem = tmp_path / "lap.toml", tmp_path / "out"
     scene.write_text(read(lap() | {"name": "lap"}).text())
     words = ["frf", str(scene), "-o", str(stem), "--points", "20"]
@@ -197,8 +199,14 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_allclose(table["frequency_Hz"], tree["frequency"].values, rtol=1e-8)
     size = tree["drives/push/tip/mobility"].values[:, 2]
     np.testing.assert_allclose(table["tipz__push_mobility_m_s1_N1"], size, rtol=1e-8)
-    tree.close()
     assert (tmp_path / "out.png").stat().st_size > 10_000
+    short = ["--damping", "0.02", "--drive", "base.z", "--drive", "push", "--kind", "mobility", "--json"]
+    assert main([*words, *short]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["frequency"]["values"] == tree["frequency"].values.tolist()
+    assert report["drives"]["push"]["tip"]["mobility"]["values"] == tree["drives/push/tip/mobility"].values.tolist()
+    assert report["drives"]["base.z"]["root"]["phase"]["units"] == "rad"
+    tree.close()
     for options, message in (
         ([], "damping: the scene has none, and without it the peaks are infinite"),
         (["--damping", "2"], "damping: out of range"),
@@ -208,6 +216,9 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ):
         assert main([*words, *options]) == 2
         assert message in capsys.readouterr().err
+    monkeypatch.setattr(frequency_response, "pressed_points", lambda _: pytest.fail("refused after the tightening"))
+    assert main(words) == 2
+    monkeypatch.undo()
     data = lap()
     del data["boundary"]
     with pytest.raises(latin_fmu.InputError, match="nothing holds the assembly"):
