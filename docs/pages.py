@@ -3,16 +3,19 @@
 ``python docs/pages.py`` writes the scene reference (from the tables of the scene), api.md (from the docstrings) and
 gallery.md (from the heads of the examples). mkdocs calls the functions ``on_...``: a page links to files of the
 repository by their relative path, such as ``../models/README.md``; the site has a copy of each under ``repository/``,
-sources as pages of code. That of an example has its head as text, its figures, and where its numbers stand.
+sources as pages of code. That of an example has its head as text, its figures, and where its numbers stand. The
+notebook is a page with what its cells show, executed while the site is built (20 seconds).
 """
 
 from __future__ import annotations
 
 import ast
+import html
 import inspect
 import os
 import re
 import sys
+import tempfile
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
@@ -67,7 +70,40 @@ def on_files(files: Any, config: Any) -> Any:
                 files.append(File.generated(config, uri, content=_code_page(target)))
             if path.suffix == ".md":
                 waiting.append(target)
+    files.append(File.generated(config, "notebook.md", content=notebook_page()))
     return files
+
+
+def notebook_page() -> str:
+    """The notebook as Markdown, executed from its first cell to its last: code, and what each cell shows.
+
+    Raises
+    ------
+    nbclient.exceptions.CellExecutionError : a cell fails; the message has its code and its error.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(DOCS / "quick_start.ipynb", as_version=4)
+    with tempfile.TemporaryDirectory() as folder:
+        place = {"metadata": {"path": folder}}
+        NotebookClient(notebook, timeout=300, coalesce_streams=True, resources=place).execute()
+    parts = []
+    for cell in notebook.cells:
+        code = cell.cell_type == "code"
+        parts.append(f"```python\n{cell.source}\n```" if code else cell.source)
+        for output in cell.outputs if code else ():
+            data = output.get("data", {"text/plain": output.get("text", "")})
+            if output.get("name") == "stderr":
+                continue
+            if "image/png" in data:
+                parts.append(f'<img alt="" src="data:image/png;base64,{data["image/png"].strip()}">')
+            else:
+                plain = f"<pre>{html.escape(data['text/plain'].rstrip())}</pre>"
+                shown = data.get("text/html", plain)
+                # xarray's has a style sheet of its own, which that of the site breaks
+                parts.append(f'<div class="output">{plain if "<style" in shown else shown}</div>')
+    return "\n\n".join([*parts, "The [notebook](quick_start.ipynb) itself.\n"])
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:  # noqa: ARG001, names are mkdocs'

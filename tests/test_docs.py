@@ -218,6 +218,22 @@ def test_every_type_in_a_signature_of_the_api_is_described() -> None:
     assert not named - described
 
 
+@pytest.mark.parametrize(
+    "page", [*PAGES, *sorted(ROOT.glob("models/*/README.md"))], ids=lambda p: f"{p.parent.name}-{p.stem}"
+)
+def test_a_list_stands_behind_a_blank_line(page: Path) -> None:
+    """The site shows the marks of other lists, and of the items behind a block of code that is not set in by four."""
+    text = re.sub(r"^( *)```.*?^\1```", "CODE", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    paragraphs = [part.splitlines() for part in text.split("\n\n")]
+    wrong = [
+        line
+        for lines in paragraphs
+        for line in lines[1:]
+        if re.match(r"([*+-]|\d+\.) ", line) and not re.match(r"([*+-]|\d+\.) ", lines[0].lstrip("\n"))
+    ]
+    assert not wrong
+
+
 def test_every_page_is_in_the_contents() -> None:
     text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     for page in (ROOT / "docs").glob("*.md"):
@@ -253,8 +269,8 @@ def test_no_figure_shows_code_of_two_releases_ago(figure: str) -> None:
 
 def test_the_site_builds(tmp_path: Path) -> None:
     """Without -q, which would keep mkdocs from counting its warnings."""
-    pytest.importorskip("mkdocs")
-    pytest.importorskip("material")
+    for name in ("mkdocs", "material", "nbclient", "ipykernel"):
+        pytest.importorskip(name)
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -514,7 +514,7 @@ def sample_of(scene: Scene, solution: Solution) -> Record:
     groups = linear_results(outcome, outcome.time, scene.sensor)
     groups |= {f"{PATH}sensors/{name}/spectrum": spectrum_group(s) for name, s in solution.spectra.items()}
     results = {path: results_in(group) for path, group in groups.items()}
-    return {"scalars": scalars_of(outcome, solution.spectra), "results": results}
+    return {"scalars": scalars_of(outcome, scene.sensor), "results": results}
 
 
 def _largest(vectors: Array) -> float:

@@ -84,6 +84,10 @@ SPECTRUM_PEAK: Final = "spectrum_peak"
 """Key of the largest value of the maximax spectrum of a sensor."""
 LAST_BOLT_FORCE: Final = "last_bolt_force"
 """Key of the tension of a bolt at the end."""
+ENERGY_OWNER: Final = "energy"
+"""Owner of the terms of the energies of the assembly."""
+FRICTION_ENERGY: Final = "friction_dissipation"
+"""Key of the energy that friction dissipates in all."""
 _UNITS: Final = {
     SLIP_DISTANCE: "m",
     LARGEST_SLIP: "m",
@@ -178,6 +182,7 @@ class Sensitivities:
             for name, spectrum in responses.items()
         }
         scalars = list(_quantities(outcome, derivatives, changing, {n: (responses[n], spectra[n]) for n in spectra}))
+        scalars += _energies(outcome, scalars)
         return Sensitivities(derivatives, changing, scalars, outcome.time, spectra)
 
     def __getitem__(self, quantity: str) -> QuantitySensitivity:
@@ -362,15 +367,18 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
-def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
-    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` of its sensors."""
+def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``requests`` : tables of its sensors, for their
+    spectra."""
     owned: list[tuple[str, Mapping[str, float | None]]] = [
         *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
         *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
-        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra_of(outcome, requests).items()),
     ]
     for name, bolt in outcome.bolts.items():
         owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+    if outcome.energy is not None:
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: float(outcome.energy[FRICTION_ENERGY][-1])}))
     pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
     return {quantity: value for quantity, value in pairs if value is not None}
 
@@ -461,6 +469,16 @@ def _quantities(
         for key, i in ((BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE, len(time) - 1)):
             own = np.array([d.bolts[name].force[i] for d in derivatives])
             yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
+
+
+def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
+    """The energy that friction dissipates in all, where the run has energies: the sum of its work in the interfaces."""
+    works = [q for q in known if q.quantity.rpartition(".")[2] == FRICTION_WORK.key]
+    if outcome.energy is None or not works:
+        return []
+    changes, flagged = np.sum([q.changes for q in works], axis=0), np.any([q.flagged for q in works], axis=0)
+    value = float(outcome.energy[FRICTION_ENERGY][-1])
+    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY}", "J", value, changes, flagged)]
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
