@@ -87,7 +87,7 @@ class Predictor:
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
         static = sorted({table.kind for table in tables} - {"history", "spectrum"})
-        self.reason = f"{' and '.join(static)} have no derivatives" if static else ""
+        self.reason = f"there are none of {' and '.join(static)}" if static else ""
 
     @property
     def exact(self) -> bool:
