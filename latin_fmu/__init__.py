@@ -46,7 +46,9 @@ if TYPE_CHECKING:
     from .assembly.backbone import backbone
     from .assembly.frequency_response import frf
     from .assembly.modes import vibration_modes
+    from .calibration.study import calibrate
     from .errors import InputError, LatinError, MeshError, ResultsError, SceneError, SolverError
+    from .parametric.samples import sample
     from .parametric.study import sweep
     from .reader import load_scene, scene_from_dict
     from .results.checkpoint import Checkpoint
@@ -71,6 +73,7 @@ __all__ = [
     "SolverError",
     "amplitude_spectrum",
     "backbone",
+    "calibrate",
     "check",
     "estimate_error",
     "frf",
@@ -79,6 +82,7 @@ __all__ = [
     "pressure_map",
     "resultant",
     "ring_down",
+    "sample",
     "scene_from_dict",
     "sensor_spectrum",
     "shock_response_spectrum",
@@ -99,11 +103,13 @@ _MODULES: Final = MappingProxyType(
         "Scene": "scene.schema",
         "Solution": "results.solution",
         "backbone": "assembly.backbone",
+        "calibrate": "calibration.study",
         "check": "api",
         "estimate_error": "accuracy.estimate",
         "frf": "assembly.frequency_response",
         "load_scene": "reader",
         "open_results": "results.files",
+        "sample": "parametric.samples",
         "scene_from_dict": "reader",
         "shock_response_spectrum": "results.spectra",
         "solve": "api",

@@ -34,6 +34,7 @@ COMMANDS: Final = MappingProxyType(
         "cost": "studies",
         "stress": "studies",
         "sweep": "studies",
+        "calibrate": "studies",
         "fmu": "fmu",
         "simulate": "fmu",
         "srs": "analyses",
@@ -61,6 +62,7 @@ examples:
   latin-fmu run two_specimen_crushing/scene.toml --set load.press.pressure=100e6
   latin-fmu cost two_specimen_crushing/scene.toml -o study
   latin-fmu sweep two_specimen_crushing/scene.toml --vary interface.crush.friction_coefficient=0:0.6:13
+  latin-fmu calibrate scene.toml shock.csv --fit bolt.m6.force --fit interface.lap.friction_coefficient
   latin-fmu fmu two_specimen_crushing/scene.toml -o crushing.fmu
   latin-fmu simulate crushing.fmu -o out.csv
   latin-fmu stress --quick -o stability.md
@@ -80,7 +82,7 @@ _LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` 
 
 _NO_MEMORY = ("cannot allocate memory", "failed to map segment")  # of the system, and of its loader of libraries
 _LIBRARIES = 320_000_000  # bytes of address space
-_INPUTS = ("scene", "scenes", "results", "file", "fmu", "input")  # arguments that name a file which is read
+_INPUTS = ("scene", "scenes", "results", "file", "fmu", "input", "data")  # arguments that name a file which is read
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -44,7 +44,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("pictures", "effects", "run_checks"),
     ("api",),
     ("accuracy",),
-    ("cosim", "stability", "parametric"),
+    ("cosim", "stability", "parametric", "calibration"),
     ("model_exchange",),
     ("commands",),
     ("cli",),

@@ -259,14 +259,16 @@ def _results_figure(arguments: argparse.Namespace) -> Figure:
     from ..results.spectra import stored_spectra
 
     with closing(open_results(arguments.file)) as tree, readable(arguments.file):
-        if "kind" in tree.attrs:  # a parametric study
+        if "kind" in tree.attrs and "spread" not in tree.children:  # a parametric study
             from ..parametric.figure import study_figure
 
             return study_figure(tree.to_dataset(), arguments.quantity)
         if arguments.map:
             return map_figure(tree, arguments.interface, arguments.time)
-        if arguments.tornado or arguments.bands:
-            return tornado_figure(tree) if arguments.tornado else bands_figure(tree)
+        if arguments.tornado:
+            return tornado_figure(tree)
+        if arguments.bands or "kind" in tree.attrs:
+            return bands_figure(tree)
         if arguments.bodies:
             return result_figure(tree, arguments.interface, arguments.time, arguments.magnify)
         if "interfaces" not in tree.children and (spectra := stored_spectra(tree)):

@@ -1,6 +1,7 @@
-"""Subcommands that run many scenes: ``cost``, ``stress`` and ``sweep``.
+"""Subcommands that run many scenes: ``cost``, ``stress``, ``sweep`` and ``calibrate``.
 
-``cost`` is the work-precision study, ``stress`` runs the hard cases, ``sweep`` solves one scene for many parameters.
+``cost`` is the work-precision study, ``stress`` runs the hard cases, ``sweep`` solves one scene for many parameters,
+``calibrate`` fits parameters to measured data.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem
 from . import (
@@ -26,8 +27,10 @@ from . import (
     json_lines,
     option,
     output_file,
+    read_scene,
     say,
     switch,
+    tell,
     tell_written,
 )
 
@@ -58,6 +61,7 @@ examples:
   latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 -o study.nc
   latin-fmu sweep scene.toml --vary interface.crush.friction_coefficient=0:0.6:13 --vary load.press.pressure=1e5,2e5
   latin-fmu sweep scene.toml --vary solver.propagator=direct,explicit --scheduler tcp://127.0.0.1:8786
+  latin-fmu sweep scene.toml --samples 200 -o samples.nc    of the table [spread], beside the bands to first order
   latin-fmu plot study.nc
 
 from:to:count gives equally spaced values, a list gives its own. All combinations are solved. Points that are done are
@@ -66,14 +70,34 @@ is marked in the study, with its message.
 
 exit codes: 0 all points converged, 1 some did not (the study is written), 2 bad input, 130 interrupted
 """
-_BUDGET, _QUICK = 120.0, 20.0
+_CALIBRATE_EXAMPLES = """\
+examples:
+  latin-fmu calibrate scene.toml shock.csv --fit interface.lap.friction_coefficient --fit bolt.m6.force=5e3:1e3:2e4
+  latin-fmu calibrate scene.toml modes.csv ring_down.csv --fit bolt.left.force,bolt.right.force=12e3 --mode 1
+
+The first line of DATA.csv names its columns; the first one says what kind of data these are:
+  time,tip.acceleration.x,m6.tension,lap.force.x           motions of sensors, forces of interfaces, tensions of bolts
+  frequency,tip.srs.x                                      shock response spectrum of a sensor (maximax)
+  mode,frequency                                           natural frequencies, elastic modes from 1
+  tip.amplitude,frequency,damping                          a mode against the amplitude of a sensor
+NAME.sd is the standard deviation of the column NAME, NAME [unit] its unit (default: units of the scene).
+
+A parameter is a number of the scene as in --set; names joined by commas have one value. START is that of the scene
+where left out, LOW and HIGH a tenth and ten times the start.
+
+Writes the scene with the fitted values, OUT.toml, and OUT.png: data, before, after, residuals.
+
+exit codes: 0 the fit came to rest, 1 it did not within --max-runs (the best run is written), 2 bad input
+"""
+_BUDGET, _QUICK, _RUNS = 120.0, 20.0, 20
 
 
 def register(add: AddParser) -> None:
-    """Declare the three subcommands."""
+    """Declare the four subcommands."""
     _register_cost(add)
     _register_stress(add)
     _register_sweep(add)
+    _register_calibrate(add)
 
 
 def _register_cost(add: AddParser) -> None:
@@ -106,7 +130,10 @@ def _register_sweep(add: AddParser) -> None:
     parser = declare(add, "sweep", text, _sweep, _SWEEP_EXAMPLES)
     add_scene(parser)
     text = "a key and its values, from:to:count or value,value,...; may be repeated"
-    option(parser, "--vary", "a.b.c=VALUES", text, action="append", required=True)
+    option(parser, "--vary", "a.b.c=VALUES", text, action="append")
+    text = "instead: so many samples of the table [spread] of the scene, beside the bands to first order"
+    option(parser, "--samples", "N", text, int)
+    option(parser, "--seed", "N", "with --samples: number of their sequence (default: 0)", int)
     text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"
     option(parser, "-o --output", "STUDY.nc", text, Path)
     option(parser, "--jobs", "N", "processes, one thread each (default: as many as there are cores)", int)
@@ -116,6 +143,24 @@ def _register_sweep(add: AddParser) -> None:
     switch(parser, "--cold", "no first guesses from neighbouring points (windows of several instants)")
     add_json(parser)
     switch(parser, "-q --quiet", "no progress")
+
+
+def _register_calibrate(add: AddParser) -> None:
+    text = "fit parameters of a scene to measured data, with intervals, and say what the data do not tell apart"
+    parser = declare(add, "calibrate", text, _calibrate, _CALIBRATE_EXAMPLES)
+    add_scene(parser)
+    parser.add_argument("data", metavar="DATA.csv", type=Path, nargs="+", help="measured data; several may be given")
+    text = "a number of the scene to fit; may be repeated"
+    option(parser, "--fit", "NAME[=START][:LOW:HIGH]", text, action="append", required=True)
+    option(parser, "--max-runs", "N", f"runs of the scene, at most (default: {_RUNS})", int, default=_RUNS)
+    switch(parser, "--no-estimate", "no estimate of the error of the last run, which else is a floor of the scatter")
+    switch(parser, "--secants", "differences of runs in the place of derivatives")
+    option(parser, "--mode", "N", "elastic mode of a backbone, from 1 (default: 1)", int, default=1)
+    option(parser, "--increments", "N", "increments of load up to an amplitude of it (default: 2)", int, default=2)
+    switch(parser, "-q --quiet", "no progress")
+    add_json(parser)
+    text = "the scene with the fitted values (default: SCENE_calibrated.toml beside SCENE); the figure is OUT.png"
+    option(parser, "-o --output", "OUT.toml", text, output_file)
 
 
 def _cost(arguments: argparse.Namespace) -> int:
@@ -208,34 +253,79 @@ def _sweep(arguments: argparse.Namespace) -> int:
     with arguments.signals.deferred():
         from ..machine import usable_cores
         from ..parametric.point import STATES
+        from ..parametric.samples import sample
         from ..parametric.study import sweep
-        from ..results.groups import StoredGroup
+        from ..results.groups import StoredGroup, units_of
+    if bool(arguments.vary) == (arguments.samples is not None):
+        what, remedy = "either values or samples", "give --vary, or --samples with a table [spread]"
+        raise InputError.of("the study cannot be made", "--vary, --samples", what, remedy=remedy)
     output = arguments.output or Path(f"{arguments.scene.stem}_study.nc")
     # workers of a cluster have their own cores
     default = usable_cores() if arguments.scheduler is None else 1
+    common: dict[str, Any] = {
+        "settings": arguments.overrides,
+        "jobs": default if arguments.jobs is None else arguments.jobs,
+        "scheduler": arguments.scheduler,
+        "log": None if arguments.quiet else say,
+        "max_cpu": arguments.max_cpu,
+    }
+    lines = list[str]()
     try:
-        study = sweep(
-            arguments.scene,
-            arguments.vary,
-            output,
-            settings=arguments.overrides,
-            jobs=default if arguments.jobs is None else arguments.jobs,
-            scheduler=arguments.scheduler,
-            histories=arguments.histories,
-            guesses=not arguments.cold,
-            log=None if arguments.quiet else say,
-            max_cpu=arguments.max_cpu,
-        )
+        if arguments.samples is None:
+            options = {"histories": arguments.histories, "guesses": not arguments.cold}
+            study = sweep(arguments.scene, arguments.vary, output, **options, **common)
+        else:
+            seed = 0 if arguments.seed is None else arguments.seed
+            compared, tree = sample(arguments.scene, arguments.samples, output, seed=seed, **common)
+            study, lines = tree.to_dataset(), compared.lines(units_of(tree.attrs))
     except KeyboardInterrupt:
         say(f"the points done so far are in {output}.points: the same command continues")
         raise
     states = study["state"].values
     counts = {name.replace("_", " "): int((states == i).sum()) for i, name in enumerate(STATES)}
     if arguments.json:
-        print(json_lines(StoredGroup.of_dataset(study).report()))
+        report = StoredGroup.of_dataset(study).report()
+        print(json_lines(report if arguments.samples is None else report | {"bands": compared.report()}))
+    elif lines:
+        print("\n".join(lines))
     if not arguments.quiet:
         tell_written(arguments, f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
     return CONVERGED if not states.any() else NOT_CONVERGED
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    from ..calibration.figure import calibration_figure
+    from ..calibration.study import calibrate
+    from ..pictures.style import save_figure
+    from ..reader import scene_from_dict
+    from ..results.writing import check_target, write_bytes
+
+    scene = read_scene(arguments)
+    target = arguments.output or arguments.scene.with_name(f"{arguments.scene.stem}_calibrated.toml")
+    picture = target.with_suffix(".png")
+    for path in (target, picture):
+        check_target(path)
+    if target.parent.resolve() != scene.base_dir.resolve():
+        scene_from_dict(scene.tables(), target.parent)  # files that it names must be found from there, too
+    with Waiting("first run", quiet=arguments.quiet) as waiting:
+        made = calibrate(
+            scene,
+            arguments.data,
+            arguments.fit,
+            max_runs=arguments.max_runs,
+            estimate=not arguments.no_estimate,
+            secants=arguments.secants,
+            mode=arguments.mode,
+            increments=arguments.increments,
+            log=waiting.log,
+        )
+    tell(arguments, made.lines(), made.report)
+    # comments stay where the file has all the numbers
+    source = None if arguments.overrides else arguments.scene.read_text(encoding="utf-8-sig")
+    write_bytes(target, made.text(source).encode())
+    save_figure(calibration_figure(made), picture)
+    tell_written(arguments, f"calibrated scene: {target}, figure: {picture}")
+    return CONVERGED if made.converged else NOT_CONVERGED
 
 
 def _write_rows(rows: list[CaseResult], target: Path, quick: bool, left_out: int) -> None:

@@ -365,7 +365,7 @@ class FmiInstance(ReferencedVariables):
 
     def _check(self, state: dict[str, Any]) -> None:
         """Compare a state that came from outside with the variables of this scene. Raises InputError."""
-        check_like(state, {**self._own_state(), "session": None}, "state", free=("session", "tolerance"))
+        check_like(state, {**self._own_state(), "session": None}, "state", free=("session", "tolerance", "arrays"))
         self._variables.check_state(state["variables"])
         if bool(state["variables"]["fixed"]) != (state["session"] is not None):
             raise InputError([Problem("state", "initialized without a session, or the other way round")])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 import numpy as np
 
 from ..errors import InputError, LatinError, Problem
+from ..latin.state_serialization import check_numbers
 from .variable import Variable, input_of
 
 if TYPE_CHECKING:  # imported when arrays are read: hosts instantiate an FMU only to look at it
@@ -227,17 +228,16 @@ class VariableStore:
 
     def check_state(self, state: Mapping[str, Any]) -> None:
         """Compare a state that came from outside with the table. Raises InputError naming what does not fit."""
-        wrong = ""
+        wrong, arrays = "", state["arrays"]  # only those that were set, so not the same in two instances
+        check_numbers(arrays, "state.variables.arrays")
         if state["fixed"] not in (0, 1):
             wrong = "fixed is neither 0 nor 1"
         elif set(state["texts"]) != {str(i) for i in self._texts}:
             wrong = "other strings than those of the table"
         elif not all(isinstance(text, str) for text in state["texts"].values()):
             wrong = "a string that is none"
-        elif not {str(i) for i in self._array_references} >= set(state["arrays"]):
+        elif not (isinstance(arrays, dict) and {str(i) for i in self._array_references} >= set(arrays)):
             wrong = "arrays that the table does not have"
-        elif not all(np.isfinite(np.asarray(values, dtype=float)).all() for values in state["arrays"].values()):
-            wrong = "an array with a value that is not finite"
         else:
             for variable, number in zip(self.table, state["numbers"], strict=True):
                 if variable.kind in ("integer", "count") and number != round(number):
@@ -249,7 +249,7 @@ class VariableStore:
         """Restore what ``get_state`` returned."""
         self.numbers, self.fixed = state["numbers"], bool(state["fixed"])
         self._texts = {int(i): text for i, text in state["texts"].items()}
-        self._array_parameters = {int(i): np.atleast_1d(values) for i, values in state["arrays"].items()}
+        self._array_parameters = {int(i): np.ravel(values) for i, values in state["arrays"].items()}
         self.forget_arrays()
 
 

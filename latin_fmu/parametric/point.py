@@ -35,7 +35,6 @@ from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
 from ..results.quantities_of_interest import (
-    DISPLACEMENT,
     FORCE_HISTORY,
     QUANTITIES_OF_INTEREST,
     InterfaceFields,
@@ -43,15 +42,21 @@ from ..results.quantities_of_interest import (
     largest_slip_share,
     slip_in_contact,
 )
+from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
+from ..results.spectra import spectrum_group
+from ..results.spread import PATH, linear_results, results_in
 from ..scene.describe import field_at, unit_of
 from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
+from ..scene.settings import QUANTITY_OWNERS
 
 MOST_POINTS: Final = 20_000
 """Largest number of points of a study."""
 MOST_PARAMETERS: Final = 8
+SAMPLE: Final = "sample"
+"""Dimension of a study of samples."""
 _TRIED: Final = 200  # points of which one must be valid
 
 _FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.press.pressure=0:2e8:5"
@@ -183,21 +188,32 @@ def _set_problems(parameters: Sequence[Parameter]) -> Iterator[Problem]:
 
 @dataclass(frozen=True)
 class Grid:
-    """A scene and the parameters that vary: a full factorial design.
+    """A scene and the parameters that vary: a full factorial design, or samples.
 
     Attributes
     ----------
     tables : the scene as read, with what ``--set`` changes. base_dir : that its files are relative to.
+    samples : whether a point has the values of one number of all parameters, which then have as many.
     """
 
     tables: Mapping[str, Any]
     base_dir: str
     parameters: tuple[Parameter, ...]
+    samples: bool = False
 
     @property
     def shape(self) -> Index:
-        """Number of values of every parameter."""
-        return tuple(len(p.values) for p in self.parameters)
+        """Number of values of every parameter; of samples their number."""
+        return tuple(len(p.values) for p in (self.parameters[:1] if self.samples else self.parameters))
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions of a study."""
+        return (SAMPLE,) if self.samples else tuple(p.key for p in self.parameters)
+
+    def at(self, point: Index) -> Index:
+        """Place of a point in the arrays of a study."""
+        return point[:1] if self.samples else point
 
     def settings(self, point: Index) -> list[str]:
         """Settings of a point, as ``--set`` takes them."""
@@ -242,7 +258,10 @@ class Grid:
 
     @cached_property
     def order(self) -> list[Index]:
-        """All points, each one step of one parameter from the one before; keys outside the operators vary fastest."""
+        """All points, each one step of one parameter from the one before; keys outside the operators vary fastest.
+        Samples have their own order."""
+        if self.samples:
+            return [(i,) * len(self.parameters) for i in range(*self.shape)]
         keys = [p.key.partition(".")[0] for p in self.parameters]
         slow_first = sorted(range(len(keys)), key=lambda axis: keys[axis] in _OUTSIDE_OPERATORS)  # False before True
         points = []
@@ -318,7 +337,7 @@ class Quantity:
 _OF_INTERFACE: Final = tuple(
     Quantity(q.key, "interface", q.unit, q.long_name)
     for q in QUANTITIES_OF_INTEREST
-    if q not in (DISPLACEMENT, FORCE_HISTORY)
+    if QUANTITY_OWNERS[q.key] == "interface" and q is not FORCE_HISTORY
 )
 QUANTITIES: Final = (
     *_OF_INTERFACE,
@@ -362,15 +381,15 @@ class Plan:
     def text(self) -> str:
         """The plan as text, for other processes."""
         grid = self.grid
-        vary = [[p.key, p.values] for p in grid.parameters]
-        return json.dumps([grid.tables, grid.base_dir, vary, self.histories, self.guesses, self.max_cpu])
+        vary = [[p.key, p.values] for p in grid.parameters], grid.samples
+        return json.dumps([grid.tables, grid.base_dir, *vary, self.histories, self.guesses, self.max_cpu])
 
     @classmethod
     def of_text(cls, text: str) -> Plan:
         """The plan from its text."""
-        tables, base_dir, vary, histories, guesses, max_cpu = json.loads(text)
+        tables, base_dir, vary, samples, histories, guesses, max_cpu = json.loads(text)
         parameters = tuple(Parameter(key, tuple(values)) for key, values in vary)
-        return cls(Grid(tables, base_dir, parameters), histories, guesses, max_cpu)
+        return cls(Grid(tables, base_dir, parameters, samples), histories, guesses, max_cpu)
 
 
 class PointSolver:
@@ -411,6 +430,8 @@ class PointSolver:
         state = CONVERGED if solution.trustworthy else NOT_CONVERGED
         record = {"state": state, "message": solution.status, "guessed": float(guesses.used)}
         record |= quantities_of(scene, solution)
+        if grid.samples and solution.complete:
+            record[SAMPLE] = sample_of(scene, solution)
         return record | (histories_of(solution) if self.plan.histories else {})
 
 
@@ -485,6 +506,15 @@ def histories_of(solution: Solution) -> Record:
     forces = {name: history.force() for name, history in solution.interfaces.items()}
     normal = {name: history.normal_resultant() for name, history in solution.interfaces.items()}
     return {"time": solution.outcome.interface_time, "histories": {"force": forces, "normal_force": normal}}
+
+
+def sample_of(scene: Scene, solution: Solution) -> Record:
+    """Results of a run that have bands: ``scalars`` by quantity, ``results`` by path of their group and variable."""
+    outcome = solution.outcome
+    groups = linear_results(outcome, outcome.time, scene.sensor)
+    groups |= {f"{PATH}sensors/{name}/spectrum": spectrum_group(s) for name, s in solution.spectra.items()}
+    results = {path: results_in(group) for path, group in groups.items()}
+    return {"scalars": scalars_of(outcome, scene.sensor), "results": results}
 
 
 def _largest(vectors: Array) -> float:

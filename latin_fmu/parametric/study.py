@@ -51,6 +51,7 @@ from .point import (
     CONVERGED,
     FAILED,
     QUANTITIES,
+    SAMPLE,
     STATES,
     Grid,
     Index,
@@ -196,11 +197,27 @@ def sweep(
         tables, base_dir = read_tables(scene, settings), Path(scene).parent
     # absolute, as workers may run in other folders
     grid = Grid(tables, str(base_dir.resolve()), parameters_of(vary))
+    plan = Plan(grid, histories, guesses, max_cpu)
+    checked, records, done = solved_points(plan, output, jobs, scheduler, log)
+    study = dataset_of(grid, checked, records, histories)
+    if output is not None:
+        write_netcdf(xr.DataTree(study), output)
+    done()
+    return study
+
+
+def solved_points(
+    plan: Plan, output: str | Path | None, jobs: int, scheduler: str | None, log: Log | None
+) -> tuple[Scene, dict[Index, Record], Callable[[], None]]:
+    """The scene of a study as written, the records of all points, and what removes their folder when the study has been
+    written; parameters and errors as for ``sweep``."""
+    grid = plan.grid
     checked = grid.check()
-    _check_options(grid, jobs, scheduler, histories)
+    _check_options(grid, jobs, scheduler, plan.histories)
     _check_memory(checked, min(jobs, len(grid.order)))
     # keys alone: values are in the names of the points, so that a study can be continued with more of them
-    digest = scene_digest(checked, [*(p.key for p in grid.parameters), f"histories {histories}"])
+    kept = f"histories {plan.histories}{f', {SAMPLE}' if grid.samples else ''}"
+    digest = scene_digest(checked, [*(p.key for p in grid.parameters), kept])
     target = None if output is None else check_target(output)
     store = None if target is None else Store(target, grid, digest)
     records = {} if store is None else store.begin()
@@ -220,14 +237,14 @@ def sweep(
             log(_line(record, grid.words(point), len(records), len(grid.order), seconds))
 
     waiting = [point for point in grid.order if point not in records]
-    solve_points(waiting, Plan(grid, histories, guesses, max_cpu).text(), jobs, scheduler, keep)
-    study = dataset_of(grid, checked, records, histories)
-    if store is not None and output is not None:
-        write_netcdf(xr.DataTree(study), output)
-        # the folder stays: the same call solves what was lost, and only that
-        if not again:
+    solve_points(waiting, plan.text(), jobs, scheduler, keep)
+
+    def done() -> None:
+        # with points lost the folder stays: the same call solves what was lost, and only that
+        if store is not None and not again:
             store.remove()
-    return study
+
+    return checked, records, done
 
 
 def _check_options(grid: Grid, jobs: int, scheduler: str | None, histories: bool) -> None:
@@ -259,8 +276,9 @@ def _check_memory(scene: Scene, jobs: int) -> None:
 
 def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histories: bool) -> xr.Dataset:
     """Dataset of a study (module docstring): ``records`` of all points of the ``grid``, ``scene`` as written."""
-    study = xr.Dataset(coords={p.key: _coordinate(p) for p in grid.parameters}, attrs=_attributes(scene))
-    dims = tuple(p.key for p in grid.parameters)
+    coords = {p.key: _coordinate(p, SAMPLE if grid.samples else p.key) for p in grid.parameters}
+    study, dims = xr.Dataset(coords=coords, attrs=_attributes(scene)), grid.dims
+    records = {grid.at(point): record for point, record in records.items()}
     # of all points: each has a record by now
     states = np.full(grid.shape, 0, dtype=np.int8)
     messages = np.full(grid.shape, "", dtype=object)
@@ -282,13 +300,13 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
     return study
 
 
-def _coordinate(parameter: Parameter) -> Any:
+def _coordinate(parameter: Parameter, along: str) -> Any:
     attributes, values = {"long_name": f"scene key {parameter.key}"}, parameter.values
     if not parameter.numeric:
-        return parameter.key, np.array([value_text(v) for v in values], dtype=np.str_), attributes
+        return along, np.array([value_text(v) for v in values], dtype=np.str_), attributes
     if unit := parameter.unit:
         attributes["units"] = unit
-    return parameter.key, np.array(values, dtype=float), attributes
+    return along, np.array(values, dtype=float), attributes
 
 
 def _attributes(scene: Scene) -> dict[str, Any]:

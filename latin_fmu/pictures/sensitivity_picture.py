@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 _WIDTH, _ROW, _COLUMNS = 4.2, 0.24, 2  # inches
 _LEAST: Final = 1e-4  # relative change below which a quantity has no panel
 _MOST: Final = 4  # interfaces, sensors and bolts that are drawn, those with the largest values
-SAMPLED: Final = "sampled"
-"""Part of the names of what random samples have, beside the bands to first order."""
+_SAMPLED: Final = "sampled"  # part of the names of ends of bands of samples
 
 
 @styled
@@ -151,6 +150,6 @@ def _draw_band(axis: Axes, curve: xr.DataArray, data: xr.Dataset, marks: Array) 
     axis.fill_between(x, ends["low"] / size, ends["high"] / size, color="0.80", linewidth=0, label="to first order")
     axis.plot(x, values / size, color=DISTINCT[0], label="run")
     for key, label in (("low", "samples"), ("high", None)):
-        if (name := f"{curve.name}_{SAMPLED}_{key}") in data:
+        if (name := f"{curve.name}_{_SAMPLED}_{key}") in data:
             axis.plot(x, data[name].sel(labels).values / size, "--", color=DISTINCT[1], linewidth=0.9, label=label)
     axis.set_ylabel(f"{str(curve.name).replace('_', ' ')} ({unit})")

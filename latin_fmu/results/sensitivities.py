@@ -12,6 +12,7 @@ force at its event by its height times the shift, which the steps resolve to som
 
 * impulse, peak: where the change at events up to its instant is above ``AT_EVENTS`` times its own, and times a tenth of
   its value,
+* first contact without a gap: where the force rises from nothing within a step,
 * separation: where its instant is an event, and it changes by more than a tenth of its value,
 * slip, work of friction, sensors, bolts: where more than ``SHARE`` of all change of force happens at events.
 """
@@ -83,6 +84,10 @@ SPECTRUM_PEAK: Final = "spectrum_peak"
 """Key of the largest value of the maximax spectrum of a sensor."""
 LAST_BOLT_FORCE: Final = "last_bolt_force"
 """Key of the tension of a bolt at the end."""
+ENERGY_OWNER: Final = "energy"
+"""Owner of the terms of the energies of the assembly."""
+FRICTION_ENERGY: Final = "friction_dissipation"
+"""Key of the energy that friction dissipates in all."""
 _UNITS: Final = {
     SLIP_DISTANCE: "m",
     LARGEST_SLIP: "m",
@@ -177,6 +182,7 @@ class Sensitivities:
             for name, spectrum in responses.items()
         }
         scalars = list(_quantities(outcome, derivatives, changing, {n: (responses[n], spectra[n]) for n in spectra}))
+        scalars += _energies(outcome, scalars)
         return Sensitivities(derivatives, changing, scalars, outcome.time, spectra)
 
     def __getitem__(self, quantity: str) -> QuantitySensitivity:
@@ -361,6 +367,22 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
+def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``requests`` : tables of its sensors, for their
+    spectra."""
+    owned: list[tuple[str, Mapping[str, float | None]]] = [
+        *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
+        *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra_of(outcome, requests).items()),
+    ]
+    for name, bolt in outcome.bolts.items():
+        owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+    if outcome.energy is not None:
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: float(outcome.energy[FRICTION_ENERGY][-1])}))
+    pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
+    return {quantity: value for quantity, value in pairs if value is not None}
+
+
 def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> SensorHistory:
     acceleration = None
     if history.acceleration is not None and change.acceleration is not None:
@@ -421,7 +443,7 @@ def _quantities(
             if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
                 moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
                 q = replace(q, changes=np.array(moved))
-            yield replace(q, flagged=_flags(q, history, time, activity))
+            yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
     every = _Activity(
         np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
@@ -447,6 +469,16 @@ def _quantities(
         for key, i in ((BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE, len(time) - 1)):
             own = np.array([d.bolts[name].force[i] for d in derivatives])
             yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
+
+
+def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
+    """The energy that friction dissipates in all, where the run has energies: the sum of its work in the interfaces."""
+    works = [q for q in known if q.quantity.rpartition(".")[2] == FRICTION_WORK.key]
+    if outcome.energy is None or not works:
+        return []
+    changes, flagged = np.sum([q.changes for q in works], axis=0), np.any([q.flagged for q in works], axis=0)
+    value = float(outcome.energy[FRICTION_ENERGY][-1])
+    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY}", "J", value, changes, flagged)]
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
@@ -485,6 +517,17 @@ def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activ
         over = max(duration, float(time[1] - time[0]))
         return activity.outweighs(last, q, over)
     return activity.shares(end)
+
+
+def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
+    """Whether a quantity is the first contact of faces without a gap by a force that rises from nothing within a step:
+    the instant between both follows a front only while this arrives in the same step."""
+    if not q.quantity.endswith(FIRST_CONTACT.key) or history.initial_gap.min() > 0.0:
+        return False
+    size = np.abs(history.normal_resultant())
+    level = CONTACT_SHARE * float(size.max())
+    i = int(np.argmax(size > level))
+    return i > 0 and bool(size[i - 1] < _LITTLE * level)
 
 
 def _differences(

@@ -11,18 +11,18 @@ moments, Metrologia 42 (2005) 329-343).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
 
 import numpy as np
 
-from ..latin.outcome import Array, Outcome
+from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
 from ..scene.sensors import Sensor
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup, StoredVariable
-from .quantities import AXES, BOLT, INTERFACE, LABELS, Columns, StoredQuantity, named, rows
+from .quantities import AXES, BOLT, INTERFACE, LABELS, named, rows
 from .sensitivities import Sensitivities, in_words
 from .sensors import sensor_group, spectra_of
 from .sentences import wrapped
@@ -31,6 +31,8 @@ from .summary import finite, percent, readable
 
 LEVEL: Final = 0.95
 """Probability of a band."""
+PATH: Final = "/spread/"
+"""Of the groups of bands in a file."""
 UNIFORM: Final = -1.2
 """Excess kurtosis of a uniform distribution."""
 _NORMAL: Final = 1e-5  # excess kurtosis above which a sum counts as normal
@@ -145,14 +147,15 @@ class Bands:
 
     Attributes
     ----------
-    scatter : its parameters. quantities : scalars. histories : results over time and spectra with their bands, by the
-        path of their group in the file and the name of their row; with the labels of their dimensions.
+    scatter : its parameters. quantities : scalars. histories : results over time and spectra of the run, groups by
+        path. bands : of these, by path and name of the variable.
     alone : whether the scene names no other parameters to differentiate by.
     """
 
     scatter: Scatter
     quantities: Sequence[QuantityBand]
-    histories: Mapping[str, tuple[list[tuple[StoredQuantity, Array, ResultBand]], Columns]]
+    histories: Mapping[str, StoredGroup]
+    bands: Mapping[str, Mapping[str, ResultBand]]
     alone: bool
 
     @staticmethod
@@ -172,11 +175,23 @@ class Bands:
             shares = squares / (squares.sum() or 1.0)
             flagged = bool((q.flagged[places] & (shares > _COUNTS)).any())
             quantities.append(QuantityBand(q.quantity, q.unit, q.value, band, shares, flagged))
-        histories = {
-            path: ([(row, value, scatter.band(value, changes)) for row, value, changes in found], labels)
-            for path, found, labels in _histories(outcome, known, requests)
+        histories = linear_results(outcome, outcome.time, requests)
+        changed = [linear_results(d, outcome.time, requests) for d in known.derivatives]
+        bands = {
+            path: {
+                name: scatter.band(values, np.stack([results_in(other[path])[name] for other in changed]))
+                for name, values in results_in(group).items()
+            }
+            for path, group in histories.items()
         }
-        return Bands(scatter, quantities, histories, len(places) == len(names))
+        for sensor, spectrum in spectra_of(outcome, requests).items():
+            path = f"{PATH}sensors/{sensor}/spectrum"
+            histories[path] = spectrum_group(spectrum)
+            bands[path] = {
+                name: scatter.band(values, getattr(known.spectra[sensor], name))
+                for name, values in results_in(histories[path]).items()
+            }
+        return Bands(scatter, quantities, histories, bands, len(places) == len(names))
 
     def __getitem__(self, quantity: str) -> QuantityBand:
         """The band of one quantity (KeyError where there is none)."""
@@ -205,10 +220,10 @@ class Bands:
             "flagged": np.array([q.flagged for q in quantities], dtype=np.int8),
         }
         groups = {"/spread": StoredGroup.of(named(_ROWS, made), named(_ROWS, labels), {"probability": LEVEL})}
-        for path, (results, along) in self.histories.items():
-            columns = [(_end(row, word), getattr(band, word)) for row, _, band in results for word in ("low", "high")]
-            groups[path] = StoredGroup.of([*((row, value) for row, value, _ in results), *columns], along)
-        return groups
+        return groups | {
+            path: StoredGroup(group.variables | ends_of(group, self.bands[path]), group.labels)
+            for path, group in self.histories.items()
+        }
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """One line a quantity: value, band, the parameter that makes most of it."""
@@ -247,53 +262,54 @@ class Bands:
         return {"probability": LEVEL, "parameters": parameters, "quantities": quantities}
 
 
-def _histories(
-    outcome: Outcome, known: Sensitivities, requests: Mapping[str, Sensor]
-) -> Iterator[tuple[str, list[tuple[StoredQuantity, Array, Array]], Columns]]:
-    """Results that depend linearly on tractions and motions, and spectra: path of the group, rows with values and
-    derivatives (n_derivative, ...), labels of their dimensions."""
-    derivatives, time = known.derivatives, outcome.time
+class _Histories(Protocol):
+    """Histories of a run, or their derivatives."""
+
+    @property
+    def interfaces(self) -> Mapping[str, InterfaceHistory]: ...
+
+    @property
+    def sensors(self) -> Mapping[str, SensorHistory]: ...
+
+    @property
+    def bolts(self) -> Mapping[str, BoltHistory]: ...
+
+
+def linear_results(of: _Histories, time: Array, requests: Mapping[str, Sensor]) -> dict[str, StoredGroup]:
+    """Results over time that are linear in tractions and motions, of a run or of derivatives, by path of their group;
+    motions of sensors behind their filters, which are linear, too."""
     along = named(LABELS, {"time": time, "component": AXES})
-    for name, history in outcome.interfaces.items():
-        own = [d.interfaces[name] for d in derivatives]
-        forces = history.force(), np.stack([h.force() for h in own])
-        normal = history.normal_resultant(), np.stack([h.normal_resultant() for h in own])
-        yield f"/spread/interfaces/{name}", [(INTERFACE["force"], *forces), (_NORMAL_FORCE, *normal)], along
-    for name, sensor in outcome.sensors.items():
-        chosen = requests[name].filter if name in requests else None
-        # filters are linear
-        of_run, *others = (sensor_group(h, time, chosen) for h in (sensor, *(d.sensors[name] for d in derivatives)))
-        found = [
-            (_row(key, variable), variable.values, np.stack([g.variables[key].values for g in others]))
-            for key, variable in of_run.variables.items()
-            if key not in of_run.labels
-        ]
-        yield f"/spread/sensors/{name}", found, along
-    for name, spectrum in spectra_of(outcome, requests).items():
-        changes, group = known.spectra[name], spectrum_group(spectrum)
-        kinds = ("acceleration", "pseudo_velocity")
-        found = [(_row(k, group.variables[k]), getattr(spectrum, k), getattr(changes, k)) for k in kinds]
-        labels = [(_row(key, group.variables[key]), group.variables[key].values) for key in sorted(group.labels)]
-        yield f"/spread/sensors/{name}/spectrum", found, labels
-    for name, bolt in outcome.bolts.items():
-        tension = np.stack([d.bolts[name].force for d in derivatives])
-        yield f"/spread/bolts/{name}", [(BOLT["force"], bolt.force, tension)], named(LABELS, {"time": time})
+    groups = {
+        f"{PATH}interfaces/{name}": StoredGroup.of(
+            [(INTERFACE["force"], h.force()), (_NORMAL_FORCE, h.normal_resultant())], along
+        )
+        for name, h in of.interfaces.items()
+    }
+    for name, sensor in of.sensors.items():
+        whole = sensor_group(sensor, time, requests[name].filter if name in requests else None)
+        kept = {key: v for key, v in whole.variables.items() if key not in whole.labels or v.dims == (key,)}
+        groups[f"{PATH}sensors/{name}"] = StoredGroup(kept, whole.labels & set(kept))
+    for name, bolt in of.bolts.items():
+        group = StoredGroup.of([(BOLT["force"], bolt.force)], named(LABELS, {"time": time}))
+        groups[f"{PATH}bolts/{name}"] = group
+    return groups
 
 
-def _row(name: str, variable: StoredVariable) -> StoredQuantity:
-    """Row of a stored variable."""
-    attrs = variable.attrs
-    return StoredQuantity(
-        name, attrs.get("units"), variable.dims, attrs["long_name"], attrs.get("comment"), lambda _: None
-    )
+def results_in(group: StoredGroup) -> dict[str, Array]:
+    """Values of the variables of a group that are no labels."""
+    return {name: v.values for name, v in group.variables.items() if name not in group.labels}
 
 
-def _end(row: StoredQuantity, word: str) -> StoredQuantity:
-    """Row of an end of the band of another one."""
-    share = 0.5 + (0.5 if word == "high" else -0.5) * LEVEL
-    return replace(
-        row, name=f"{row.name}_{word}", meaning=f"{row.meaning}: {100 * share:g} % of all are below", comment=None
-    )
+def ends_of(group: StoredGroup, bands: Mapping[str, ResultBand], of: str = "") -> dict[str, StoredVariable]:
+    """Both ends of the bands of the variables of a group; ``of`` : what else has bands, as part of their names."""
+    made = {}
+    for name, band in bands.items():
+        variable = group.variables[name]
+        for word, values, share in (("low", band.low, 0.5 - 0.5 * LEVEL), ("high", band.high, 0.5 + 0.5 * LEVEL)):
+            meaning = f"{variable.attrs['long_name']}: {100 * share:g} % of all are below{f', {of}' if of else ''}"
+            attrs = {key: v for key, v in variable.attrs.items() if key == "units"} | {"long_name": meaning}
+            made[f"{name}_{of}{'_' if of else ''}{word}"] = StoredVariable(variable.dims, values, attrs)
+    return made
 
 
 _NORMAL_FORCE: Final = rows("normal_force | N | time | normal resultant, positive in compression")["normal_force"]

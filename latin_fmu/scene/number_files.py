@@ -8,6 +8,7 @@ a file that is no table may hold anything.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final
@@ -109,17 +110,15 @@ def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None 
 
     Raises the refusal of the field that names the file.
     """
-    lines = _lines(_text(base_dir, name))
+    lines = table_cells(base_dir, name)
     first = next(lines, None)
     if first is None:
         return []
-    split = _splitter(first[1])
-    header = split(first[1])
+    header = first[1]
     chosen = range(2) if columns is None else [_place(column, header) for column in columns]
     wanted = _TWO_COLUMNS if columns is None else f"finite numbers in {len(columns)} columns of {len(header)}"
     rows = []
-    for number, line in [first, *lines]:
-        cells = split(line)
+    for number, cells in chain([first], lines):
         # two cells without chosen columns: a third would be ambiguous
         row = _numbers(cells, chosen) if columns is not None or len(cells) == 2 else None
         if row is None and number == first[0]:
@@ -131,6 +130,18 @@ def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None 
             raise refusal(f"line {number} is not {many} finite numbers", value=wrong, allowed=wanted, remedy=remedy)
         rows.append(row)
     return rows
+
+
+def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
+    """Number, from 1, and cells of every line of a table that counts, its header among them.
+
+    Raises the refusal of the field that names the file.
+    """
+    lines = _lines(_text(base_dir, name))
+    if (first := next(lines, None)) is not None:
+        split = _splitter(first[1])
+        for number, line in chain([first], lines):
+            yield number, split(line)
 
 
 def _text(base_dir: Path, name: str) -> str:

@@ -125,6 +125,23 @@ def _no_item(where: str, items: list[Any]) -> Problem:
     return Problem(where, "no such item of the list", None, f"0 to {len(items) - 1}")
 
 
+def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection[str]) -> str | None:
+    """A TOML text with other numbers by their paths, everything else as it is written; None where one of them does not
+    stand there as ``key = number``."""
+    lines, where, wanted = text.splitlines(keepends=True), key_lines(text), tomllib.loads(text)
+    for path, number in numbers.items():
+        line, key = line_of(where, path), path.rpartition(".")[2]
+        if line is None:
+            return None
+        written = rf"(?<![\w.-]){re.escape(key)}\s*=\s*[-+]?[0-9][0-9_.eE+-]*"
+        lines[line - 1], count = re.subn(written, f"{key} = {number!r}", lines[line - 1])
+        if count != 1:
+            return None
+        wanted = with_value(wanted, path, number, named)
+    made = "".join(lines)
+    return made if tomllib.loads(made) == wanted else None
+
+
 def parse_value(text: str) -> Any:
     """A TOML value; a bare word is a text. Raises ValueError where it is neither."""
     try:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,10 +12,12 @@ import pytest
 
 pytest.importorskip("fmpy")
 
+from fmu_build.bridge import zig
 from fmu_build.build import build_fmu
+from latin_fmu.compiled import library
 from tests.cosim.scenes import blocks
 
-from .host import Host
+from .host import KINDS, Host
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -29,6 +34,36 @@ def fmus(tmp_path_factory) -> dict[str, Path]:
     """FMU of the two blocks, by version of the FMI."""
     folder = tmp_path_factory.mktemp("fmus")
     return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi, python=True) for fmi in ("2", "3")}
+
+
+@pytest.fixture(scope="session")
+def compiled_fmus(tmp_path_factory) -> dict[str, Path]:
+    """Compiled FMU of the two blocks, by version of the FMI."""
+    folder = tmp_path_factory.mktemp("compiled")
+    return {fmi: build_fmu(blocks(), folder / f"blocks{fmi}.fmu", fmi) for fmi in ("2", "3")}
+
+
+@pytest.fixture(scope="session", params=KINDS)
+def made(request) -> dict[str, Path]:
+    """FMUs of the two blocks of both kinds, one after the other, by version of the FMI."""
+    fmus: dict[str, Path] = request.getfixturevalue("compiled_fmus" if request.param == "compiled" else "fmus")
+    return fmus
+
+
+@pytest.fixture(scope="session")
+def programs(tmp_path_factory) -> dict[str, Path]:
+    """The hosts in C, by the compiler of this machine, else that of the wheel."""
+    try:
+        compiler = ["cc"] if shutil.which("cc") else zig(library.target())
+    except ModuleNotFoundError:
+        pytest.skip("no C compiler: pip install ziglang")
+    folder = tmp_path_factory.mktemp("hosts")
+    cache = {"ZIG_GLOBAL_CACHE_DIR": str(folder), "ZIG_LOCAL_CACHE_DIR": str(folder)}
+    for name in ("steps", "host"):
+        options = ["-std=c99", "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra", "-Werror", "-ldl", "-lpthread"]
+        command = [*compiler, str(Path(__file__).with_name(f"{name}.c")), "-o", str(folder / name), *options]
+        subprocess.run(command, check=True, env={**os.environ, **cache})
+    return {name: folder / name for name in ("steps", "host")}
 
 
 @pytest.fixture(params=["2", "3"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import zipfile
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -12,9 +13,18 @@ from typing import Any
 
 import fmpy
 import numpy as np
+import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
+
+from latin_fmu.compiled import library
+
+COMPILED = pytest.mark.skipif(
+    library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
+)
+KINDS = ["python", pytest.param("compiled", marks=COMPILED)]
+"""FMUs with Python and compiled ones."""
 
 
 def hosts_folder() -> Path | None:
@@ -32,6 +42,16 @@ def _extracted(fmu: Path, modified: int) -> tuple[Path, Any]:
     del modified
     folder = mkdtemp(dir=_FOLDERS.name)
     return Path(fmpy.extract(str(fmu), unzipdir=folder)), fmpy.read_model_description(str(fmu))
+
+
+def extracted(fmu: Path, folder: Path) -> tuple[list[str], dict[str, int]]:
+    """Unpack an FMU for a host in C: library, resources as a URI, GUID; value references."""
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(folder)
+    description = fmpy.read_model_description(str(fmu))
+    model = folder / "binaries" / "linux64" / f"{description.coSimulation.modelIdentifier}.so"
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    return [str(model), (folder / "resources").as_uri(), description.guid], references
 
 
 class Host:

@@ -13,25 +13,15 @@ import pytest
 
 from fmu_build.build import build_fmu
 from latin_fmu import load_scene
-from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
-from tests.cosim.scenes import bar, blocks
+from tests.cosim.scenes import bar
 
-from .host import Host
+from .host import COMPILED, Host
 
 DT = 0.2e-6
 END = 30 * DT
 LIMIT = 1e-9  # of the largest of a unit
 BASE, SLOPE = 0.2, 1.0 / END  # of the load: a ramp
-needs_library = pytest.mark.skipif(
-    library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
-)
-
-
-@pytest.fixture(scope="module", params=["python", pytest.param("compiled", marks=needs_library)])
-def made(tmp_path_factory, request) -> dict[str, Path]:
-    folder, compiled = tmp_path_factory.mktemp("fmus"), request.param == "compiled"
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, python=not compiled) for fmi in ("2", "3")}
 
 
 @pytest.fixture
@@ -105,7 +95,13 @@ def test_any_steps_with_rollback_are_those_without(hosts):
                 assert host.step(t, h), host.messages
             assert np.array_equal(straight.read(), other.read())
             t += h
-        assert straight.to_bytes(straight.save()) == other.to_bytes(other.save())
+        block = straight.to_bytes(straight.save())
+        assert block == other.to_bytes(other.save())
+        other.fmu.reset()  # restored before it was initialized
+        other.restore(other.from_bytes(block))
+        for host in hosts:
+            assert host.step(t, 0.7 * DT), host.messages
+        assert np.array_equal(straight.read(), other.read())
 
 
 @pytest.mark.parametrize("interval", [None, 0.37 * DT, END / 499])
@@ -117,7 +113,7 @@ def test_a_host_with_its_own_step(made, fmi, interval):
     assert np.ptp(result["interface.crush.normalForce"]) > 0.0
 
 
-@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_library)])
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=COMPILED)])
 def test_initialization_mode_has_the_values_of_the_start(fmi, compiled, tmp_path):
     """Under what is set at that moment, and nothing else follows from the reading; events are counted in whole
     numbers."""
@@ -163,7 +159,7 @@ def test_inputs_set_in_initialization_mode_count(made, fmi, mode, tmp_path):
         host.close()
 
 
-@needs_library
+@COMPILED
 def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
     """A face moved through a port, at rest at t = 0, with a rate from then on: as the session."""
     model = load_scene(Path(__file__).parents[2] / "models" / "impact_bar" / "scene.toml")

@@ -5,19 +5,13 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from fmu_build.build import build_fmu
-from latin_fmu.compiled import library
-from tests.cosim.scenes import blocks
-
 from .host import Host
 
 H = 0.2e-6
-LIBRARY = library.target() == "linux-x86_64" and library.loaded() is not None
 
 # FMI 2.0.4, table of section 4.2.4: Instantiated, initialization Mode, step Complete, step Failed, Terminated, Error.
 TWO = {
@@ -75,14 +69,6 @@ THREE = {
 NAMES = {"I": "Instantiated", "K": "Configuration", "M": "Initialization", "C": "stepComplete", "F": "stepFailed"}
 NAMES |= {"S": "Step Mode", "T": "Terminated", "E": "error"}
 ANOTHER_REASON = ("GetDirectionalDerivative", "ExitInitializationMode", "Terminate")  # nothing to derive; a failed step
-KINDS = [pytest.param(False, id="python")]
-KINDS += [pytest.param(True, id="compiled", marks=pytest.mark.skipif(not LIBRARY, reason="no library of kernels here"))]
-
-
-@pytest.fixture(scope="module", params=KINDS)
-def made(request, tmp_path_factory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("fmus")
-    return {fmi: build_fmu(blocks(), folder / f"{fmi}.fmu", fmi, python=not request.param) for fmi in ("2", "3")}
 
 
 @pytest.fixture

@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 import struct
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 import pytest
 import xarray as xr
 from fmpy.fmi1 import FMICallException
 
 import fmu_build.build
-from fmu_build.bridge import zig
 from fmu_build.build import build_fmu, compiled_files
 from fmu_build.checks import validate
 from fmu_build.compiled import HEADER, checksum, libraries
 from latin_fmu import load_scene, open_results, solve
 from latin_fmu.aot import linking
 from latin_fmu.cli import main
-from latin_fmu.compiled import library
 from latin_fmu.cosim.input_table import with_laws
 from latin_fmu.cosim.session import Session
 from latin_fmu.cosim.settings import Settings
@@ -37,14 +32,12 @@ from latin_fmu.scene.schema import Scene
 from latin_fmu.scene.settings import NoAcceleration
 from tests.cosim.scenes import bar, blocks
 
-from .host import Host
+from .host import COMPILED, Host, extracted
 
 DT = 0.2e-6
 LIMIT = 1e-9  # of the peak
 PLAIN = NoAcceleration(type="none")
-pytestmark = pytest.mark.skipif(
-    library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
-)
+pytestmark = COMPILED
 
 
 def scene(**changes: Any) -> Scene:
@@ -52,51 +45,9 @@ def scene(**changes: Any) -> Scene:
     return blocks(**changes)
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory) -> dict[str, Path]:
-    """Compiled FMU of the two blocks, by version of the FMI."""
-    folder = tmp_path_factory.mktemp("compiled")
-    return {fmi: build_fmu(scene(), folder / f"blocks{fmi}.fmu", fmi) for fmi in ("2", "3")}
-
-
 @pytest.fixture
-def opened(fmus, tmp_path) -> Iterator[Callable[..., Host]]:
-    """Open a compiled FMU of the two blocks."""
-    hosts: list[Host] = []
-
-    def open_fmu(fmi: str = "2") -> Host:
-        hosts.append(Host(fmus[fmi], tmp_path / f"instance {len(hosts)}"))
-        return hosts[-1]
-
-    yield open_fmu
-    for host in hosts:
-        host.close()
-
-
-@pytest.fixture(scope="module")
-def programs(tmp_path_factory) -> dict[str, Path]:
-    """The hosts in C, by the compiler of the wheel."""
-    try:
-        compiler = zig("linux-x86_64")
-    except ModuleNotFoundError:
-        pytest.skip("no compiler: pip install ziglang")
-    folder = tmp_path_factory.mktemp("hosts")
-    here, cache = Path(__file__).parent, {"ZIG_GLOBAL_CACHE_DIR": str(folder), "ZIG_LOCAL_CACHE_DIR": str(folder)}
-    for name in ("steps", "host"):
-        options = ["-std=c99", "-D_GNU_SOURCE", "-O1", "-Wall", "-Wextra", "-Werror", "-ldl", "-lpthread"]
-        command = [*compiler, str(here / f"{name}.c"), "-o", str(folder / name), *options]
-        subprocess.run(command, check=True, env={**os.environ, **cache})
-    return {name: folder / name for name in ("steps", "host")}
-
-
-def extracted(fmu: Path, folder: Path) -> tuple[list[str], dict[str, int]]:
-    """Library, resources as a URI, GUID; value references."""
-    with zipfile.ZipFile(fmu) as archive:
-        archive.extractall(folder)
-    description = fmpy.read_model_description(str(fmu))
-    model = folder / "binaries" / "linux64" / f"{description.coSimulation.modelIdentifier}.so"
-    references = {v.name: v.valueReference for v in description.modelVariables}
-    return [str(model), (folder / "resources").as_uri(), description.guid], references
+def fmus(compiled_fmus) -> dict[str, Path]:
+    return compiled_fmus
 
 
 def ran(program: Path, *arguments: object, lines: str = "") -> subprocess.CompletedProcess[str]:
@@ -253,38 +204,6 @@ def test_a_host_in_c_may_cut_time_steps(fmus, programs, tmp_path, length):
     assert float.fromhex(printed[0].split()[-1]) == pytest.approx(30 * DT)
 
 
-def test_cycles_and_threads_in_one_process(fmus, programs, tmp_path):
-    """Two FMUs, 200 times each, then four instances in threads that begin at once; memory stays as it is."""
-    other = build_fmu(bar(time={"end": 50 * DT, "instants": 50}), tmp_path / "bar.fmu", "2")
-    given = []
-    for number, (fmu, variable) in enumerate([(fmus["2"], "load.press.value"), (other, "inputInterpolation")]):
-        files, references = extracted(fmu, tmp_path / str(number))
-        given += [*files, references[variable], references["historyFile"]]
-    done = ran(programs["host"], 200, 4 * DT, DT, 1.0, "-", *given)
-    assert (done.returncode, done.stderr) == (0, "")
-    first, *_, last = (int(line) for line in done.stdout.split())
-    assert last - first < 1000  # kB
-    done = ran(programs["host"], 0, 20 * DT, DT, 1.0, "-", *given, *given)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.parametrize(
-    ("load", "text", "code", "words"),
-    [
-        ("nan", "-", 13, "load.press.value = nan: is not a finite number"),
-        ("1e300", "-", 12, "no convergence of the time step that ends at"),
-        ("0.5", "/nope.csv", 13, "/nope.csv: no such file"),
-    ],
-)
-def test_a_failure_is_a_status(fmus, programs, tmp_path, load, text, code, words):
-    files, references = extracted(fmus["2"], tmp_path)
-    done = ran(
-        programs["host"], 1, 2e-6, DT, load, text, *files, references["load.press.value"], references["historyFile"]
-    )
-    assert done.returncode == code
-    assert words in done.stderr
-
-
 # -- numbers ------------------------------------------------------------------------------------------------------
 def equal(host: Host, session: Session) -> None:
     """All outputs, each against the largest of its unit."""
@@ -319,90 +238,6 @@ def test_steps_of_any_whole_number_of_time_steps(fmi, tmp_path):
             t += n * DT
         equal(host, session)
         host.close()
-
-
-def test_histories_given_before(opened):
-    """Prescribed mode: table in a string, and arrays of FMI 3."""
-    times, values = [0.0, 2e-6, 6e-6], [0.0, 1.0, 0.3]
-    session = Session(scene(), Settings(mode=1))
-    session.set_history("press", times, values)
-    session.initialize()
-    rows = [f"{t!r},{a!r}" for t, a in zip(times, values, strict=True)]
-    for fmi in ("2", "3"):
-        host = opened(fmi)
-        host.set(mode=1, historyFile=";".join(["time,press", *rows]))
-        host.start()
-        assert host.step(0.0, 3.1e-6), host.messages
-        assert session.step(0.0, 3.1e-6)
-        equal(host, session)
-        session.initialize()
-    arrays = opened("3")
-    arrays.fmu.enterConfigurationMode()
-    arrays.set(history__size=4)
-    arrays.fmu.exitConfigurationMode()
-    arrays.set(mode=1, history__time=[*times, times[-1]], load__press__history=[*values, values[-1]])
-    arrays.start()
-    assert arrays.read(["window.count"]) == 31
-    assert np.allclose(arrays.array("interface.crush.window.force", 93).reshape(31, 3), host_force(session), rtol=1e-9)
-    state = arrays.to_bytes(arrays.save())
-    assert arrays.step(0.0, 4e-6)
-    row = arrays.read()
-    other = opened("3")
-    other.restore(other.from_bytes(state))  # solves the histories that the state holds
-    assert other.step(0.0, 4e-6)
-    assert np.array_equal(other.read(), row)
-
-
-def host_force(session: Session) -> np.ndarray:
-    """Resultant forces over the window of a session."""
-    return session.window()[1]["crush"].force()
-
-
-@pytest.mark.parametrize(
-    "table",
-    [
-        "time,pres;0,0;1e-6,1",
-        "press;1",
-        "time,press;0,0;0,1",
-        "time,press;0,x",
-        "time,press;",
-        "time,press,press;0,0,1",
-    ],
-)
-def test_a_table_that_cannot_be_used_is_an_error(opened, table):
-    host = opened("2")
-    host.set(mode=1, historyFile=table)
-    with pytest.raises(FMICallException):
-        host.start()
-    assert host.messages[-1][0] == 3
-    assert not host.step(0.0, DT)
-
-
-def test_arrays_of_a_step(opened):
-    """Over the instants of the step, and at the points."""
-    host, session = opened("3"), Session(scene())
-    host.set(load__press__value=1.0)
-    session.set_load("press", 1.0, 0.0)
-    host.start()
-    session.initialize()
-    for i in range(3):
-        assert host.step(5 * i * DT, 5 * DT)
-        assert session.step(5 * i * DT, 5 * DT)
-    time, interfaces = session.window()
-    history = interfaces["crush"]
-    assert host.read(["window.count"]) == 6
-    assert np.allclose(host.array("window.time", 31)[:6], time, rtol=1e-12)
-    assert np.isnan(host.array("window.time", 31)[6:]).all()
-    for name, expected in {
-        "window.force": history.force(),
-        "points.traction": history.traction[-1],
-        "points.velocity": history.velocity[-1],
-        "points.gap": history.gap[-1],
-        "points.status": history.contact_status[-1],
-    }.items():
-        size = 93 if name.startswith("window") else expected.size
-        found = host.array(f"interface.crush.{name}", size)[: expected.size].reshape(expected.shape)
-        assert np.abs(found - expected).max() <= LIMIT * np.abs(expected).max() + 1e-300, name
 
 
 # -- refusals -----------------------------------------------------------------------------------------------------
@@ -498,11 +333,6 @@ def test_damaged_states_are_refused(opened, fmi):
     assert np.array_equal(host.read(), before)
     host.restore(host.from_bytes(block))
     assert host.step(3 * DT, DT)
-
-
-@pytest.fixture(params=["2", "3"])
-def fmi(request) -> str:
-    return str(request.param)
 
 
 def resealed(block: bytes, length: int | None = None) -> bytes:

@@ -11,21 +11,17 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from fmu_build.build import build_fmu
-from latin_fmu.compiled import library
 from latin_fmu.cosim import Session
 from latin_fmu.scene.schema import Scene
 from tests.cosim.scenes import blocks
 
-from .host import Host
+from .host import COMPILED, Host
 
 H = 3e-6  # longer than the way of a wave through a block
 UNKNOWNS = ["interface.crush.force[3]", "interface.crush.velocityEp[3]", "energy.kinetic"]
 KNOWNS = ["load.press.value", "load.press.rate"]
 ROUND_OFF, EXACT = 1e-11, 1e-8
 SMALL = 1e-3  # of the load
-COMPILED = pytest.mark.skipif(
-    library.target() != "linux-x86_64" or library.loaded() is None, reason="no library of kernels here"
-)
 
 
 def precise() -> Scene:

@@ -121,12 +121,6 @@ def test_estimated_errors_in_the_results_file(opened, fmi, tmp_path):
     tree.close()
 
 
-def test_settings_out_of_range(opened, fmi):
-    host = opened(fmi)
-    host.set(mode=5, timeStep=-1.0)
-    assert_failed(host, "2 problems")
-
-
 def test_no_convergence(opened, fmi):
     host = opened(fmi)
     host.set(maxIterations=1, tolerance=1e-10, load__press__value=1.0)

@@ -17,11 +17,11 @@ from fmu_build import reference
 from fmu_build.build import build_fmu
 from fmu_build.reference import FOLDER, NOTE, reference_of
 from latin_fmu import cli
-from latin_fmu.compiled import library
 from tests.cosim.scenes import bar, blocks
 
+from .host import COMPILED
+
 LS = "{http://fmi-standard.org/fmi-ls-manifest}fmi-ls-"
-needs_library = pytest.mark.skipif(library.loaded() is None, reason="no library of kernels here")
 
 
 def contents(fmu: Path) -> dict[str, bytes]:
@@ -35,7 +35,7 @@ def columns(content: bytes) -> np.ndarray:
     return np.array([tuple(row) for row in table], dtype=[(name, float) for name in names])
 
 
-@needs_library
+@COMPILED
 @pytest.mark.parametrize("compiled", [False, True])
 def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
     fmu = build_fmu(blocks(), tmp_path / "blocks.fmu", fmi, python=not compiled)
@@ -62,7 +62,7 @@ def test_fmpy_gets_the_reference_that_the_fmu_carries(fmi, compiled, tmp_path):
         assert got[name][at] == pytest.approx(wanted[name], rel=0.0, abs=1e-9 * scale), name
 
 
-@needs_library
+@COMPILED
 def test_the_manifest_follows_the_layered_standard(tmp_path):
     files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
     manifest = etree.fromstring(files[f"{FOLDER}/fmi-ls-manifest.xml"])
@@ -85,7 +85,7 @@ SCHEMAS = os.environ.get("FMI_LS_REF_SCHEMAS", "")
 """Folder ``schema`` of the repository modelica/fmi-ls-ref at v1.0.0-alpha.1."""
 
 
-@needs_library
+@COMPILED
 @pytest.mark.skipif(not SCHEMAS, reason="FMI_LS_REF_SCHEMAS names no folder with the schemas of FMI-LS-REF")
 def test_the_schemas_of_the_layered_standard_find_nothing(tmp_path):
     files = contents(build_fmu(blocks(), tmp_path / "blocks.fmu", python=True))
@@ -98,7 +98,7 @@ def test_the_schemas_of_the_layered_standard_find_nothing(tmp_path):
         assert list(schema.error_log) == []
 
 
-@needs_library
+@COMPILED
 def test_a_long_experiment_is_cut_and_large_results_are_thinned(monkeypatch):
     monkeypatch.setattr(reference, "_within", lambda _cost, n: n // 3)
     monkeypatch.setattr(reference, "MOST_NUMBERS", 200)
@@ -123,14 +123,14 @@ def test_steps_within_the_limit_by_prediction():
     assert reference._within(Cost(), 40) == 1
 
 
-@needs_library
+@COMPILED
 def test_a_step_without_convergence_ends_the_reference_run():
     made = reference_of(blocks(solver={"max_iterations": 1, "tolerance": 1e-9}))
     assert made.files == {}
     assert "no convergence" in made.said
 
 
-@needs_library
+@COMPILED
 def test_of_a_compiled_fmu_time_steps_are_solved_one_by_one():
     """As the compiled FMU solves them; the scene has them solved at once, to its tolerance."""
     time = {"end": 24e-6, "step": 0.2e-6}  # three of them in a communication step
@@ -143,14 +143,14 @@ def test_of_a_compiled_fmu_time_steps_are_solved_one_by_one():
     assert compiled == stepped != at_once
 
 
-@needs_library
+@COMPILED
 def test_without_inputs_there_are_no_stimuli():
     files = reference_of(bar()).files
     assert f"{FOLDER}/thrown_bar_in.csv" not in files
     assert b"Stimuli" not in files[f"{FOLDER}/thrown_bar.exp"]
 
 
-@needs_library
+@COMPILED
 def test_the_command_says_what_the_run_took_and_leaves_it_out(tmp_path, capsys):
     scene, target = tmp_path / "blocks.toml", tmp_path / "blocks.fmu"
     scene.write_text(blocks().text())

@@ -17,8 +17,9 @@ import pytest
 from fmu_build.build import build_fmu
 from latin_fmu.compiled import library
 
+from .host import extracted
 from .sanitized import KERNELS, SANITIZERS, kernels_library
-from .test_compiled import DT, extracted, scene
+from .test_compiled import DT, scene
 
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent

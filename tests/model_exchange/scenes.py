@@ -44,19 +44,6 @@ def rods(behaviour: str = "perfect", **changes: Any) -> Scene:
     return latin_fmu.scene_from_dict(data | changes)
 
 
-def thrown(**changes: Any) -> Scene:
-    """A rod thrown at the ground."""
-    data = column(
-        {"bar": Box(SOFT, (1.0, 1.0, 10.0), (1, 1, 30), (0.0, 0.0, -10.0))},
-        {},
-        {"end": 1.0, "instants": 100},
-        name="thrown",
-        interface={"wall": {"sides": ["bar.zmin", "ground"], "gap": 0.5}},
-    )
-    data["substructure"]["bar"]["box"]["origin"][2] = 0.5
-    return latin_fmu.scene_from_dict(data | changes)
-
-
 def random_state(equations: Equations, seed: int) -> tuple[np.ndarray, ContactModes]:
     """States of the sizes expected, and the discrete states that go with them."""
     rng = np.random.default_rng(seed)

@@ -19,8 +19,9 @@ from latin_fmu.model_exchange.equations import (
     Regularisation,
 )
 from latin_fmu.model_exchange.reduce import reduced_system
+from tests.cosim.scenes import bar
 
-from .scenes import pair, random_state, rods, thrown
+from .scenes import pair, random_state, rods
 
 MOVING = {
     "floor": {
@@ -68,7 +69,7 @@ def test_damping_of_contact_takes_all_where_it_takes_the_pressure_off(equations,
 
 
 def test_force_is_mass_times_acceleration_of_a_thrown_bar():
-    s = reduced_system(thrown(), 5)
+    s = reduced_system(bar(), 5)
     equations = Equations(s, energy=False)
     y, modes = random_state(equations, 1)
     y[0] = -10.0  # far below the ground
@@ -160,7 +161,7 @@ def test_loads_from_outside():
 
 def test_moving_ground():
     """Velocity (1, 0, 2): the ground closes the gap by 2 t along -N = z and drags the bar along x."""
-    s = reduced_system(thrown(interface=MOVING), 2)
+    s = reduced_system(bar(interface=MOVING), 2)
     equations = Equations(s, energy=False)
     y = equations.start()
     motion, ground = equations.motion(0.1, y, 0)

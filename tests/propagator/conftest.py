@@ -277,25 +277,40 @@ def changed() -> Callable[..., Driven]:
 
 
 @pytest.fixture
-def admittance_columns() -> Callable[..., dict[int, Array]]:
-    """Change of the channel velocities of one instant for a traction 1 on some channels, by channel."""
+def answers(tractions: Callable[..., Array]) -> Callable[..., None]:
+    """Check the velocities W that a propagator answers with to tractions of one instant, relative to the largest:
+    W - W_0 = D q; with dashpots k in parallel Y q, Y = (1 + D k)^-1 D, where ``commit`` of q - k W ends with W too."""
 
-    def columns(propagator: Any) -> dict[int, Array]:
-        n = propagator.n_channel
+    def check(propagator: Any, limit: float) -> None:
+        member, n = alone_of(propagator), propagator.n_channel
         velocities = {}
         for j in (-1, 0, 4, n - 1):  # -1: none
             traction = np.zeros((n, 1))
             if j >= 0:
                 traction[j] = 1.0
-            snapshot = alone_of(propagator).snapshot()
-            alone_of(propagator).predict()
-            alone_of(propagator).commit(traction)
+            snapshot = member.snapshot()
+            member.predict()
+            member.commit(traction)
             velocities[j] = channel_velocity(propagator)[:, 0]
-            alone_of(propagator).restore(snapshot)
-        free = velocities.pop(-1)
-        return {j: column - free for j, column in velocities.items()}
+            member.restore(snapshot)
+        free, d = velocities.pop(-1), propagator.operators.admittance
+        for j, column in velocities.items():
+            np.testing.assert_allclose(column - free, d[:, j], rtol=0, atol=limit * np.abs(d[:, j]).max())
+        k = np.random.default_rng(3).uniform(0.0, 4.0, n)
+        k[1] = 0.0
+        propagator.bind(0.5 * k)  # one direction after another
+        propagator.bind(k)
+        condensed = propagator.condensed * propagator.operators.area
+        np.testing.assert_allclose(condensed, np.linalg.solve(np.eye(n) + d * k, d), rtol=0, atol=1e-12 * d.max())
+        by_area = condensed / propagator.operators.area
+        np.testing.assert_allclose(by_area, by_area.T, rtol=0, atol=1e-13 * by_area.max())
+        for q in tractions(n)[1:6]:
+            member.predict()
+            w = member.respond(q)
+            member.commit(q - propagator.k * w)
+            np.testing.assert_allclose(channel_velocity(propagator), w, rtol=0, atol=limit * np.abs(w).max())
 
-    return columns
+    return check
 
 
 @pytest.fixture

@@ -188,24 +188,8 @@ def test_admittance_is_symmetric_and_positive(scheme: Any, kind: str, model: Mak
     close(operators.admittance, compliance * operators.area, 1e-15)
 
 
-def test_admittance_is_the_velocity_of_one_instant(
-    scheme: Any, kind: str, model: Make, begin: Make, admittance_columns: Make
-) -> None:
-    propagator = begin([model(kind)], scheme)
-    for j, column in admittance_columns(propagator).items():
-        close(column, propagator.operators.admittance[:, j], 1e-11)
-
-
-def test_condensed_response(kind: str, hht: Any, model: Make, begin: Make) -> None:
-    """Y = (1 + D k)^-1 D, symmetric after division by the areas; k may be 0 somewhere."""
-    propagator = begin([model(kind)], hht)
-    k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)
-    k[1] = 0.0
-    propagator.bind(k)
-    d = propagator.operators.admittance
-    close(response(propagator), np.linalg.solve(np.eye(len(k)) + d * k, d), 1e-12)
-    force = response(propagator) / propagator.operators.area
-    close(force, force.T, 1e-13)
+def test_answers_to_tractions(scheme: Any, kind: str, model: Make, begin: Make, answers: Make) -> None:
+    answers(begin([model(kind)], scheme), 1e-11)
 
 
 def test_energy_identity_of_every_member(

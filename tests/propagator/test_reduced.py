@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from latin_fmu.kernels.energy_parts import TERMS
-from latin_fmu.propagator.base import channel_velocity, full_displacement, full_velocity
+from latin_fmu.propagator.base import full_displacement, full_velocity
 from latin_fmu.propagator.reduced import ReducedPropagator, reduced_members
 from tests.alone import alone_of, started_alone
 
@@ -78,23 +78,8 @@ def _closes(scheme: Any, kind: str, modes: int, model: Make, tractions: Make, un
     assert unbalanced(started(members, scheme, modes, given[0]), given[1:]) <= 1e-10
 
 
-def test_admittance_is_the_velocity_of_one_instant(hht: Any, kind: str, model: Make, admittance_columns: Make) -> None:
-    propagator = started([model(kind)], hht, 5)
-    for j, column in admittance_columns(propagator).items():
-        expected = propagator.operators.admittance[:, j]
-        np.testing.assert_allclose(column, expected, atol=1e-10 * np.abs(expected).max())
-
-
-def test_respond_is_a_march_with_dashpots(hht: Any, kind: str, model: Make, tractions: Make) -> None:
-    propagator = started([model(kind)], hht, 5)
-    k = np.random.default_rng(3).uniform(0.0, 4.0, propagator.n_channel)
-    propagator.bind(k)
-    q = tractions(propagator.n_channel)
-    for i in range(1, 6):
-        alone_of(propagator).predict()
-        w = alone_of(propagator).respond(q[i])
-        alone_of(propagator).commit(q[i] - propagator.k * w)
-        np.testing.assert_allclose(channel_velocity(propagator), w, atol=1e-10 * np.abs(w).max())
+def test_answers_to_tractions(hht: Any, kind: str, model: Make, answers: Make) -> None:
+    answers(started([model(kind)], hht, 5), 1e-10)
 
 
 @pytest.mark.parametrize("kind", ["free", "everything"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from latin_fmu.stability import scenes
@@ -23,6 +24,27 @@ def add_block(
 ) -> None:
     """A steel block."""
     into["substructure"][name] = Box(scenes.STEEL, size, elements).table(origin)
+
+
+def add_stack(
+    into: dict[str, Any],
+    size: tuple[float, float, float],
+    elements: Sequence[tuple[int, int, int]],
+    pressure: float,
+    gap: float = 0.0,
+    **interface: Any,
+) -> dict[str, Any]:
+    """Blocks free to spread, one on the other, each ``gap`` above the lower one, pressed more and more; no base."""
+    for i, counts in enumerate(elements):
+        name = f"b{i + 1}"
+        add_block(into, name, (0.0, 0.0, i * (size[2] + gap)), size, counts)
+        for axis in "xy":
+            into["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
+        if i:
+            into["interface"][f"i{i}"] = {"sides": [f"b{i}.zmax", f"{name}.zmin"], **interface}
+    top = f"b{len(elements)}.zmax"
+    into["load"]["press"] = {"face": top, "pressure": pressure, "law": ramp((0, 0), (1, 1))}
+    return into
 
 
 def plates(

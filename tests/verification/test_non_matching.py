@@ -18,7 +18,7 @@ from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 from tests.scenes import ramp, solve
 
 from .blocks import stack
-from .static_scenes import STEEL, add_block, scene
+from .static_scenes import STEEL, add_block, add_stack, scene
 
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SIZE, PRESSURE = (0.02, 0.01, 0.01), 80e6
@@ -30,18 +30,9 @@ ROLLER = {"behaviour": "elastic_layer", "normal_stiffness": 2e13, "tangential_st
 # -- uniform compression ------------------------------------------------------------------------------------------
 def pressed(counts: tuple[tuple[int, int], ...], friction: float, **interface: Any) -> dict[str, Any]:
     """Blocks with these in-plane numbers of elements, free to spread, pressed on a plane of symmetry."""
-    made = scene(2, tolerance=1e-10)
-    for i, n in enumerate(counts):
-        name = f"b{i + 1}"
-        add_block(made, name, (0.0, 0.0, i * SIZE[2]), SIZE, (*n, 2))
-        for axis in "xy":
-            made["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
-        if i:
-            sides = [f"b{i}.zmax", f"{name}.zmin"]
-            made["interface"][f"i{i}"] = {"sides": sides, "friction_coefficient": friction, **interface}
+    made, elements = scene(2, tolerance=1e-10), [(*n, 2) for n in counts]
     made["boundary"]["base"] = {"type": "symmetry", "face": "b1.zmin"}
-    made["load"]["press"] = {"face": f"b{len(counts)}.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
-    return made
+    return add_stack(made, SIZE, elements, PRESSURE, friction_coefficient=friction, **interface)
 
 
 def of_kind(made: dict[str, Any], kind: str, folder: Path, turn: np.ndarray | None = None) -> dict[str, Any]:

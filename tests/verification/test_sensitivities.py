@@ -81,6 +81,88 @@ STRAINED = (
     ("material.steel.young_modulus", "material.steel.poisson_ratio"),
 )
 Case = tuple[str, tuple[str, ...], tuple[str, ...]]
+SOFT = 'interface.crush={sides=["lower.zmax","upper.zmin"],behaviour="soft_contact",normal_stiffness=1e14,'
+PULSE = 'law={type="half_sine",duration=1e-5}}'
+HEAT = ("material.steel.thermal_expansion=12e-6", "material.aluminium.thermal_expansion=23e-6")
+RAMP = '{type="table",times=[0.0,0.25,1.0],values=[0.0,1.0,1.0]}'
+RISE = '{type="table",times=[0.0,1.0],values=[0.0,1.0]}'
+SLOWLY = 'time={end=1.0,instants=4,quasi_static=true,start="given"}'
+
+
+def crushed(settings: tuple[str, ...], *parameters: str, of_interface: str = "crush") -> Case:
+    """Two small specimens under other loads, conditions and laws."""
+    size = ("substructure.lower.box.elements=[2,2,2]", "substructure.upper.box.elements=[2,2,2]")
+    steps = ("time.step=0.3e-6", "time.end=9e-6") if SLOWLY not in settings else ()
+    friction = f"interface.{of_interface}.friction_coefficient"
+    return "two_specimen_crushing", (*size, *steps, *settings), (*parameters, friction)
+
+
+OTHERS = (
+    crushed(
+        (*HEAT, 'load.press.law="constant"', f'temperature.heat={{substructures=["upper"],change=80.0,{PULSE}'),
+        "temperature.heat.change",
+        "material.steel.thermal_expansion",
+        "material.steel.young_modulus",
+    ),
+    crushed(
+        (*HEAT, SLOWLY, f"load.press.law={RAMP}", f"temperature.heat={{change=80.0,law={RAMP}}}"),
+        "material.aluminium.thermal_expansion",
+        "temperature.heat.change",
+    ),
+    crushed(
+        ('time.start="static"', "gravity={acceleration=[0.0,0.0,-1e7]}"),
+        "gravity.acceleration.2",
+        "material.steel.density",
+        "material.aluminium.young_modulus",
+    ),
+    crushed((f"gravity={{acceleration=[0.0,0.0,-1e7],{PULSE}",), "gravity.acceleration.2", "material.steel.density"),
+    crushed(
+        (SOFT + "friction_coefficient=0.1,gap=2.03e-6}",),
+        "interface.crush.normal_stiffness",
+        "interface.crush.gap",
+        "material.steel.density",
+    ),
+    crushed(
+        (SOFT + "friction_coefficient=0.1,interference=1e-6}", 'time.start="static"'),
+        "interface.crush.interference",
+        "interface.crush.normal_stiffness",
+    ),
+    crushed(
+        # the load grows in every step: points on the friction limit that do not slide have no direction of slip
+        (SOFT + "friction_coefficient=0.1}", SLOWLY, f"load.press.law={RISE}"),
+        "interface.crush.normal_stiffness",
+        "material.steel.young_modulus",
+    ),
+    # unlike meshes over a part of the face: points with hardly any area are merged
+    crushed(
+        ("substructure.upper.box={origin=[0.0,0.0,0.01],size=[0.0072,0.0083,0.01],elements=[3,2,2]}",),
+        "material.aluminium.density",
+        "load.press.pressure",
+    ),
+    *(
+        crushed(
+            ("load={}", f'boundary.drive={{type="{kind}",face="upper.zmax",components=["z"],value=[{value}],{PULSE}'),
+            "boundary.drive.value.0",
+            "material.steel.young_modulus",
+        )
+        for kind, value in (("velocity", -8.0), ("displacement", -3e-5), ("acceleration", -2e6))
+    ),
+    crushed(
+        (
+            'interface.floor={sides=["lower.zmin","ground"],behaviour="contact",friction_coefficient=0.2,'
+            f"ground_velocity={{direction=[0.0,0.0,1.0],amplitude=2.0,{PULSE}}}",
+            "boundary={"
+            + ",".join(
+                f'{body}_{axis}={{type="symmetry",face="{body}.{axis}min"}}'
+                for body in ("lower", "upper")
+                for axis in "xy"
+            )
+            + "}",
+        ),
+        "interface.floor.ground_velocity.amplitude",
+        of_interface="floor",
+    ),
+)
 
 
 def scene_of(case: Case) -> latin_fmu.Scene:
@@ -111,7 +193,7 @@ def apart(own: np.ndarray, more: np.ndarray, less: np.ndarray, value: float) -> 
     return float(np.abs(own - difference).max() / np.abs(difference).max())
 
 
-EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, DAMPED, PLATES, BOLTED, MATERIALS, LANDING, STRAINED)
+EVERY = (CRUSHING, HAMMER, SHEAR, BOUNCE, DAMPED, PLATES, BOLTED, MATERIALS, LANDING, STRAINED, *OTHERS)
 
 
 @pytest.mark.parametrize("case", EVERY, ids=lambda case: f"{case[0]}-{case[2][0]}")
@@ -173,6 +255,14 @@ def test_spectra_and_last_values_are_those_of_central_differences() -> None:
     stored = solution.to_datatree()["sensitivities/sensors/end/spectrum/acceleration"]
     assert stored.dims == ("parameter", "response", "frequency", "component")
     np.testing.assert_array_equal(stored.values, own.acceleration)
+
+
+def test_dissipation_of_the_assembly_is_that_of_its_interfaces() -> None:
+    case = (CRUSHING[0], (*CRUSHING[1], "output.energy=true"), CRUSHING[2])
+    known = differentiated(case).sensitivities["energy.friction_dissipation"]
+    for d, change in zip(differentiated(case).sensitivities.derivatives, known.changes, strict=True):
+        more, less = (s.energy["friction_dissipation"][-1] for s in ends(case, d.name))
+        assert change == pytest.approx((more - less) / (2.0 * STEP), rel=1e-4)
 
 
 def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:

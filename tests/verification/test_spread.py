@@ -11,7 +11,9 @@ import pytest
 from scipy import stats
 
 import latin_fmu
-from latin_fmu.errors import ResultsError, SceneError
+from latin_fmu.cli import main
+from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
+from latin_fmu.parametric.samples import sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
 from latin_fmu.results.spread import Scatter, coverage
 from latin_fmu.scene.spread import Distribution
@@ -79,11 +81,10 @@ def test_forces_that_follow_a_load_have_its_band() -> None:
     assert not peak.flagged
     # of the spectrum and of the filtered motion as well
     for path in ("/spread/sensors/top", "/spread/sensors/top/spectrum", "/spread/interfaces/crush"):
-        results, _ = bands.histories[path]
-        for row, value, band in results:
-            largest = np.abs(value).max()
-            np.testing.assert_allclose(band.deviation, 0.05 * np.abs(value), atol=1e-7 * largest, err_msg=row.name)
-    assert {row.name for row, _, _ in bands.histories["/spread/sensors/top"][0]} >= {"acceleration_filtered"}
+        for name, band in bands.bands[path].items():
+            size = np.abs(bands.histories[path].variables[name].values)
+            np.testing.assert_allclose(band.deviation, 0.05 * size, atol=1e-7 * size.max(), err_msg=name)
+    assert "acceleration_filtered" in bands.bands["/spread/sensors/top"]
 
 
 def test_independent_parameters_add_by_their_squares() -> None:
@@ -120,6 +121,15 @@ def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
     assert solution.report()["bands"]["quantities"]["crush.peak_force"]["low"] == pytest.approx(
         float(solution.bands["crush.peak_force"].band.low)
     )
+
+
+def test_a_bolt_force_that_scatters_has_its_band() -> None:
+    """Tensions follow the force at t = 0; neither bolt nor load is part of the static scenes that are solved first."""
+    settings = ("time.end=1e-6", "spread.bolt.m6.force=5 %", "spread.load.shock.traction.0=3 %")
+    solution = latin_fmu.solve(latin_fmu.load_scene(MODELS / "lap_joint/shock.toml", settings))
+    assert solution.bands is not None
+    band = solution.bands["m6.bolt_force"].band
+    assert band.deviation == pytest.approx(0.05 * 5e3, rel=1e-3)
 
 
 def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None:
@@ -164,3 +174,91 @@ def test_a_spread_is_written_as_it_is_read() -> None:
     assert ("[spread]", 'load.press.pressure = "5 %"') in list(pairwise(lines))
     moved = scene.replace("spread.load.press.pressure", 3.0)
     assert moved.spread == {"load.press.pressure": 3.0, "interface.crush.friction_coefficient": (0.05, 0.15)}
+
+
+def test_samples_have_the_distributions_of_their_parameters() -> None:
+    distributions = {"a": Distribution.of(2.0, "10 %"), "b": Distribution.of(1.0, (0.0, 4.0))}
+    a, b = (np.array(p.values) for p in sample_values(distributions, 1000, 1))
+    assert stats.kstest(a, stats.norm(2.0, 0.2).cdf).statistic < 5e-3
+    assert stats.kstest(b, stats.uniform(0.0, 4.0).cdf).statistic < 5e-3
+    assert abs(np.corrcoef(a, b)[0, 1]) < 1e-2
+    # more of them begin with the same ones, other seeds make others
+    more = sample_values(distributions, 2000, 1)
+    assert more[0].values[:1000] == tuple(a)
+    assert sample_values(distributions, 1000, 2)[0].values != tuple(a)
+
+
+def compared(count: int, *settings: str, output: Path | None = None):
+    return latin_fmu.sample(crushing("solver.tolerance=1e-6", *settings), count, output)
+
+
+def test_samples_of_a_linear_run_have_the_band_to_first_order(tmp_path: Path) -> None:
+    """Everything follows the pressure: mean and standard deviation of 32 points of the sequence, to some per cent."""
+    settings = ("interface.crush.friction_coefficient=5.0", "spread.load.press.pressure=5 %")
+    found, tree = compared(32, *settings, output=tmp_path / "samples.nc")
+    assert found.count == 32
+    assert found.ratio("crush.peak_force") == pytest.approx(1.0, abs=0.05)
+    pressure = tree["load.press.pressure"].values
+    scaled = pressure.std(ddof=1) / pressure.mean()
+    peak = found.scalars["crush.peak_force"]
+    assert float(peak.deviation / peak.mean) == pytest.approx(scaled, rel=1e-4)
+    with latin_fmu.open_results(tmp_path / "samples.nc") as stored:
+        assert stored.sizes["sample"] == 32
+        whole, force = stored["spread"], stored["spread/interfaces/crush"]
+        i = list(whole["quantity"].values).index("crush.peak_force")
+        assert float(whole["sampled_low"].values[i]) == pytest.approx(float(peak.low))
+        own = (force[f"normal_force_{part}high"] - force[f"normal_force_{part}low"] for part in ("", "sampled_"))
+        first, sampled = (values.values for values in own)
+        np.testing.assert_allclose(sampled, first, atol=0.05 * first.max())
+        # band to first order, run, and both ends of the samples
+        assert len(bands_figure(stored).axes[0].lines) == 4
+    assert not (tmp_path / "samples.nc.points").exists()
+
+
+def test_samples_that_do_not_count_are_none() -> None:
+    """A friction below 0 is refused: its samples fail, the others have a band."""
+    found, tree = compared(16, "spread.interface.crush.friction_coefficient=0.1")
+    failed = int((tree["state"].values == 2).sum())
+    assert 0 < failed < 8
+    assert found.count == 16 - failed
+    assert tree["friction_work"].dims == ("sample", "interface")
+
+
+def test_samples_without_a_spread_or_a_band_are_refused() -> None:
+    with pytest.raises(InputError, match="no parameters scatter"):
+        compared(16)
+    with pytest.raises(InputError, match="number of samples"):
+        compared(2, *SPREAD)
+    with pytest.raises(SolverError, match="no bands to first order"):
+        compared(16, *SPREAD, "solver.max_iterations=1", "solver.newton=false")
+
+
+def test_the_command_samples_and_says_both_bands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, output = tmp_path / "crushing.toml", tmp_path / "samples.nc"
+    scene.write_text(crushing("solver.tolerance=1e-6", *SPREAD).text(), encoding="utf-8")
+    command = ["sweep", str(scene), "--samples", "8", "-o", str(output), "--jobs", "1", "-q"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "8 samples:" in said
+    assert "; samples" in next(line for line in said.splitlines() if "crush impulse" in line)
+    assert main(["plot", str(output), "-o", str(tmp_path / "bands.png")]) == 0
+    assert main([*command, "--json"]) == 0
+    assert '"sampled_mean"' in capsys.readouterr().out
+    assert main([*command, "--vary", "time.step=1e-7,2e-7"]) == 2
+    assert "either values or samples" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bands_to_first_order_are_those_of_200_samples() -> None:
+    """Pressure, friction and modulus scatter by 5 %: within 10 % of the band where no state changes on the way."""
+    parameters = ("load.press.pressure", "interface.crush.friction_coefficient", "material.steel.young_modulus")
+    found, _ = compared(200, *(f"spread.{name}=5 %" for name in parameters))
+    assert found.count == 200
+    sound = [q.quantity for q in found.bands.quantities if not q.flagged]
+    assert {"crush.impulse", "crush.peak_force", "crush.separation", "top.displacement_peak"} <= {*sound}
+    for quantity in sound:
+        assert found.ratio(quantity) == pytest.approx(1.0, abs=0.1), quantity
+    assert found.bands["crush.first_contact"].flagged
+    for path, name in (("interfaces/crush", "normal_force"), ("sensors/top", "velocity")):
+        first, own = (of[f"/spread/{path}"][name].half for of in (found.bands.bands, found.results))
+        np.testing.assert_allclose(first, own, atol=0.1 * own.max(), err_msg=name)

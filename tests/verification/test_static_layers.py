@@ -9,7 +9,7 @@ import pytest
 
 from tests.scenes import ramp, solve
 
-from .static_scenes import STEEL, add_block, scene
+from .static_scenes import STEEL, add_block, add_stack, scene
 
 E = STEEL["young_modulus"]
 SIZE, ELEMENTS, PRESSURE = (0.02, 0.01, 0.01), (2, 1, 1), 50e6
@@ -18,18 +18,14 @@ STEPS = 4
 
 def block(interface: dict[str, Any], steps: int = STEPS) -> dict[str, Any]:
     """A block free to spread on ground, pressed more and more."""
-    made = scene(steps, tolerance=1e-9)
-    add_block(made, "b", (0.0, 0.0, 0.0), SIZE, ELEMENTS)
-    for axis in "xy":
-        made["boundary"][axis] = {"type": "symmetry", "face": f"b.{axis}min"}
-    made["interface"]["foot"] = {"sides": ["b.zmin", "ground"], **interface}
-    made["load"]["press"] = {"face": "b.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
+    made = add_stack(scene(steps, tolerance=1e-9), SIZE, [ELEMENTS], PRESSURE)
+    made["interface"]["foot"] = {"sides": ["b1.zmin", "ground"], **interface}
     return made
 
 
 def sinking(solution: Any) -> np.ndarray:
     """Displacement of the foot along z, (n_time,), m; the top follows by - p h / E."""
-    body = solution.substructures["b"]
+    body = solution.substructures["b1"]
     low, high = (np.isclose(body.nodes[:, 2], z) for z in (0.0, SIZE[2]))
     foot, head = (body.displacement[:, at, 2] for at in (low, high))
     assert np.ptp(foot, axis=1).max() < 1e-12
@@ -78,7 +74,7 @@ def test_constant_load_is_held_at_once():
     made = block({"friction_coefficient": 0.3}, 3)
     made["load"]["press"]["law"] = {"type": "constant"}
     solution = solve(made)
-    u = solution.substructures["b"].displacement
+    u = solution.substructures["b1"].displacement
     assert u[0] == pytest.approx(np.zeros_like(u[0]))
     assert u[3] == pytest.approx(u[1], abs=1e-7 * np.abs(u[1]).max())
     assert solution.windows[2].iterations <= 3

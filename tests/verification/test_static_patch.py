@@ -9,7 +9,7 @@ import pytest
 
 from tests.scenes import given_motion, ramp, solve
 
-from .static_scenes import STEEL, add_block, scene
+from .static_scenes import STEEL, add_block, add_stack, scene
 
 E, NU = STEEL["young_modulus"], STEEL["poisson_ratio"]
 SHEAR = E / (2 * (1 + NU))
@@ -19,17 +19,8 @@ TIGHT = {"tolerance": 1e-10}
 
 def column(n: int, friction: float) -> dict[str, Any]:
     """Blocks free to spread, pressed on a plane of symmetry."""
-    made = scene(4, **TIGHT)
-    for i in range(n):
-        name = f"b{i + 1}"
-        add_block(made, name, (0.0, 0.0, i * SIZE[2]), SIZE, ELEMENTS)
-        for axis in "xy":
-            made["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
-        if i:
-            sides = [f"b{i}.zmax", f"{name}.zmin"]
-            made["interface"][f"i{i}"] = {"sides": sides, "friction_coefficient": friction}
+    made = add_stack(scene(4, **TIGHT), SIZE, [ELEMENTS] * n, PRESSURE, friction_coefficient=friction)
     made["boundary"]["base"] = {"type": "symmetry", "face": "b1.zmin"}
-    made["load"]["press"] = {"face": f"b{n}.zmax", "pressure": PRESSURE, "law": ramp((0, 0), (1, 1))}
     return made
 
 
@@ -193,16 +184,8 @@ def test_bulging_block_meets_a_wall():
 def test_far_travel_before_contact(gap: float):
     """Four blocks fall through gaps of up to 10 % of their size, ten thousand times their compression, and settle."""
     n, size = 4, 0.01
-    made = scene(3, tolerance=1e-6)
-    for i in range(n):
-        name = f"b{i + 1}"
-        add_block(made, name, (0.0, 0.0, i * (size + gap)), (size,) * 3, (2, 2, 2))
-        for axis in "xy":
-            made["boundary"][f"{name}_{axis}"] = {"type": "symmetry", "face": f"{name}.{axis}min"}
-        if i:
-            made["interface"][f"i{i}"] = {"sides": [f"b{i}.zmax", f"{name}.zmin"]}
+    made = add_stack(scene(3, tolerance=1e-6), (size,) * 3, [(2, 2, 2)] * n, 1e6, gap)
     made["interface"]["base"] = {"sides": ["b1.zmin", "ground"], "gap": gap}
-    made["load"]["press"] = {"face": f"b{n}.zmax", "pressure": 1e6, "law": ramp((0, 0), (1, 1))}
     solution = solve(made)
     for i in range(n):
         body = solution.substructures[f"b{i + 1}"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from .monolithic import LinearSystem
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 State = tuple[Array, Array, Array]  # displacement, velocity, acceleration of every dof
-# How the gap of the law advances: "euler" gap + step x opening velocity at the end of the step;
-# "displacement" the opening of the displacements, negative values (penetration) counted as closed.
-GapLaw = Literal["euler", "displacement"]
 
 
 @dataclass(frozen=True)
@@ -75,10 +71,11 @@ def _opening_rows(face: ContactFace, body: int, n_dof: int) -> Array:
     return rows
 
 
-def march_contact(
-    bodies: Sequence[Body], faces: Sequence[ContactFace], gap_law: GapLaw = "displacement", tolerance: float = 1e-12
-) -> ContactMarch:
-    """March all bodies. ``ContactFace.gap`` is the gap at t0; contact forces are zero there."""
+def march_contact(bodies: Sequence[Body], faces: Sequence[ContactFace], tolerance: float = 1e-12) -> ContactMarch:
+    """March all bodies. ``ContactFace.gap`` is the gap at t0; contact forces are zero there.
+
+    The gap of the law is the opening of the displacements, negative values (penetration) counted as closed.
+    """
     rows = [np.concatenate([_opening_rows(f, b, s.system.n_dof) for f in faces]) for b, s in enumerate(bodies)]
     operator = np.sum([_delassus(s.system, r) for s, r in zip(bodies, rows, strict=True)], axis=0)
     # Directions held on both sides (symmetry planes) carry no force: give them a compliance and no motion.
@@ -104,10 +101,7 @@ def march_contact(
             states[b] = _advance(body, states[b], i, last[b], rows[b].T @ force[i].ravel())
             moved[b].append(states[b][0])
         opening[i] = _opening(rows, states, 1)
-        if gap_law == "euler":
-            gap[i] = gap[i - 1] + step * opening[i, :, 0]
-        else:
-            gap[i] = gap[0] + (_opening(rows, states, 0) - at_start)[:, 0]
+        gap[i] = gap[0] + (_opening(rows, states, 0) - at_start)[:, 0]
     axes = np.concatenate([local_axes(f.normals) for f in faces])
     return ContactMarch(
         np.split(-np.einsum("tpa,pac->tpc", force, axes), counts, axis=1),

@@ -81,14 +81,10 @@ class LinearSystem:
         return u1 + s.beta * h * h * a1, v1 + s.gamma * h * a1, a1
 
 
-def march(system: LinearSystem, loads: Array, u0: Array | None = None, v0: Array | None = None) -> March:
-    """March under ``loads`` (n_time, n_dof), N, from rest or from the given state (full size)."""
+def march(system: LinearSystem, loads: Array) -> March:
+    """March under ``loads`` (n_time, n_dof), N, from rest."""
     n_time, free = len(loads), system.free
     u, v, a = (np.zeros((n_time, system.n_dof)) for _ in range(3))
-    if u0 is not None:
-        u[0, free] = u0[free]
-    if v0 is not None:
-        v[0, free] = v0[free]
     a[0, free] = system.start_acceleration(u[0, free], v[0, free], loads[0, free])
     for i in range(1, n_time):
         u[i, free], v[i, free], a[i, free] = system.advance(

@@ -1,0 +1,241 @@
+"""What a scene predicts of measured data, and how that changes with its parameters.
+
+Histories are taken linearly between the instants of the run, and their derivatives from ``output.sensitivities`` of the
+same run. The derivative of a spectrum is the central difference of the spectra of the history moved along its
+derivative. Frequencies and backbones, and runs whose derivatives are not known, have none here.
+
+A backbone is computed at a few amplitudes over the range of the data, and taken linearly over the logarithm of the
+amplitude between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from .. import api
+from ..assembly.backbone import backbone
+from ..assembly.models import KeptOperators
+from ..assembly.modes import vibration_modes
+from ..errors import InputError, SceneError, SolverError
+from ..latin.outcome import Array, BoltHistory, InterfaceHistory
+from ..results.sensitivities import MANY, Sensitivities, in_words
+from ..results.sensors import low_pass, uniform_step
+from ..results.solution import Solution
+from ..results.spectra import shock_response_spectrum
+from ..scene.schema import Scene
+from .data import FILTERED, HEADING, Column, MeasuredTable, columns_of, size_of
+
+LEVELS: Final = 6
+"""Amplitudes at which a backbone is computed, at most."""
+_STEP: Final = 1e-3  # change of a parameter over its value, in the differences of spectra
+_KEY: Final = "output.sensitivities"
+_NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces", "energy")
+_QUANTITIES: Final = {
+    "displacement": ("displacement", "displacement_peak"),
+    "velocity": ("velocity_peak",),
+    "acceleration": ("acceleration_peak",),
+    "srs": ("acceleration_peak",),
+    "force": ("peak_force", "impulse"),
+    "normal_force": ("peak_force", "impulse"),
+    "tension": ("bolt_force",),
+}
+"""Scalars of ``results.sensitivities`` whose flags are those of a column, by its quantity."""
+
+Names = tuple[str, ...]
+"""Dotted names of the numbers of a scene that one parameter is the value of."""
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Predicted of all data with one set of values.
+
+    Attributes
+    ----------
+    values : (n_parameter,). predicted : (n,). slopes : (n, n_parameter) derivatives, None where there are none.
+    flagged : sentences on derivatives that are not to be trusted. solution : the run, None where there is none.
+    """
+
+    values: tuple[float, ...]
+    predicted: Array
+    slopes: Array | None
+    flagged: tuple[str, ...] = ()
+    solution: Solution | None = None
+
+
+class Predictor:
+    """Predicts the data from a scene.
+
+    Parameters
+    ----------
+    parameters : names in the scene, by parameter. mode, increments : of backbones, see ``assembly.backbone``.
+
+    Attributes
+    ----------
+    exact : whether derivatives come from the run; ``reason``: why not.
+    """
+
+    def __init__(
+        self, scene: Scene, tables: Sequence[MeasuredTable], parameters: Sequence[Names], mode: int, increments: int
+    ) -> None:
+        output = scene.output.model_copy(update={**dict.fromkeys(_NO_FIELDS, False), "sensitivities": ()})
+        self.scene, self.tables, self._parameters = scene.model_copy(update={"output": output}), tables, parameters
+        self._mode, self._increments = mode, increments
+        self._kept = KeptOperators()
+        self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
+        static = sorted({table.kind for table in tables} - {"history", "spectrum"})
+        self.reason = f"{' and '.join(static)} have no derivatives" if static else ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether derivatives come from the run."""
+        return not self.reason
+
+    def at(self, values: Sequence[float]) -> Scene:
+        """The scene with these values of the parameters.
+
+        Raises
+        ------
+        SceneError : values that the scene does not allow.
+        """
+        scene = self.scene
+        for names, value in zip(self._parameters, values, strict=True):
+            for name in names:
+                scene = scene.replace(name, float(value))
+        return scene
+
+    def __call__(self, values: Sequence[float]) -> Predicted:
+        """One run of the scene, or what stands for it.
+
+        Raises
+        ------
+        LatinError : the scene cannot be built or solved with these values, or the run does not converge.
+        """
+        scene, solution = self.at(values), None
+        if self.runs_in_time:
+            solution = self._solved(scene)
+        curves = {table.path: self._static(table, scene) for table in self.tables}
+        predicted = np.empty(size_of(self.tables))
+        slopes = np.empty((len(predicted), len(self._parameters)))
+        for table, column, place in columns_of(self.tables):
+            if solution is None or table.kind not in ("history", "spectrum"):
+                predicted[place] = curves[table.path][column.quantity]
+                continue
+            own = self._series(getattr(solution, _table_of(column)), column, solution)
+            predicted[place] = self._of_series(table, column, own, solution)
+            for i, moved in enumerate(self._changes(solution, column) if self.exact else ()):
+                slopes[place, i] = self._slope(table, column, (own, moved), solution, float(values[i]))
+        if not np.isfinite(predicted).all():
+            raise SolverError("the run has no numbers at some of the data")
+        flagged = tuple(self._flagged(solution)) if solution is not None and self.exact else ()
+        return Predicted(tuple(map(float, values)), predicted, slopes if self.exact else None, flagged, solution)
+
+    def _solved(self, scene: Scene) -> Solution:
+        """The run, with derivatives where they are known."""
+        wanted = [name for names in self._parameters for name in names] if self.exact else []
+        try:
+            solution = api.solve(scene.replace(_KEY, wanted), kept=self._kept)
+        except SceneError as error:
+            if not wanted or any(problem.where != _KEY for problem in error.problems):
+                raise
+            self.reason = "; ".join(f"{p.value or 'derivatives'}: {p.what}" for p in error.problems)
+            return self._solved(scene)
+        if not solution.converged:
+            raise SolverError(f"the run did not converge: {solution.status}")
+        if wanted and solution.sensitivities is None:
+            self.reason = next((str(w) for w in solution.warnings if "no derivatives" in str(w)), "no derivatives")
+        return solution
+
+    def _static(self, table: MeasuredTable, scene: Scene) -> dict[str, Array]:
+        """Predictions of frequencies and damping by the name of the column."""
+        if table.kind == "modes":
+            number = table.along.astype(int)
+            modes = vibration_modes(scene, "sticking", int(number.max()))
+            elastic = modes.frequency[~modes.rigid]
+            if len(elastic) < number.max():
+                what = f"the assembly has {len(elastic)} elastic modes"
+                raise InputError.of(HEADING, table.path, what, str(number.max()), remedy="remove the row")
+            return {"frequency": elastic[number - 1]}
+        if table.kind == "backbone":
+            ends = table.along[0], table.along[-1]
+            levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
+            curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments)
+            places, known = np.log(table.along), np.log(curve.amplitude)
+            return {key: np.interp(places, known, getattr(curve, key)) for key in ("frequency", "damping")}
+        return {}
+
+    def _series(self, histories: Mapping[str, Any], column: Column, solution: Solution) -> Array:
+        """Series (n_time,) of a column from the histories, or their derivatives, of all owners by name."""
+        history = histories[column.owner]
+        if isinstance(history, BoltHistory):
+            return history.force
+        if isinstance(history, InterfaceHistory):
+            return history.normal_resultant() if column.axis is None else history.force()[:, column.axis]
+        field = column.quantity.removesuffix(FILTERED).replace("srs", "acceleration")
+        motion = getattr(history, field)
+        if motion is None:
+            raise InputError.of(HEADING, f"sensor.{column.owner}", f"it has no acceleration ({history.remark})")
+        chosen = self.scene.sensor[column.owner].filter
+        if column.quantity.endswith(FILTERED) and chosen is not None:
+            motion = low_pass(motion, chosen, uniform_step(solution.time))
+        return np.asarray(motion[:, column.axis])
+
+    def _changes(self, solution: Solution, column: Column) -> Iterator[Array]:
+        """Derivative of the series of a column by each parameter."""
+        assert solution.sensitivities is not None
+        known = {d.name: d for d in solution.sensitivities.derivatives}
+        for names in self._parameters:
+            parts = [
+                self._series(getattr(known[n], _table_of(column)), column, solution) / known[n].scale for n in names
+            ]
+            yield np.sum(parts, axis=0)
+
+    def _of_series(self, table: MeasuredTable, column: Column, series: Array, solution: Solution) -> Array:
+        """What a series (n_time,) of the run gives at the data of a column."""
+        if table.kind == "history":
+            return np.interp(table.along, solution.time, series)
+        request = self.scene.sensor[column.owner].spectrum
+        quality = 10.0 if request is None else request.quality
+        step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
+        return np.asarray(shock_response_spectrum(series, step, table.along, quality).acceleration[0])
+
+    def _slope(
+        self, table: MeasuredTable, column: Column, pair: tuple[Array, Array], solution: Solution, value: float
+    ) -> Array:
+        """Derivative of the data of a column, from a series and its derivative."""
+        own, moved = pair
+        if table.kind == "history":
+            return self._of_series(table, column, moved, solution)
+        step = _STEP * (abs(value) or 1.0)
+        more, less = (self._of_series(table, column, own + s * step * moved, solution) for s in (1.0, -1.0))
+        return np.asarray((more - less) / (2.0 * step))
+
+    def _flagged(self, solution: Solution) -> Iterator[str]:
+        """Sentences on the derivatives of a run that are flagged."""
+        known = solution.sensitivities
+        assert known is not None
+        by_quantity = {q.quantity: q for q in known.quantities}
+        for i, d in enumerate(known.derivatives):
+            columns = [
+                column.name
+                for _, column, _ in columns_of(self.tables)
+                for key in _QUANTITIES.get(column.quantity.removesuffix(FILTERED), ())
+                if (q := by_quantity.get(f"{column.owner}.{key}")) is not None and q.flagged[i]
+            ]
+            if columns:
+                listing = ", ".join(dict.fromkeys(columns))
+                yield f"{listing} by {in_words(d.name)}: contact states change at {_events(known, i)} of the instants"
+
+
+def _events(known: Sensitivities, parameter: int) -> str:
+    """Share of the instants, in per cent, at which much of a contact area changes its state."""
+    events = np.any([share[parameter] > MANY for share in known.changing.values()], axis=0)
+    return f"{100 * np.mean(events):.2g} %"
+
+
+def _table_of(column: Column) -> str:
+    """Field of a solution, and of its derivatives, that has the history of a column."""
+    return {"tension": "bolts", "force": "interfaces", "normal_force": "interfaces"}.get(column.quantity, "sensors")

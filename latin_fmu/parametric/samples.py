@@ -1,0 +1,214 @@
+"""Samples of a scene whose parameters scatter, beside its bands to first order.
+
+The points are a scrambled Sobol sequence in the probabilities of the parameters (A.B. Owen, Scrambling Sobol' and
+Niederreiter-Xing points, J. Complexity 14 (1998) 466-489): 200 of them have the standard deviation of a sum of three
+normal parameters to 1 %, random ones to 5 %. The band of samples is their mean +- k standard deviations, with the k of
+the band to first order (``results.spread``): their quantiles at 95 % would be those of a few samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from .. import api
+from ..accuracy.runs import Log
+from ..errors import InputError, SolverError
+from ..latin.outcome import Array
+from ..reader import read_tables, scene_from_dict
+from ..results.dataset import datatree
+from ..results.files import write_groups
+from ..results.groups import StoredGroup, StoredVariable, in_units
+from ..results.sentences import wrapped
+from ..results.solution import Solution
+from ..results.spread import PATH, Bands, ResultBand, ends_of
+from ..results.summary import finite, percent, readable
+from ..scene.schema import Scene, with_settings
+from ..scene.spread import Distribution
+from ..scene.units import SI, UnitSystem
+from .point import CONVERGED, MOST_POINTS, SAMPLE, Grid, Parameter, Plan, Record
+from .study import dataset_of, solved_points
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SAMPLED: Final = "sampled"
+"""Part of the names of what samples have, beside the bands to first order."""
+_WORDS: Final = {
+    "mean": "mean",
+    "deviation": "standard deviation",
+    "low": "lower end of the band",
+    "high": "upper end of the band",
+}
+_FEWEST: Final = 8
+_HEADING: Final = "the samples cannot be made"
+
+
+def sample_values(distributions: Mapping[str, Distribution], count: int, seed: int) -> tuple[Parameter, ...]:
+    """Values of the parameters in ``count`` samples. More of them with the same seed begin with the same ones."""
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    sequence = qmc.Sobol(len(distributions), scramble=True, seed=np.random.default_rng(seed))
+    shares = sequence.random_base2(max(1, int(np.ceil(np.log2(count)))))[:count]
+    made = []
+    for (name, d), share in zip(distributions.items(), shares.T, strict=True):
+        inside = np.clip(share, 1e-12, 1.0 - 1e-12)
+        standard = np.sqrt(12.0) * (inside - 0.5) if d.uniform else ndtri(inside)
+        made.append(Parameter(name, tuple((d.mean + d.deviation * standard).tolist())))
+    return tuple(made)
+
+
+@dataclass(frozen=True)
+class SampledBands:
+    """Bands of samples beside those to first order.
+
+    Attributes
+    ----------
+    bands : to first order. count : of samples that converged. scalars : bands of the samples by quantity.
+    results : by path of their group and name of the variable.
+    """
+
+    bands: Bands
+    count: int
+    scalars: Mapping[str, ResultBand]
+    results: Mapping[str, Mapping[str, ResultBand]]
+
+    @staticmethod
+    def of(bands: Bands, records: Iterable[Record]) -> SampledBands:
+        """From the records of the points; those that failed or did not converge do not count.
+
+        Raises
+        ------
+        SolverError : fewer than two are left.
+        """
+        kept = [record[SAMPLE] for record in records if record["state"] == CONVERGED and SAMPLE in record]
+        if len(kept) < 2:
+            raise SolverError(f"{len(kept)} samples have converged: no band")
+
+        def band(values: Sequence[Array | float], factor: Array) -> ResultBand:
+            every = np.array(values, dtype=float)
+            return ResultBand(every.mean(axis=0), every.std(axis=0, ddof=1), factor)
+
+        scalars = {
+            q.quantity: band([s["scalars"].get(q.quantity, np.nan) for s in kept], q.band.factor)
+            for q in bands.quantities
+        }
+        results = {
+            path: {name: band([s["results"][path][name] for s in kept], b.factor) for name, b in of.items()}
+            for path, of in bands.bands.items()
+        }
+        return SampledBands(bands, len(kept), scalars, results)
+
+    def ratio(self, quantity: str) -> float:
+        """Width of the band of a quantity to first order over that of the samples."""
+        own = float(self.scalars[quantity].half)
+        return float(self.bands[quantity].band.half) / own if own > 0.0 else np.nan
+
+    def lines(self, units: UnitSystem = SI) -> list[str]:
+        """One line a quantity: the band to first order and that of the samples."""
+        made = []
+        for q in self.bands.quantities:
+            label, own = units.label(q.unit), self.scalars[q.quantity]
+            text = (
+                f"{q.text(label)}; samples {readable(float(own.mean), label)} +- {readable(float(own.half), label, 3)}"
+            )
+            if np.isfinite(ratio := self.ratio(q.quantity)):
+                text += f", to first order {percent(abs(ratio - 1.0))} {'wider' if ratio > 1.0 else 'narrower'}"
+            made.append((q.words, text + " (states change on the way)" * q.flagged))
+        width = max((len(name) for name, _ in made), default=0)
+        return [f"  {self.count} samples:", *(line for name, text in made for line in wrapped(name.ljust(width), text))]
+
+    def report(self, units: UnitSystem = SI) -> dict[str, Any]:
+        """As ``Bands.report``, with ``samples``, their number, and of each quantity ``sampled_mean``, ``sampled_low``
+        and ``sampled_high``."""
+        made = self.bands.report(units)
+        for quantity, table in made["quantities"].items():
+            own = self.scalars[quantity]
+            table |= {f"{SAMPLED}_{key}": finite(float(getattr(own, key))) for key in ("mean", "low", "high")}
+        return made | {"samples": self.count}
+
+    def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
+        """Groups of the bands with those of the samples in them, by path."""
+        groups = self.bands.groups(units)
+        whole = groups[PATH.rstrip("/")]
+        for key, word in _WORDS.items():
+            values = np.array([getattr(self.scalars[q.quantity], key) for q in self.bands.quantities])
+            attrs = {"long_name": f"{word} of the samples, in the unit of the quantity"}
+            whole.variables[f"{SAMPLED}_{key}"] = StoredVariable(("quantity",), values, attrs)
+        whole.attrs["samples"] = self.count
+        for path, bands in self.results.items():
+            groups[path].variables.update(ends_of(self.bands.histories[path], bands, SAMPLED))
+        return groups
+
+
+def sample(
+    scene: Scene | str | Path,
+    count: int,
+    output: str | Path | None = None,
+    *,
+    seed: int = 0,
+    settings: Sequence[str] = (),
+    jobs: int = 1,
+    scheduler: str | None = None,
+    log: Log | None = None,
+    max_cpu: float | None = None,
+) -> tuple[SampledBands, xr.DataTree]:
+    """Solve a scene with samples of its table [spread], and once with derivatives: bands of both, and the study with
+    them in its group ``spread``.
+
+    Parameters
+    ----------
+    scene : file, or a scene. count : of samples. seed : of their sequence; more of them with the same seed begin with
+        the same ones. output, settings, jobs, scheduler, log, max_cpu : as for ``sweep``.
+
+    Raises
+    ------
+    InputError : no parameters that scatter, an absurd count. SceneError : no derivatives of this scene.
+    SolverError : the run or all but one of the samples do not converge. ResultsError : the output cannot be written.
+
+    Examples
+    --------
+    >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml", ["time.instants=100"])
+    >>> scene = scene.replace("spread", {"interface.wall.gap": "1 %"})
+    >>> bands, study = latin_fmu.sample(scene, 8)
+    >>> study.sizes["sample"], bands.count
+    (8, 8)
+    """
+    tables = scene.tables() if isinstance(scene, Scene) else read_tables(scene)
+    base_dir = scene.base_dir if isinstance(scene, Scene) else Path(scene).parent
+    tables = with_settings(tables, settings)
+    whole = scene_from_dict(tables, str(base_dir.resolve()))
+    if not whole.spread:
+        what, remedy = "no parameters scatter", "name some in the table [spread]"
+        raise InputError.of(_HEADING, "--samples", what, remedy=remedy)
+    if not _FEWEST <= count <= MOST_POINTS:
+        raise InputError.of(_HEADING, "--samples", "number of samples", str(count), f"{_FEWEST} to {MOST_POINTS}")
+    if not 0 <= seed < 2**63:
+        raise InputError.of(_HEADING, "--seed", "out of range", str(seed), "a whole number from 0 on")
+    solution = api.solve(whole)
+    if solution.bands is None:
+        raise SolverError(f"no bands to first order: {solution.status}; {'; '.join(map(str, solution.warnings))}")
+    output_table = dict(tables.get("output", {})) | {"sensitivities": []}
+    plain = {key: value for key, value in tables.items() if key != "spread"} | {"output": output_table}
+    grid = Grid(plain, str(base_dir.resolve()), sample_values(whole.distributions, count, seed), True)
+    checked, records, done = solved_points(Plan(grid, max_cpu=max_cpu), output, jobs, scheduler, log)
+    compared = SampledBands.of(solution.bands, records.values())
+    groups = _groups(solution, compared, StoredGroup.of_dataset(dataset_of(grid, checked, records, False)))
+    if output is not None:
+        write_groups(groups, output)
+    done()
+    return compared, datatree(groups, whole.name)
+
+
+def _groups(solution: Solution, compared: SampledBands, study: StoredGroup) -> dict[str, StoredGroup]:
+    """Groups of the file: the study, derivatives and bands of the run."""
+    assert solution.sensitivities is not None, "bands follow from derivatives"
+    units = solution.units
+    made = in_units(solution.sensitivities.groups(units) | compared.groups(units), units)
+    study.attrs["scene"] = solution.scene_text
+    return {"/": study, **made}
