@@ -38,7 +38,6 @@ from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.sensitivities import CHECKED, Sensitivities, scalars_of
-from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
@@ -308,7 +307,7 @@ def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str
         if d.value != 0.0:
             try:
                 other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept)
-                run = scalars_of(other.outcome, spectra_of(other.outcome, scene.sensor)) if other.converged else None
+                run = scalars_of(other.outcome, scene.sensor) if other.converged else None
                 why = other.status
             except LatinError as error:
                 why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
