@@ -35,7 +35,7 @@ from floor import Floor
 from harness import OWN, Case, contact_run, crushing, in_turn, prepared, tools, tower
 
 from latin_fmu.assembly.problem import DiscretisedProblem
-from latin_fmu.cholesky.factor import interface_factor
+from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.propagator import SubstructureModel
 from latin_fmu.propagator.model import reduced_rank
 
@@ -212,7 +212,7 @@ class Solve:
     """A^-1 b for vectors, one factor."""
 
     def __init__(self, matrix: sp.csr_array, rank: tools.Array) -> None:
-        self.factor = interface_factor(matrix, np.zeros(0, dtype=np.int64), rank)
+        self.factor = CholeskyFactor(matrix, np.zeros(0, dtype=np.int64), rank)
         self._none = np.zeros((0, 1))
 
     def __call__(self, b: tools.Array) -> tools.Array:

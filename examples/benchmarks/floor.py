@@ -15,8 +15,7 @@ import scipy.sparse.linalg as spla
 
 from latin_fmu.assembly.merged_assembly import Merged, merge
 from latin_fmu.assembly.problem import DiscretisedProblem
-from latin_fmu.cholesky.factor import interface_factor
-from latin_fmu.compiled import COMPILES
+from latin_fmu.cholesky.factor import CholeskyFactor
 from latin_fmu.kernels import entries
 from latin_fmu.propagator import DirectPropagator
 from latin_fmu.propagator.base import full_displacement
@@ -38,20 +37,12 @@ class Floor:
     @property
     def marches(self) -> dict[str, Callable[[], object]]:
         """What a linear transient can be marched with here."""
-        own = {"compiled march": self.compiled} if COMPILES else {"package march": self.package}
-        return own | {"lean march": self.lean, "SuperLU": self.superlu}
+        return {"compiled march": self.compiled, "lean march": self.lean, "SuperLU": self.superlu}
 
     @property
     def best(self) -> Callable[[], object]:
         """The fastest of them on every mesh looked at."""
-        return self.compiled if COMPILES else self.lean
-
-    def package(self) -> DirectPropagator:
-        """The propagator of the package, with no interface to wait for."""
-        body = self._begun()
-        for _ in self._instants(body):
-            pass
-        return body
+        return self.compiled
 
     def compiled(self) -> DirectPropagator:
         """The kernels of the package's march, no interpreter between the instants."""
@@ -108,7 +99,7 @@ class Floor:
     def kept(self) -> Callable[[], np.ndarray]:
         """``lean`` with a factor made now."""
         matrix = self._operator()
-        factor = interface_factor(matrix, np.zeros(0, dtype=np.int64), self._rank)
+        factor = CholeskyFactor(matrix, np.zeros(0, dtype=np.int64), self._rank)
         none = np.zeros((0, 1))
 
         def solve(b: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ def test_floors_are_the_same_linear_transient() -> None:
     harness = importlib.import_module("harness")
     floor = importlib.import_module("floor").Floor(harness.prepared(harness.tower(3, 2), {"share_identical": False}))
     ends = {name: march() for name, march in floor.marches.items()}
-    package = floor.package().state.u[:, 0]
+    package = floor.compiled().state.u[:, 0]
     for name, end in ends.items():
         last = end if isinstance(end, np.ndarray) else end.state.u[:, 0]
         assert np.abs(last - package).max() < 1e-12 * np.abs(package).max(), name
