@@ -77,6 +77,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
     """Every face named in the scene must exist on its mesh."""
     for where, side in _faces_named(scene):
         substructure, face = split_face(side)
+        # a side without its body is a problem of the scene, and named there
         if substructure not in bodies:
             continue
         known = sorted(bodies[substructure].mesh.faces)  # those of the mesh

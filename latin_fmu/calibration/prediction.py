@@ -139,6 +139,7 @@ class Predictor:
         try:
             solution = api.solve(scene.replace(_KEY, wanted), kept=self._kept)
         except SceneError as error:
+            # other problems would come again without derivatives
             if not wanted or any(problem.where != _KEY for problem in error.problems):
                 raise
             self.reason = "; ".join(f"{p.value or 'derivatives'}: {p.what}" for p in error.problems)
@@ -161,6 +162,7 @@ class Predictor:
             return {"frequency": elastic[number - 1]}
         if table.kind == "backbone":
             ends = table.along[0], table.along[-1]
+            # each costs a loop of static solutions; between them the curve is smooth
             levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
             curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments)
             places, known = np.log(table.along), np.log(curve.amplitude)
@@ -188,6 +190,7 @@ class Predictor:
         assert solution.sensitivities is not None
         known = {d.name: d for d in solution.sensitivities.derivatives}
         for names in self._parameters:
+            # stored as the change for the scale of the parameter
             parts = [
                 self._series(getattr(known[n], _table_of(column)), column, solution) / known[n].scale for n in names
             ]
@@ -199,6 +202,7 @@ class Predictor:
             return np.interp(table.along, solution.time, series)
         request = self.scene.sensor[column.owner].spectrum
         quality = 10.0 if request is None else request.quality
+        # the mean of all: the difference of two instants late in a run has fewer digits
         step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
         return np.asarray(shock_response_spectrum(series, step, table.along, quality).acceleration[0])
 
@@ -209,6 +213,7 @@ class Predictor:
         own, moved = pair
         if table.kind == "history":
             return self._of_series(table, column, moved, solution)
+        # of the parameter: the history moves along its derivative by as much
         step = _STEP * (abs(value) or 1.0)
         more, less = (self._of_series(table, column, own + s * step * moved, solution) for s in (1.0, -1.0))
         return np.asarray((more - less) / (2.0 * step))

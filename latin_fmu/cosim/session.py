@@ -159,6 +159,7 @@ class Session:
         except LatinError as error:
             return refused(str(error), again=True)
         if report.accepted:
+            # t + h and not a sum of own steps: hosts compare it with theirs
             self.time, self.row = t + h if report.early is None else report.early, mode.row
             if self.settings.keep:
                 segment = mode.segment if isinstance(mode, Windowed) else None
