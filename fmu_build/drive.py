@@ -112,7 +112,6 @@ class Drive:
         self.stop_time, self.step_size, _ = _experiment(self.description)
         self.complaint, self._message = "", ""
         self.three = self.description.fmiVersion.startswith("3")
-        self._message = ""
         try:
             self._folder = str(fmpy.extract(str(path)))
             self._fmu = self._instance()

@@ -52,6 +52,9 @@ FILE: Final = "reference.json"
 """Name of the file with reference quantities, beside the scene file."""
 
 _PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
+# where a scene has them: a table of another kind changes no hash of the scenes without it
+_MORE: Final = ("contact", "point_mass", "gravity", "temperature", "bolt", "spring", "coupling", "port")
+_OF_TIME: Final = ("quasi_static", "start")
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ def physics_of(scene: Scene) -> str:
     kept: dict[str, Any] = {key: data.get(key, {}) for key in _PHYSICS}
     for body in kept["substructure"].values():
         body.get("box", {}).pop("elements", None)
+    kept |= {key: data[key] for key in _MORE if data.get(key)}
+    kept |= {key: data["time"][key] for key in _OF_TIME if key in data.get("time", {})}
     kept["end"] = scene.time.end
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 

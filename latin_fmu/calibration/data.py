@@ -1,4 +1,4 @@
-"""MeasuredTable data: tables whose header says what a column is, checked against the scene.
+"""Measured data: tables whose header says what a column is, checked against the scene.
 
 The first column is what the others are given over, and says what kind of data these are:
 
@@ -63,7 +63,7 @@ _SMALL: Final = 0.1  # of the largest value of a column: smaller ones scatter as
 
 @dataclass(frozen=True)
 class Column:
-    """MeasuredTable values of one quantity.
+    """Measured values of one quantity.
 
     Attributes
     ----------
