@@ -23,7 +23,7 @@ from .assembly.sensitivities import Tangents
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
-from .errors import InputError, Problems, ResultsError, SolverError
+from .errors import InputError, LatinError, Problems, ResultsError, SolverError
 from .interface import Behaviour
 from .latin.assembly import Array, Assembly, InterfaceUnit
 from .latin.interface_rows import InterfaceRows, interface_history
@@ -37,7 +37,7 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
-from .results.sensitivities import Sensitivities
+from .results.sensitivities import CHECKED, Sensitivities, scalars_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
@@ -113,7 +113,8 @@ class ProgressSink(Protocol):
     """Receiver of the progress of a run."""
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``."""
+        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``; of instants of
+        the march of derivatives with iteration 0."""
 
 
 @contextmanager
@@ -253,7 +254,7 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, problem, recorder)
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress)
     return Solution(
         outcome,
         scene.text(),
@@ -268,24 +269,51 @@ def solve(
 
 
 def _derivatives(
-    scene: Scene, outcome: Outcome, tangent: Tangents | None, problem: SolverReadyProblem, recorder: Recorder
+    scene: Scene,
+    outcome: Outcome,
+    tangent: Tangents | None,
+    ended: tuple[SolverReadyProblem, Recorder],
+    progress: ProgressSink | None,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
     """Derivatives of a run by parameters, and bands from those that scatter; where there are none of those wanted, the
     run is good without them, with a remark."""
     if tangent is None:
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
     if outcome.converged and outcome.complete:
         try:
             with one_thread():
-                made = Sensitivities.of(outcome, tangent.march(problem, recorder), scene.sensor)
+                made = Sensitivities.of(outcome, tangent.march(*ended, shown), scene.sensor)
         except SolverError as error:
             lost = str(error)
+    if made is not None and scene.output.check_sensitivities:
+        made, missing = _checked(scene, made)
+        outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
         remarks = remarks_of("accuracy", [f"no derivatives: {lost}"])
         return replace(outcome, warnings=(*outcome.warnings, *remarks)), None, None
     return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor) if scene.spread else None
+
+
+def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
+    """Derivatives checked by a run for every parameter, and remarks on those that have none."""
+    plain = scene.replace("output.check_sensitivities", False).replace("output.sensitivities", [])
+    plain = plain.replace("spread", {}) if scene.spread else plain
+    runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
+    for d in made.derivatives:
+        why, run = "its value is 0", None
+        if d.value != 0.0:
+            try:
+                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept)
+                run = scalars_of(other.outcome, scene.sensor) if other.converged else None
+                why = other.status
+            except LatinError as error:
+                why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
+        runs.append(run)
+        missing += [] if run is not None else [f"the derivatives by {d.name} are not checked: {why}"]
+    return made.checked(runs), missing
 
 
 def _made(

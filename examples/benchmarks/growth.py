@@ -29,6 +29,7 @@ from harness import tools
 from large_faces import in_a_process
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from processes import INSTANTS, stack, started
 
 import latin_fmu
@@ -125,6 +126,14 @@ def print_each(line: Line) -> None:
     )
 
 
+def apart(sizes: NDArray[np.float64]) -> list[float]:
+    """Those of rising sizes whose labels do not overlap on a logarithmic axis, the last one among them."""
+    kept, least = [float(sizes[-1])], (sizes[-1] / sizes[0]) ** (1 / 4.5)
+    for size in sizes[-2::-1].tolist():
+        kept += [size] if size * least <= kept[-1] else []
+    return kept
+
+
 def drawn(lines: dict[str, Line]) -> Figure:
     """Figure of the cost against points, unknowns, blocks and processes."""
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
@@ -141,7 +150,7 @@ def drawn(lines: dict[str, Line]) -> Figure:
             costs = np.concatenate([costs, np.array(lines[SET_UP + what])[:, 1]])
         flat = what == "processes"
         axis.loglog(sizes, 1e3 * costs[0] * (sizes / sizes[0]) ** (0.0 if flat else 1.0), ":", color="0.5")
-        ticks = sizes[:: 1 + len(sizes) // 6]
+        ticks = apart(sizes)
         axis.set_xticks(ticks, [f"{n:,.0f}" for n in ticks])
         axis.minorticks_off()
         axis.set_ylim(0.5 * 1e3 * costs.min(), 2.0 * 1e3 * costs.max())

@@ -223,6 +223,12 @@ class Body:
         alike = description.model_copy(update={key: getattr(own, key) for key in _OF_MOTION})
         return self.shape.material == material and alike == own
 
+    def described(self, description: Substructure, shape: Shape, units: UnitSystem) -> Body:
+        """The body on the same mesh by another description or shape; its faces are shared."""
+        made = Body(self.name, self.mesh, shape, description, units=units)
+        made.__dict__["_faces"] = self._faces
+        return made
+
     @property
     def rigid_nodes(self) -> Index:
         """Nodes of the faces that move as rigid bodies."""
@@ -415,13 +421,13 @@ def build_bodies(
         if old is not None and old.of(description, material):
             plain = old.added is None and not old.rigid_faces
             if not (plain and old.description == description and old.units == scene.unit_system):
-                old = Body(name, old.mesh, old.shape, description, units=scene.unit_system)
+                old = old.described(description, old.shape, scene.unit_system)
             bodies[name] = old
         elif old is not None and old.of(description, old.shape.material):
             key: tuple[object, ...] = (old.shape, material)
             if key not in shapes:
                 shapes[key] = old.shape.of(material)
-            bodies[name] = Body(name, old.mesh, shapes[key], description, units=scene.unit_system)
+            bodies[name] = old.described(description, shapes[key], scene.unit_system)
         elif description.box is not None:
             box = description.box
             key = (box.size, box.elements, material, description.bending_modes)

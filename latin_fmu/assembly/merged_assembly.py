@@ -83,7 +83,7 @@ def merge(
     same = _same_dofs(paired, where, total)
     expansion = _merged_expansion(models, where, same)
     # motions of one body drive only its own dofs
-    imposed: Array = sp.block_diag([models[n].imposed_pattern for n in names]).toarray()
+    imposed: Array = sp.block_diag([sp.coo_array(models[n].imposed_pattern) for n in names]).toarray()
     # a tied dof that is driven in one body is driven in all
     driven = np.zeros((same.max() + 1, imposed.shape[1]))
     np.maximum.at(driven, same, imposed)

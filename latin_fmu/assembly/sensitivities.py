@@ -8,7 +8,7 @@ hands displacements, tractions, closures and shortenings to the next one, as the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
 
@@ -160,7 +160,7 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
                 return f"changes the shape or the conditions of {name}"
         for key in ("expansion", "trace"):
             a, b = getattr(model, key), getattr(others[name], key)
-            if a.shape != b.shape or abs(a - b).max() > 0.0:
+            if a is not b and (a.shape != b.shape or abs(a - b).max() > 0.0):
                 return f"changes the shape or the conditions of {name}"
         reshaped = model.modal is not None and any(
             abs(getattr(model, key) - getattr(others[name], key)).max() > 0.0 for key in ("stiffness", "inertia")
@@ -171,7 +171,10 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
 
 
 def _equal(a: Array | None, b: Array | None) -> bool:
-    return b is None if a is None else b is not None and a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12))
+    if a is None or b is None:
+        return a is b
+    # to the last bit as a rule, which costs less to find out
+    return np.array_equal(a, b) or (a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12)))
 
 
 def _models(problem: DiscretisedProblem) -> dict[str, SubstructureModel]:
@@ -214,8 +217,11 @@ class Tangents:
         check_run(problem, elsewhere)
         return Tangents(problem, parameters_of(scene, problem), [])
 
-    def march(self, ready: SolverReadyProblem, recorder: Recorder) -> list[HistoryChanges]:
-        """Derivatives by each parameter, from the histories of the run.
+    def march(
+        self, ready: SolverReadyProblem, recorder: Recorder, progress: Callable[[int, int], None] | None = None
+    ) -> list[HistoryChanges]:
+        """Derivatives by each parameter, from the histories of the run; ``progress`` is called with the instants of the
+        motion that are done, and all.
 
         Raises
         ------
@@ -225,7 +231,7 @@ class Tangents:
         for stage in self.stages:
             run = _march(stage, parameters, states)
             states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
-        run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states)
+        run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states, progress)
         interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
         bolts = run.recorder.bolt_histories()
         return [
@@ -249,8 +255,13 @@ def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
     }
 
 
-def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence[StateChange]) -> TangentRun:
-    """Derivatives of one stage from those of its initial state."""
+def _march(
+    stage: Stage,
+    parameters: Sequence[VariedParameter],
+    states: Sequence[StateChange],
+    progress: Callable[[int, int], None] | None = None,
+) -> TangentRun:
+    """Derivatives of one stage from those of its initial state; ``progress`` as for ``Tangents.march``."""
     problem, base = stage.problem, stage.ready.assembly
     ends = [(stage.likewise(p.more), stage.likewise(p.less)) for p in parameters]
     units = [
@@ -287,9 +298,9 @@ def _march(stage: Stage, parameters: Sequence[VariedParameter], states: Sequence
     solved, forced = SolvedFields(base, stage.rows, changes), operators is not None
     run = TangentRun(assembly, stage.ready.settings, recorder, solved, forced)
     if operators is None:
-        run.march()
+        run.march(None, progress)
         return run
-    run.march(lambda n, row: operators.act(run.image, n, row))
+    run.march(lambda n, row: operators.act(run.image, n, row), progress)
     for name, series in operators.tensions().items():
         recorder.series("tension")[name][...] += series
     return run

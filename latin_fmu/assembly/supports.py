@@ -239,7 +239,7 @@ def with_directions(
     rest.eliminate_zeros()
     # without the columns that turned nodes alone had
     rest = sp.csr_array(rest[:, np.flatnonzero(np.bincount(rest.indices, minlength=rest.shape[1]))])
-    block = sp.coo_array(sp.block_diag([z for z, _ in solved.values()]))
+    block = sp.coo_array(sp.block_diag([sp.coo_array(z) for z, _ in solved.values()]))
     shape = (expansion.shape[0], block.shape[1])
     turned = sp.coo_array((block.data, (dofs[block.coords[0]], block.coords[1])), shape=shape).tocsr()
     moved = pattern.copy()

@@ -1,8 +1,7 @@
 """What a scene predicts of measured data, and how that changes with its parameters.
 
 Histories are taken linearly between the instants of the run, and their derivatives from ``output.sensitivities`` of the
-same run. The derivative of a spectrum is the central difference of the spectra of the history moved along its
-derivative. Frequencies and backbones, and runs whose derivatives are not known, have none here.
+same run, as those of spectra are. Frequencies and backbones, and runs whose derivatives are not known, have none here.
 
 A backbone is computed at a few amplitudes over the range of the data, and taken linearly over the logarithm of the
 amplitude between them.
@@ -25,13 +24,12 @@ from ..latin.outcome import Array, BoltHistory, InterfaceHistory
 from ..results.sensitivities import MANY, Sensitivities, in_words
 from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
-from ..results.spectra import shock_response_spectrum
+from ..results.spectra import ShockSpectrum, shock_response_spectrum, spectrum_changes
 from ..scene.schema import Scene
 from .data import FILTERED, HEADING, Column, MeasuredTable, columns_of, size_of
 
 LEVELS: Final = 6
 """Amplitudes at which a backbone is computed, at most."""
-_STEP: Final = 1e-3  # change of a parameter over its value, in the differences of spectra
 _KEY: Final = "output.sensitivities"
 _NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces", "energy")
 _QUANTITIES: Final = {
@@ -87,7 +85,7 @@ class Predictor:
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
         static = sorted({table.kind for table in tables} - {"history", "spectrum"})
-        self.reason = f"{' and '.join(static)} have no derivatives" if static else ""
+        self.reason = f"there are none of {' and '.join(static)}" if static else ""
 
     @property
     def exact(self) -> bool:
@@ -127,7 +125,7 @@ class Predictor:
             own = self._series(getattr(solution, _table_of(column)), column, solution)
             predicted[place] = self._of_series(table, column, own, solution)
             for i, moved in enumerate(self._changes(solution, column) if self.exact else ()):
-                slopes[place, i] = self._slope(table, column, (own, moved), solution, float(values[i]))
+                slopes[place, i] = self._slope(table, column, moved, solution)
         if not np.isfinite(predicted).all():
             raise SolverError("the run has no numbers at some of the data")
         flagged = tuple(self._flagged(solution)) if solution is not None and self.exact else ()
@@ -200,23 +198,23 @@ class Predictor:
         """What a series (n_time,) of the run gives at the data of a column."""
         if table.kind == "history":
             return np.interp(table.along, solution.time, series)
+        return np.asarray(self._spectrum(table, column, series, solution).acceleration[0])
+
+    def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
+        """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
-        quality = 10.0 if request is None else request.quality
         # the mean of all: the difference of two instants late in a run has fewer digits
         step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
-        return np.asarray(shock_response_spectrum(series, step, table.along, quality).acceleration[0])
+        return shock_response_spectrum(motion, step, table.along, 10.0 if request is None else request.quality)
 
-    def _slope(
-        self, table: MeasuredTable, column: Column, pair: tuple[Array, Array], solution: Solution, value: float
-    ) -> Array:
-        """Derivative of the data of a column, from a series and its derivative."""
-        own, moved = pair
+    def _slope(self, table: MeasuredTable, column: Column, moved: Array, solution: Solution) -> Array:
+        """Derivative of the data of a column, from that of its series (n_time,)."""
         if table.kind == "history":
             return self._of_series(table, column, moved, solution)
-        # of the parameter: the history moves along its derivative by as much
-        step = _STEP * (abs(value) or 1.0)
-        more, less = (self._of_series(table, column, own + s * step * moved, solution) for s in (1.0, -1.0))
-        return np.asarray((more - less) / (2.0 * step))
+        history, changes = solution.sensors[column.owner], np.zeros((1, len(moved), 3))
+        changes[0, :, column.axis] = moved
+        own = self._spectrum(table, column, np.asarray(history.acceleration), solution)
+        return np.asarray(spectrum_changes(own, history, solution.time, changes).acceleration[0, 0, :, column.axis])
 
     def _flagged(self, solution: Solution) -> Iterator[str]:
         """Sentences on the derivatives of a run that are flagged."""

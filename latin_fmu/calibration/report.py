@@ -386,6 +386,7 @@ def calibration_of(
     ]
     if predictor.reason:
         remarks.append(f"derivatives by secants: {predictor.reason}")
+        remarks += [] if converged else ["the secants were not made anew at the end: intervals are rough"]
     remarks += _on_derivatives(best, done, weights, scale)
     remarks += _on_residuals(columns, spread)
     return Calibration(

@@ -43,7 +43,7 @@ _SECANT: Final = 0.05  # change of a parameter over its start, in a Jacobian of 
 _NOISE: Final = 0.01  # change of parameters over their start below which a secant is one of the tolerance of the runs
 _AT_REST: Final = 0.02  # of the sum of squares over one residual: what a new Jacobian of secants may gain at the end
 _RENEWALS: Final = 3
-_UNEVEN: Final = 2.0  # ratio of the residuals of two columns from which on each is weighted by its own
+_UNEVEN: Final = 1.5  # ratio of the residuals of two columns from which on each is weighted by its own
 _EXACT: Final = 1e-6  # of the weights: residuals below are round-off
 
 Log = Callable[[str], None]

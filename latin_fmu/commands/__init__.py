@@ -161,10 +161,10 @@ class Progress(Waiting):
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
         """Note ``done`` of ``total`` windows as finished, and the state of the current one.
 
-        ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta).
+        ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta); 0 in the march of derivatives.
         """
-        # windows of a run that was continued are done already: the rate counts from here
-        if self._state is None:
+        # windows of a run that was continued are done already, and derivatives begin anew: the rate counts from here
+        if self._state is None or (iteration == 0) != (self._state[2] == 0):
             self._origin = (self._clock(), done)
         if total == 1 and self._first is None and 0.0 < error < math.inf:
             self._first = (self._clock(), math.log10(error))
@@ -176,11 +176,13 @@ class Progress(Waiting):
             return super().line()
         done, total, iteration, error = self._state
         begun, before = self._origin
+        left = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
+        if iteration == 0:
+            return f"derivatives: {100 * done // max(total, 1)} % ({done} of {total} instants){_left(left)}"
         if total == 1:
             text, left = f"iteration {iteration}", self._single_window_left(error)
         else:
             text = f"{100 * done // max(total, 1)} % ({done} of {total} windows), iteration {iteration}"
-            left = (self._clock() - begun) * (total - done) / (done - before) if done > before else None
         return f"{text}, sqrt(eta) {error:.1e}{_left(left)}"
 
     def _single_window_left(self, error: float) -> float | None:

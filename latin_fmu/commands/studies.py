@@ -307,7 +307,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         check_target(path)
     if target.parent.resolve() != scene.base_dir.resolve():
         scene_from_dict(scene.tables(), target.parent)  # files that it names must be found from there, too
-    with Waiting("first run", quiet=arguments.quiet) as waiting:
+    with Waiting("runs", quiet=arguments.quiet) as waiting:
         made = calibrate(
             scene,
             arguments.data,

@@ -497,6 +497,8 @@ IN_MEMORY: Final = 20_000
 _CELL: Final = 15e3  # bytes of matrices and meshes per cell
 _OPERATORS: Final = 2.2  # peak while operators are made, over their size
 _COPIES: Final = 3.0  # stored fields: as they were kept, as one array, and while they are written
+_COLUMNS: Final = 40.0  # vectors of the bodies for a parameter: motion, work, forces of the instants of a call
+_IMAGE, _VARIED = 0.8, 2.2  # of derivatives over the operators; beside it for varied matrices and the run marched again
 _LIBRARIES: Final = 15e6  # loaded after the set-up
 _WIDEST: Final = 4.0  # columns of the table of convergence, over the mean number of iterations
 _PARTS = (
@@ -507,6 +509,7 @@ _PARTS = (
     "fields",
     "energies and sensors",
     "records of windows",
+    "derivatives",
 )
 
 
@@ -514,7 +517,7 @@ _PARTS = (
 class MemoryNeed:
     """Bytes that a run needs, beside those that the process has taken: operators and meshes, vectors and factors of
     Newton steps, work of further threads, histories of interfaces and their copies, stored fields, energies and
-    sensors, records of the windows."""
+    sensors, records of the windows, derivatives by parameters."""
 
     operators: float
     newton: float
@@ -523,6 +526,7 @@ class MemoryNeed:
     fields: float
     energies: float
     windows: float
+    derivatives: float
 
     @property
     def total(self) -> float:
@@ -565,6 +569,7 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
     stored = run.n_instant // run.every + 1 if output.keeps_fields or output.stress else 0
     terms = len(TERMS) * (2 * members + 2) + 12 + 6 * len(units) if output.energy else 0
     window = run.n_instant / run.window
+    unknowns = sum(c.size.members * c.size.unknowns for c in run.classes)
     return MemoryNeed(
         operators=_LIBRARIES + _CELL * cells + _OPERATORS * p.memory,
         newton=_newton_bytes(p),
@@ -574,7 +579,17 @@ def memory_need(p: Prediction, stream: bool = False) -> MemoryNeed:
         fields=8.0 * _COPIES * stored * (per_cell * cells + per_node * nodes),
         energies=8.0 * n_time * (terms + 12 * (len(scene.sensor) + 2 * len(scene.port)) + 4),
         windows=window * (8.0 + 16.0 * run.iterations * (1.0 + _WIDEST)),
+        derivatives=_derivative_bytes(p, numbers * n_time + _COLUMNS * unknowns),
     )
+
+
+def _derivative_bytes(p: Prediction, numbers: float) -> float:
+    """Memory of the derivatives by parameters, with so many ``numbers`` for each, beside a second image of the run."""
+    names = p.scene.differentiated
+    if not names:
+        return 0.0
+    images = _IMAGE + (_VARIED if any(name.startswith("material.") for name in names) else 0.0)
+    return 8.0 * len(names) * numbers + images * p.memory
 
 
 def _newton_bytes(p: Prediction) -> float:

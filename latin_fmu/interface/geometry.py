@@ -86,7 +86,7 @@ class InterfaceGeometry:
         trace = self.traces[side]
         if trace is None:
             return None
-        rotation = sp.block_diag([frame[:n_component] for frame in self.frames], format="csr")
+        rotation = sp.block_diag([sp.coo_array(frame[:n_component]) for frame in self.frames], format="csr")
         local = sp.csr_array(rotation @ trace)
         local.eliminate_zeros()
         return local

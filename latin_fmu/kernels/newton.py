@@ -73,8 +73,9 @@ iteration, products of the steps where they are made by these."""
 UNCERTAIN, CLOSER = 12, 0.1
 """Iterations without a Newton step from which on the residual of an instant underestimates the error of its tractions,
 by up to ten times; share of the tolerances that ends it then."""
-EXPECTED = 2
-"""Steps that end an instant, as their price is reckoned with."""
+EXPECTED, UNSETTLED = 2, 6
+"""Steps that end an instant, as their price is reckoned with; those by products while none have been made, where faces
+meet and the points find their states."""
 SOME, MANY, BESIDE = 6.0, 50.0, 3.0
 """Products of a step by these before any was made, with the tied assembly and without; iterations that such a step
 costs beside its products."""
@@ -393,7 +394,7 @@ def price_of_products(pools: Any) -> float:
     if known > 0.0 or pools.moving[run.finish] > 0.0:
         return float(known)
     products = SOME if run.tied_super > 0 else MANY
-    return float(EXPECTED * (products * run.newton_price + BESIDE))
+    return float(UNSETTLED * (products * run.newton_price + BESIDE))
 
 
 @kernel

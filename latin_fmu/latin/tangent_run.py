@@ -80,10 +80,15 @@ class TangentRun(RunState):
         direction.newton_z = direction.z
         return direction
 
-    def march(self, forces: Callable[[int, int], None] | None = None) -> None:
-        """March all instants; errors and ``forces`` as for ``block``."""
+    def march(
+        self, forces: Callable[[int, int], None] | None = None, progress: Callable[[int, int], None] | None = None
+    ) -> None:
+        """March all instants; errors and ``forces`` as for ``block``, ``progress`` is called with the instants done and
+        their number."""
         while self.assembly.instant < self.assembly.n_instant:
             self.block(forces)
+            if progress is not None:
+                progress(self.assembly.instant, self.assembly.n_instant)
 
     def block(self, forces: Callable[[int, int], None] | None = None) -> tuple[int, int, int]:
         """March the next instants, as many as one call of the kernels takes: their first, number and first row.

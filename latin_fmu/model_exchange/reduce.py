@@ -328,7 +328,7 @@ def _transmits(cuts: Sequence[Cut]) -> np.ndarray[tuple[int], np.dtype[np.bool_]
 def _uniform(cuts: Sequence[Cut]) -> Array:
     """Uniform tractions on every interface, one a column, (3 n_patch of all, 3 n_cut)."""
     blocks = [np.tile(np.eye(3), (len(c.members), 1)) for c in cuts]
-    columns: Array = sp.block_diag([*blocks, np.zeros((0, 0))]).toarray()
+    columns: Array = sp.block_diag([sp.coo_array(block) for block in (*blocks, np.zeros((0, 0)))]).toarray()
     return columns
 
 
@@ -350,7 +350,7 @@ def damping_of(bodies: Sequence[ReducedBody]) -> Array | None:
         return None
     # coordinates are q / sqrt(m): modal matrices are multiplied by m
     parts = [np.zeros((b.size, b.size)) if b.model.damping is None else b.mass * b.model.damping for b in bodies]
-    blocks: Array = sp.block_diag(parts).toarray()
+    blocks: Array = sp.block_diag([sp.coo_array(part) for part in parts]).toarray()
     return blocks
 
 

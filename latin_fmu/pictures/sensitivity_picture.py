@@ -11,7 +11,7 @@ import xarray as xr
 from ..errors import Problem, ResultsError
 from ..latin.outcome import Array
 from ..results.groups import datasets_of, unit_of
-from ..results.sensitivities import MANY, PART, in_words
+from ..results.sensitivities import CHECKED, MANY, PART, in_words
 from ..results.summary import prefix_for
 from .style import BAD, DISTINCT, TimeAxis, styled
 
@@ -27,7 +27,8 @@ _SAMPLED: Final = "sampled"  # part of the names of ends of bands of samples
 
 @styled
 def tornado_figure(tree: xr.DataTree) -> Figure:
-    """A panel a quantity with a bar a parameter: change in % for parameters larger by PART; flagged ones are hatched.
+    """A panel a quantity with a bar a parameter: change in % for parameters larger by PART; flagged ones are hatched,
+    those that a run with a larger parameter gave are grey.
 
     Raises
     ------
@@ -42,7 +43,8 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
     value = np.abs(np.asarray(data["value"].values, dtype=float))
     # a value of 0 has no relative change: over infinity none is drawn
     changes = PART * np.asarray(data["change"].values, dtype=float) / np.where(value > 0.0, value, np.inf)[:, None]
-    flagged, names = np.asarray(data["flagged"].values) == 1, [in_words(str(p)) for p in data["parameter"].values]
+    flagged, secant = (np.asarray(data[key].values) == 1 for key in ("flagged", "secant"))
+    names = [in_words(str(p)) for p in data["parameter"].values]
     shown = np.flatnonzero(np.abs(changes).max(axis=1, initial=0.0) > _LEAST)
     rows = -(-max(len(shown), 1) // _COLUMNS)
     height = rows * (_ROW * len(names) + 0.6) + 0.6
@@ -55,11 +57,15 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
         for bar, i in zip(bars, order, strict=True):
             if flagged[q, i]:
                 bar.set(facecolor="white", edgecolor=BAD, hatch="////")
+            elif secant[q, i]:
+                bar.set(facecolor="0.6")
         axis.axvline(0.0, color="0.4", linewidth=0.8)
         owner, _, key = str(data["quantity"].values[q]).rpartition(".")
         axis.set_title(f"{owner} {key.replace('_', ' ')}")
-    if flagged[shown].any():
-        figure.supxlabel("hatched: contact points change their state on the way", fontsize="medium", color=BAD)
+    notes = ["hatched: contact points change their state on the way"] * bool(flagged[shown].any())
+    notes += [f"grey: by a run with {100 * CHECKED:g} % more"] * bool(secant[shown].any())
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize="medium", color=BAD)
     return figure
 
 

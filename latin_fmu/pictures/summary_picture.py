@@ -21,7 +21,7 @@ from ..results.quantities_of_interest import (
     normal_resultant,
     status_shares,
 )
-from ..results.sensors import loss_text
+from ..results.sensors import loss_text, share_lost
 from ..results.spectra import ShockSpectrum
 from ..results.summary import percent, prefix_for
 from ..scene.units import SI, UnitSystem, unit_text
@@ -295,7 +295,8 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     curves, unit, time = {}, "N", np.zeros(0)
     for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
-        curves[f"{name}: {loss_text(tension)}"] = tension
+        end = "" if share_lost(tension) is None else " at the end"
+        curves[f"{name}: {loss_text(tension)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
 

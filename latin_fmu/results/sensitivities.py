@@ -14,13 +14,20 @@ force at its event by its height times the shift, which the steps resolve to som
   its value,
 * first contact without a gap: where the force rises from nothing within a step,
 * separation: where its instant is an event, and it changes by more than a tenth of its value,
-* slip, work of friction, sensors, bolts: where more than ``SHARE`` of all change of force happens at events.
+* slip, work of friction: where ``changing`` is above ``OFTEN`` in the mean over time,
+* sensors, bolts, forces of other interfaces: where more than ``SHARE`` of all change of force happens at events,
+* all of these but impulses and spectra: where the scalar, taken from histories that are moved along the derivatives for
+  ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. A peak that a later one overtakes, a
+  wave that arrives at another instant, slip that turns bend it without any change of state.
+
+With ``output.check_sensitivities`` every parameter has a run in which it is larger by ``CHECKED``: its secant takes the
+place of a change that is flagged, or further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -66,10 +73,19 @@ AT_EVENTS: Final = 2.0
 """Change of the force at events over that of a quantity from which on this is flagged."""
 SHARE: Final = 0.2
 """Share of the change of force that happens at events from which on what depends on all of it is flagged."""
+OFTEN: Final = 0.02
+"""Mean over time of the share that changes its state from which on slip and work of friction are flagged."""
+BENT: Final = 0.05
+"""Distance of the change along the histories from the linear one, over the larger of both, and at least over a tenth of
+the value, from which on a quantity is flagged."""
 _LITTLE = 0.1  # change of a quantity over its value, for the whole parameter, below which its error does not count
 _NEAR = 2  # instants around an event that belong to it
 _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
+CHECKED: Final = 0.05
+"""Change of a parameter, over its value, in the run that checks derivatives."""
+APART, NOTHING = 0.1, 0.01
+"""Share of the secant and of the value of a quantity within which a derivative agrees with it."""
 PART: Final = 0.1
 """Change of a parameter, over its value, that the sentences are for."""
 _SAID, _SMALL = 3, 1e-3
@@ -84,6 +100,10 @@ SPECTRUM_PEAK: Final = "spectrum_peak"
 """Key of the largest value of the maximax spectrum of a sensor."""
 LAST_BOLT_FORCE: Final = "last_bolt_force"
 """Key of the tension of a bolt at the end."""
+ENERGY_OWNER: Final = "energy"
+"""Owner of the terms of the energies of the assembly."""
+FRICTION_ENERGY: Final = "friction_dissipation"
+"""Key of the energy that friction dissipates in all."""
 _UNITS: Final = {
     SLIP_DISTANCE: "m",
     LARGEST_SLIP: "m",
@@ -149,7 +169,8 @@ class Sensitivities:
     derivatives : by parameter. changing : (n, n_time) by interface (module docstring). quantities : scalars.
     time : (n_time,) instants of the run, s.
     spectra : derivatives of the spectra of the sensors by name, arrays (n, 3, n_frequency, 3)
-        (``spectra.spectrum_changes``).
+        (``spectra.spectrum_changes``). secants : (n,) by quantity, whether the change is that of a run with a larger
+        parameter (module docstring); empty where no run was made.
     """
 
     derivatives: Sequence[HistoryChanges]
@@ -157,6 +178,7 @@ class Sensitivities:
     quantities: Sequence[QuantitySensitivity]
     time: Array
     spectra: Mapping[str, ShockSpectrum]
+    secants: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -178,7 +200,27 @@ class Sensitivities:
             for name, spectrum in responses.items()
         }
         scalars = list(_quantities(outcome, derivatives, changing, {n: (responses[n], spectra[n]) for n in spectra}))
+        scalars += _energies(outcome, scalars)
         return Sensitivities(derivatives, changing, scalars, outcome.time, spectra)
+
+    def checked(self, runs: Sequence[Mapping[str, float] | None]) -> Sensitivities:
+        """With secants in the place of changes that are flagged or contradicted (module docstring). runs : by parameter
+        the scalars with the parameter larger by CHECKED, None where there is no such run: its flags stay."""
+        quantities, secants = [], {}
+        for q in self.quantities:
+            more = np.array([np.nan if run is None else run.get(q.quantity, np.nan) for run in runs])
+            slopes = (more - q.value) / CHECKED
+            apart = np.abs(slopes - q.changes) > np.maximum(APART * np.abs(slopes), NOTHING * abs(q.value))
+            taken = np.isfinite(slopes) & (q.flagged | apart)
+            secants[q.quantity] = taken
+            quantities.append(
+                replace(q, changes=np.where(taken, slopes, q.changes), flagged=np.asarray(q.flagged & ~taken))
+            )
+        return replace(self, quantities=quantities, secants=secants)
+
+    def is_secant(self, q: QuantitySensitivity) -> NDArray[np.bool_]:
+        """Whether each change of a quantity is that of a run with a larger parameter."""
+        return self.secants.get(q.quantity, np.zeros(len(q.changes), dtype=bool))
 
     def __getitem__(self, quantity: str) -> QuantitySensitivity:
         """The changes of one quantity (KeyError where there is none)."""
@@ -197,6 +239,7 @@ class Sensitivities:
             "value": np.array([q.value for q in self.quantities]),
             "change": np.array([q.changes for q in self.quantities]).reshape(-1, len(names)),
             "flagged": np.array([q.flagged for q in self.quantities], dtype=np.int8).reshape(-1, len(names)),
+            "secant": np.array([self.is_secant(q) for q in self.quantities], dtype=np.int8).reshape(-1, len(names)),
         }
         quantities = np.array([q.quantity for q in self.quantities], dtype=np.str_)
         groups = {
@@ -243,9 +286,13 @@ class Sensitivities:
                     continue
                 much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
                 doubt = " (states change on the way)" if q.flagged[i] else ""
+                doubt = f" (by a run with {100 * CHECKED:g} %)" if self.is_secant(q)[i] else doubt
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for 10 % more of any parameter"
             made.append((f"{owner} {key.replace('_', ' ')}", text))
+        by_runs = f"by a run for each parameter with {100 * CHECKED:g} % more"
+        untried = "no; output.check_sensitivities = true runs the scene once more for each parameter"
+        made.append(("checked", by_runs if self.secants else untried))
         width = max((len(name) for name, _ in made), default=0)
         return [line for name, text in made for line in wrapped(name.ljust(width), text)]
 
@@ -259,6 +306,7 @@ class Sensitivities:
                 "value": finite(q.value),
                 "changes": dict(zip(names, map(finite, q.changes.tolist()), strict=True)),
                 "flagged": dict(zip(names, q.flagged.tolist(), strict=True)),
+                "secant": dict(zip(names, self.is_secant(q).tolist(), strict=True)),
             }
             for q in self.quantities
         }
@@ -274,6 +322,7 @@ _ROWS: Final = rows(
     value     | - | quantity           | value of the quantity, in its unit
     change    | - | quantity parameter | change of the quantity, in its unit, to first order
     flagged   | - | quantity parameter | whether states change at instants that the quantity depends on | | no yes
+    secant    | - | quantity parameter | whether it is the change of a run with the parameter 5 % larger | | no yes
     force     | N | parameter time component | change of the resultant force on side E
     impulse   | N s | parameter time component | change of the force integrated over time
     changing  | 1 | parameter time | share of the area whose state would change within 1 per cent of the parameter
@@ -372,8 +421,14 @@ def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, fl
     ]
     for name, bolt in outcome.bolts.items():
         owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+    if outcome.energy is not None:
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: float(outcome.energy[FRICTION_ENERGY][-1])}))
     pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
     return {quantity: value for quantity, value in pairs if value is not None}
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def _sensor_moved(history: SensorHistory, change: SensorHistory, by: float) -> SensorHistory:
@@ -427,7 +482,7 @@ def _quantities(
     time, n, activities = outcome.time, len(derivatives), list[_Activity]()
     for name, history in outcome.interfaces.items():
         ends = [
-            [interface_scalars(_moved(history, d.interfaces[name], sign * _STEP), time) for sign in (1.0, -1.0)]
+            [interface_scalars(_moved(history, d.interfaces[name], by), time) for by in (_STEP, -_STEP, CHECKED)]
             for d in derivatives
         ]
         forces = [d.interfaces[name].force() for d in derivatives]
@@ -436,7 +491,10 @@ def _quantities(
             if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
                 moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
                 q = replace(q, changes=np.array(moved))
-            yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
+            if q.quantity.rpartition(".")[2] in (SLIP_DISTANCE, LARGEST_SLIP, FRICTION_WORK.key):
+                yield replace(q, flagged=q.flagged | (changing[name].mean(axis=1) > OFTEN))
+            else:
+                yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
     every = _Activity(
         np.sum([a.at_events for a in activities] or [np.zeros((n, len(time)))], axis=0),
         np.sum([a.whole for a in activities] or [np.zeros((n, len(time)))], axis=0),
@@ -444,14 +502,14 @@ def _quantities(
     )
     for name, sensor in outcome.sensors.items():
         ends = [
-            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], sign * _STEP)) for sign in (1.0, -1.0)]
+            [sensor_scalars(_sensor_moved(sensor, d.sensors[name], by)) for by in (_STEP, -_STEP, CHECKED)]
             for d in derivatives
         ]
         for q in _differences(name, sensor_scalars(sensor), ends):
             key = q.quantity.rpartition(".")[2]
             motion = getattr(sensor, key.removesuffix("_peak")) if key.endswith("_peak") else None
             last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
-            yield replace(q, flagged=every.shares(last))
+            yield replace(q, flagged=q.flagged | every.shares(last))
         if name in spectra:
             values, changes = (s.acceleration for s in spectra[name])
             row, axis = (int(i) for i in np.unravel_index(int(np.argmax(values[0])), values[0].shape))
@@ -462,6 +520,16 @@ def _quantities(
         for key, i in ((BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE, len(time) - 1)):
             own = np.array([d.bolts[name].force[i] for d in derivatives])
             yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
+
+
+def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[QuantitySensitivity]:
+    """The energy that friction dissipates in all, where the run has energies: the sum of its work in the interfaces."""
+    works = [q for q in known if q.quantity.rpartition(".")[2] == FRICTION_WORK.key]
+    if outcome.energy is None or not works:
+        return []
+    changes, flagged = np.sum([q.changes for q in works], axis=0), np.any([q.flagged for q in works], axis=0)
+    value = float(outcome.energy[FRICTION_ENERGY][-1])
+    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY}", "J", value, changes, flagged)]
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
@@ -492,14 +560,14 @@ def _flags(q: QuantitySensitivity, history: InterfaceHistory, time: Array, activ
     if key == SEPARATION_INSTANT.key:
         first, last = np.searchsorted(time, [q.value, q.value + duration])
         shifted = np.abs(q.changes) > _LITTLE * abs(q.value)
-        return np.asarray(activity.events[:, first - 1 : last + 1].any(axis=1)) & shifted
+        return (np.asarray(activity.events[:, first - 1 : last + 1].any(axis=1)) & shifted) | q.flagged
     if key == IMPULSE.key:
         return activity.outweighs(end, q, 1.0)
     if key == PEAK_FORCE.key:
         last = min(int(np.searchsorted(time, force.peak_mean(duration)[1] + duration)), end)
         over = max(duration, float(time[1] - time[0]))
-        return activity.outweighs(last, q, over)
-    return activity.shares(end)
+        return activity.outweighs(last, q, over) | q.flagged
+    return activity.shares(end) | q.flagged
 
 
 def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
@@ -516,11 +584,14 @@ def _rises_in_a_step(q: QuantitySensitivity, history: InterfaceHistory) -> bool:
 def _differences(
     owner: str, values: dict[str, float | None], ends: list[list[dict[str, float | None]]]
 ) -> Iterator[QuantitySensitivity]:
-    """Central differences of the scalars of an owner along each parameter, not flagged yet."""
+    """Central differences of the scalars of an owner along each parameter, flagged where they bend; ``ends`` : by
+    parameter the scalars _STEP further, before, and CHECKED further."""
     for key, value in values.items():
-        pairs = [[end.get(key) for end in pair] for pair in ends]
-        if value is None or any(x is None for pair in pairs for x in pair):
+        moved = np.array([[_number(end.get(key)) for end in along] for along in ends])
+        if value is None or np.isnan(moved[:, :2]).any():
             continue
-        changes = np.array([(float(m or 0.0) - float(s or 0.0)) / (2.0 * _STEP) for m, s in pairs])
+        changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
+        largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
+        bent = ~(np.abs(far - changes) <= BENT * largest)  # none of a contact that is lost, too
         unit = _UNITS[key] if key in _UNITS else definition_of(f"{owner}.{key}").unit
-        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, np.zeros(len(changes), dtype=bool))
+        yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, bent)

@@ -195,6 +195,13 @@ class Output(SceneTable):
             '`["interface.joint.friction_coefficient", "bolt.b1.force"]`'
         ),
     ] = ()
+    check_sensitivities: Annotated[
+        Flag,
+        about(
+            "the scene is run once more for each of these parameters, 5 % larger: changes that are flagged, or that "
+            "the run contradicts, are those of that run"
+        ),
+    ] = False
     peak_duration: Annotated[
         Real | None,
         about(

@@ -129,7 +129,13 @@ def test_frequencies_give_a_modulus(tmp_path: Path) -> None:
     made = latin_fmu.calibrate(scene, write(tmp_path / "m.csv", "mode,frequency", rows), name)
     assert made[name].value == pytest.approx(1.1 * modulus, rel=1e-3)
     assert made.runs <= 10
-    assert "modes have no derivatives" in made.remarks[0]
+    assert "there are none of modes" in made.remarks[0]
+
+
+def test_secants_that_are_not_made_anew_are_told(tmp_path: Path) -> None:
+    made = fitted(tmp_path, 1, secants=True, max_runs=4)
+    assert not made.converged
+    assert any("intervals are rough" in remark for remark in made.remarks)
 
 
 def test_a_bound_that_holds_a_parameter_is_told(tmp_path: Path) -> None:

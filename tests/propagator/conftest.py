@@ -79,7 +79,7 @@ def channels(mesh: Mesh, tilt: float) -> tuple[sp.csr_array, Array]:
             (np.ones(3 * len(surface.nodes)), (np.arange(3 * len(surface.nodes)), dofs(surface.nodes, 0, 1, 2))),
             shape=(3 * len(surface.nodes), 3 * mesh.n_node),
         )
-        blocks.append(sp.csr_array(sp.block_diag([f[:count] for f in frames]) @ pick))
+        blocks.append(sp.csr_array(sp.block_diag([sp.coo_array(f[:count]) for f in frames]) @ pick))
         areas.append(np.repeat(surface.areas, count))
     return sp.csr_array(sp.vstack(blocks)), np.concatenate(areas)
 

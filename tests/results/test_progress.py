@@ -54,6 +54,16 @@ def test_a_run_shows_its_windows_and_the_time_left_without_that_of_the_set_up(cl
     assert run.line() == "24 % (24 of 100 windows), iteration 1, sqrt(eta) 5.0e-01, about 10 s left"
 
 
+def test_derivatives_begin_anew(clock: Clock, run: Progress) -> None:
+    run.update(99, 100, 1, 0.5)
+    clock.now += 5.0
+    for done in (20, 40):
+        run.update(done, 200, 0, 0.0)
+        clock.now += 1.0
+    clock.now -= 1.0
+    assert run.line() == "derivatives: 20 % (40 of 200 instants), about 8 s left"
+
+
 def test_a_short_run_leaves_no_line(clock: Clock) -> None:
     progress = Progress(1e-3, stream=io.StringIO(), clock=clock)
     progress.update(0, 1, 1, 0.5)

@@ -257,6 +257,14 @@ def test_spectra_and_last_values_are_those_of_central_differences() -> None:
     np.testing.assert_array_equal(stored.values, own.acceleration)
 
 
+def test_dissipation_of_the_assembly_is_that_of_its_interfaces() -> None:
+    case = (CRUSHING[0], (*CRUSHING[1], "output.energy=true"), CRUSHING[2])
+    known = differentiated(case).sensitivities["energy.friction_dissipation"]
+    for d, change in zip(differentiated(case).sensitivities.derivatives, known.changes, strict=True):
+        more, less = (s.energy["friction_dissipation"][-1] for s in ends(case, d.name))
+        assert change == pytest.approx((more - less) / (2.0 * STEP), rel=1e-4)
+
+
 def test_a_thrown_bar_touches_later_by_the_gap_over_its_speed() -> None:
     """d(first contact)/d(gap) = 1/v, and by the speed -gap/v^2."""
     settings = ("substructure.bar.box.elements.2=10", "time.instants=40", "interface.wall.gap=4.87")
@@ -411,3 +419,60 @@ def test_a_run_whose_derivatives_fail_keeps_its_results(monkeypatch: pytest.Monk
     assert solution.converged
     assert solution.sensitivities is None
     assert any("no derivatives: the derivatives by parameters have no unique value" in w for w in solution.warnings)
+
+
+def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change() -> None:
+    """A secant over 5 % where the derivative is flagged or further off than a tenth, the derivative elsewhere."""
+    parameters = ["interface.crush.friction_coefficient", "load.press.pressure"]
+    scene = scene_of(CRUSHING).replace("output.sensitivities", parameters)
+    checked = latin_fmu.solve(scene.replace("output.check_sensitivities", True)).sensitivities
+    plain, values = differentiated(CRUSHING).sensitivities, scene_of(CRUSHING).interface["crush"].friction_coefficient
+    more = latin_fmu.solve(scene_of(CRUSHING).replace(parameters[0], 1.05 * values))
+    there = sensitivities.interface_scalars(more.interfaces["crush"], more.time)
+    taken = 0
+    for own, q in zip(plain.quantities, checked.quantities, strict=True):
+        secant = (there[q.quantity.rpartition(".")[2]] - q.value) / 0.05
+        apart = abs(secant - own.changes[0]) > max(0.1 * abs(secant), 0.01 * abs(q.value))
+        replaced = bool(apart or own.flagged[0])
+        assert checked.is_secant(q)[0] == replaced, q.quantity
+        assert q.changes[0] == pytest.approx(secant if replaced else own.changes[0], rel=1e-6)
+        assert not q.flagged.any()
+        taken += replaced
+    assert 0 < taken < len(plain.quantities)
+    said = " ".join(checked.lines())
+    assert "(by a run with 5 %)" in said
+    assert "by a run for each parameter" in said
+    assert "output.check_sensitivities = true" in " ".join(plain.lines())
+
+
+def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
+    """A body of almost incompressible steel has no Poisson ratio 5 % larger: a remark says that it is not checked."""
+    settings = ("material.steel.poisson_ratio=0.48", "output.check_sensitivities=true", "time.instants=4")
+    scene = latin_fmu.load_scene(MODELS / "shear_interface/scene.toml", settings)
+    solution = latin_fmu.solve(scene.replace("output.sensitivities", ["material.steel.poisson_ratio"]))
+    assert not any(solution.sensitivities.is_secant(q).any() for q in solution.sensitivities.quantities)
+    assert any("poisson_ratio are not checked" in str(w) for w in solution.outcome.warnings)
+
+
+def test_a_peak_that_another_one_overtakes_is_flagged() -> None:
+    """Two peaks of 1 and 0.99: by 5 % of a parameter that raises the second by its own height it is the larger one."""
+    overtaken = [{"peak_force": peak} for peak in (1.0, 1.0, 0.99 * 1.05)]
+    own = [{"peak_force": peak} for peak in (1.0 + 1e-6, 1.0 - 1e-6, 1.05)]
+    (q,) = sensitivities._differences("joint", {"peak_force": 1.0}, [overtaken, own])
+    assert q.flagged.tolist() == [True, False]
+
+
+def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
+    """Instants of the motion with iteration 0, after the windows of the run."""
+    calls = list[tuple[int, int, int]]()
+
+    class Sink:
+        def update(self, done: int, total: int, iteration: int, error: float) -> None:
+            del error
+            calls.append((done, total, iteration))
+
+    latin_fmu.solve(scene_of(BOUNCE).replace("output.sensitivities", list(BOUNCE[2])), progress=Sink())
+    run = [call for call in calls if call[2] > 0]
+    assert calls[: len(run)] == run
+    assert [done for done, _, _ in calls[len(run) :]][-1] == 220
+    assert {total for _, total, _ in calls[len(run) :]} == {220}
