@@ -37,7 +37,7 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
-from .results.sensitivities import CHECKED, Sensitivities, scalars_of
+from .results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
@@ -287,7 +287,7 @@ def _derivatives(
                 made = Sensitivities.of(outcome, tangent.march(*ended, shown), scene.sensor)
         except SolverError as error:
             lost = str(error)
-    if made is not None and scene.output.check_sensitivities:
+    if made is not None and scene.output.check_sensitivities != "none":
         made, missing = _checked(scene, made)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
@@ -298,11 +298,16 @@ def _derivatives(
 
 
 def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
-    """Derivatives checked by a run for every parameter, and remarks on those that have none."""
-    plain = scene.replace("output.check_sensitivities", False).replace("output.sensitivities", [])
+    """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
+    that have none."""
+    plain = scene.replace("output.sensitivities", [])
     plain = plain.replace("spread", {}) if scene.spread else plain
     runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
-    for d in made.derivatives:
+    every = scene.output.check_sensitivities == "all"
+    for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
+        if not (every or share > GATHERED):
+            runs.append(None)
+            continue
         why, run = "its value is 0", None
         if d.value != 0.0:
             try:

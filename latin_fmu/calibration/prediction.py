@@ -79,7 +79,9 @@ class Predictor:
     def __init__(
         self, scene: Scene, tables: Sequence[MeasuredTable], parameters: Sequence[Names], mode: int, increments: int
     ) -> None:
-        output = scene.output.model_copy(update={**dict.fromkeys(_NO_FIELDS, False), "sensitivities": ()})
+        output = scene.output.model_copy(
+            update={**dict.fromkeys(_NO_FIELDS, False), "sensitivities": (), "check_sensitivities": "none"}
+        )
         self.scene, self.tables, self._parameters = scene.model_copy(update={"output": output}), tables, parameters
         self._mode, self._increments = mode, increments
         self._kept = KeptOperators()

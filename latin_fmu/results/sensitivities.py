@@ -20,8 +20,9 @@ force at its event by its height times the shift, which the steps resolve to som
   ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. A peak that a later one overtakes, a
   wave that arrives at another instant, slip that turns bend it without any change of state.
 
-With ``output.check_sensitivities`` every parameter has a run in which it is larger by ``CHECKED``: its secant takes the
-place of a change that is flagged, or further from it than ``APART`` of the secant and ``NOTHING`` of the value.
+A parameter by which more than ``GATHERED`` of the quantities are flagged has a run in which it is larger by ``CHECKED``
+(``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
+further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 """
 
 from __future__ import annotations
@@ -84,6 +85,8 @@ _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
 CHECKED: Final = 0.05
 """Change of a parameter, over its value, in the run that checks derivatives."""
+GATHERED: Final = 0.25
+"""Share of the quantities that are flagged by a parameter from which on a run checks it."""
 APART, NOTHING = 0.1, 0.01
 """Share of the secant and of the value of a quantity within which a derivative agrees with it."""
 PART: Final = 0.1
@@ -170,7 +173,7 @@ class Sensitivities:
     time : (n_time,) instants of the run, s.
     spectra : derivatives of the spectra of the sensors by name, arrays (n, 3, n_frequency, 3)
         (``spectra.spectrum_changes``). secants : (n,) by quantity, whether the change is that of a run with a larger
-        parameter (module docstring); empty where no run was made.
+        parameter (module docstring); empty where no run was made. tried : parameters that have such a run.
     """
 
     derivatives: Sequence[HistoryChanges]
@@ -179,6 +182,13 @@ class Sensitivities:
     time: Array
     spectra: Mapping[str, ShockSpectrum]
     secants: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    tried: tuple[str, ...] = ()
+
+    @property
+    def flagged_shares(self) -> Array:
+        """Share (n,) of the quantities that are flagged, by parameter."""
+        flags = np.array([q.flagged for q in self.quantities]).reshape(-1, len(self.derivatives))
+        return np.asarray(flags.sum(axis=0) / max(len(flags), 1))
 
     @staticmethod
     def of(
@@ -216,7 +226,8 @@ class Sensitivities:
             quantities.append(
                 replace(q, changes=np.where(taken, slopes, q.changes), flagged=np.asarray(q.flagged & ~taken))
             )
-        return replace(self, quantities=quantities, secants=secants)
+        tried = tuple(d.name for d, run in zip(self.derivatives, runs, strict=True) if run is not None)
+        return replace(self, quantities=quantities, secants=secants if tried else {}, tried=tried)
 
     def is_secant(self, q: QuantitySensitivity) -> NDArray[np.bool_]:
         """Whether each change of a quantity is that of a run with a larger parameter."""
@@ -290,9 +301,12 @@ class Sensitivities:
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for 10 % more of any parameter"
             made.append((f"{owner} {key.replace('_', ' ')}", text))
-        by_runs = f"by a run for each parameter with {100 * CHECKED:g} % more"
-        untried = "no; output.check_sensitivities = true runs the scene once more for each parameter"
-        made.append(("checked", by_runs if self.secants else untried))
+        checked = (
+            f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}" if self.tried else "no"
+        )
+        if len(self.tried) < len(self.derivatives):
+            checked += '; output.check_sensitivities = "all" checks every parameter by a run'
+        made.append(("checked", checked))
         width = max((len(name) for name, _ in made), default=0)
         return [line for name, text in made for line in wrapped(name.ljust(width), text)]
 

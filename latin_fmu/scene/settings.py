@@ -196,12 +196,13 @@ class Output(SceneTable):
         ),
     ] = ()
     check_sensitivities: Annotated[
-        Flag,
+        Literal["flagged", "all", "none"],
         about(
-            "the scene is run once more for each of these parameters, 5 % larger: changes that are flagged, or that "
-            "the run contradicts, are those of that run"
+            "parameters for which the scene is run once more, 5 % larger: those by which more than a quarter of the "
+            "quantities are flagged, all or none; changes that are flagged, or that the run contradicts, are those of "
+            "that run"
         ),
-    ] = False
+    ] = "flagged"
     peak_duration: Annotated[
         Real | None,
         about(

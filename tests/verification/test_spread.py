@@ -25,6 +25,7 @@ SMALL = (
     "substructure.upper.box.elements=[2,2,2]",
     "time.step=0.3e-6",
     "output.fields=false",
+    "output.check_sensitivities=none",
     "sensor.top={face='upper.zmax',spectrum={},filter={type='low_pass',cutoff=3e5}}",
 )
 SPREAD = ("spread.load.press.pressure=5 %", "spread.interface.crush.friction_coefficient=[0.05,0.15]")
