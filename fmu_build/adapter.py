@@ -396,6 +396,7 @@ def check_packages(needed: Mapping[str, str]) -> None:
 
 def _version(name: str) -> str | None:
     """Version of a package, of the loaded module if there is one; None where it is missing."""
+    # in this order: ``find_spec`` raises for a loaded module without a spec
     if name not in sys.modules and importlib.util.find_spec(name) is None:
         return None
     loaded = getattr(sys.modules.get(name), "__version__", None)
@@ -409,6 +410,7 @@ def _version(name: str) -> str | None:
 
 def _parts(version: str) -> tuple[int, ...]:
     """The leading numbers of a version."""
+    # what follows the numbers ("rc1", "+local") does not count
     match = re.match(r"\d+(\.\d+)*", version)
     return tuple(int(part) for part in match[0].split(".")) if match else (0,)
 
@@ -424,6 +426,7 @@ def check_contents(resources: Path, token: str) -> None:
         listed = Path(resources, DIGESTS).read_bytes()
     except OSError:
         raise ValueError(f"the FMU is incomplete: resources/{DIGESTS} cannot be read; extract it again") from None
+    # FMI 2 writes it in braces
     if token.strip("{}") != token_of(listed):
         raise ValueError("the model description and the resources belong to different FMUs: extract the FMU again")
     for path, digest in json.loads(listed).items():

@@ -88,6 +88,7 @@ def package_files() -> Files:
         inside = path.relative_to(solver)
         if inside.parts[0] not in _LEFT_OUT:
             files[f"latin_fmu/{inside.as_posix()}"] = path.read_bytes()
+    # not the portable library: on a processor without AVX2 numba compiles
     files |= {f"latin_fmu/{p.name}": p.read_bytes() for p in library.shipped() if not p.stem.endswith("-portable")}
     files["latin_fmu/__init__.py"] = _BARE_INIT.format(latin_fmu.__version__).encode()
     here = Path(__file__).parent
@@ -175,6 +176,7 @@ def write_archive(target: str | Path, files: Mapping[str, bytes]) -> Path:
     def write(draft: Path) -> None:
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
             for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+                # the earliest date that a zip can hold
                 entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 entry.create_system = 3  # the same bytes on every system
@@ -235,6 +237,7 @@ def fmu_files(scene: Scene, fmi: Fmi) -> Files:
     scene = completed(scene)
     problem = discretise(scene).build()  # raises where the scene cannot be built
     n_point = {unit.name: unit.geometry.n_point for unit in problem.assembly.interfaces}
+    # FMI 2 has no arrays
     table = table_of(scene, n_point if fmi == "3" else None)
     _check_size(table, fmi)
     inside = {f"scene/{path}": content for path, content in scene_files(scene).items()}
@@ -354,6 +357,7 @@ class _Content:
                 **{f"{name}/{path}": content for path, content in package.items()},
             }
         )
+        # FMI 2 calls it a GUID, which is written in braces
         self.token = f"{{{token}}}" if fmi == "2" else token
 
     def files(self, facts: Facts) -> Files:

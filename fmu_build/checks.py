@@ -83,6 +83,7 @@ def schema_problems(fmu: str | Path) -> list[str]:
     spec = util.find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError("validation needs fmpy: pip install 'latin-fmu[fmu]'", name="fmpy")
+    # fmpy ships the schemas of the standard
     schemas = Path(spec.origin).parent / "schema"
     problems = []
     with zipfile.ZipFile(fmu) as archive:
@@ -131,6 +132,7 @@ def reduction_errors(full: Inputs, reduced: Inputs) -> list[ReductionError]:
             name,
             full.scene.unit_system.label(definition_of(name).unit),
             exact.value(name, exact),
+            # peak and separation are by means over the duration that the exact run defines
             coarse.value(name, exact) if name in coarse.values else float("nan"),
             coarse.error(name, exact) if name in coarse.values else float("inf"),
         )
@@ -146,6 +148,7 @@ def compiled_size(scene: Scene) -> int:
     InputError : the scene cannot be compiled, or the library is missing. SceneError : it cannot be built.
     """
     with tempfile.TemporaryDirectory() as folder:
+        # extra: the reference run would be made and counted
         return build_fmu(scene, Path(folder) / "size.fmu", extra={}).stat().st_size
 
 

@@ -85,6 +85,7 @@ def xml_bytes(root: Element) -> bytes:
 
 def _text(value: float | int | str) -> str:
     """A value with all its digits."""
+    # float(): the repr of a number of NumPy is "np.float64(1.0)"
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
@@ -111,6 +112,7 @@ def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: I
     defined: dict[str, Element] = {}
     for key, unit in UNITS.items():
         if key in used:
+            # of another system two units of the table may have one name
             if (name := facts.unit_name(key)) in defined:
                 continue
             defined[name] = SubElement(definitions, "Unit", {"name": name})
@@ -176,12 +178,14 @@ def fmi2_description(facts: Facts) -> Element:
         if variable.causality != "independent":  # optional in FMI 2, and some hosts require a start value for it
             element = SubElement(variables, "ScalarVariable", _identity(variable, number))
             SubElement(element, types[variable.kind], _values(variable, facts))
+            # FMI 2: an index, from 1, among the variables that are listed
             places[variable.name] = len(places) + 1
     structure = SubElement(root, "ModelStructure")
     now, start = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
     for variable in facts.table:
         if variable.causality == "output":
             place = str(places[variable.name])
+            # empty: depends on nothing; without the attribute it would depend on everything
             SubElement(now, "Unknown", {"index": place, "dependencies": ""})
             SubElement(start, "Unknown", {"index": place, "dependencies": _dependencies(variable, places)})
     return root
@@ -219,6 +223,7 @@ def fmi3_description(facts: Facts) -> Element:
 def _add_variable(parent: Element, references: dict[str, int], variable: Variable, facts: Facts) -> None:
     types = {"real": "Float64", "integer": "Int32", "string": "String", "count": "UInt64"}
     attributes = _identity(variable, references[variable.name]) | _values(variable, facts)
+    # FMI 3: a string has its start value in an element of its own
     start = attributes.pop("start", "") if variable.kind == "string" else None
     element = SubElement(parent, types[variable.kind], attributes)
     for size in variable.dimensions:
@@ -241,6 +246,7 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
     references = facts.references()
     for reference, variable in enumerate(facts.table):
         _add_variable(variables, references, variable, facts)
+        # states are outputs, whose start would be calculated
         if reference in names.states:
             variables[-1].set("initial", "exact")
             variables[-1].set("start", "0.0")
@@ -249,6 +255,7 @@ def model_exchange_description(facts: Facts, names: Names) -> Element:
     structure = SubElement(root, "ModelStructure")  # without dependencies: everything may depend on everything
     outputs = [i for i, variable in enumerate(facts.table) if variable.causality == "output"]
     derivatives = range(names.derivatives, names.derivatives + len(names.states))
+    # states have exact start values: they are no unknowns of the initialization
     calculated = [i for i in outputs if i not in names.states]
     for tag, unknowns in (
         ("Output", outputs),

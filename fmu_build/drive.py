@@ -36,6 +36,7 @@ def described(path: str | Path) -> Any:
         with zipfile.ZipFile(path) as archive:
             problem = _archive_problem(archive.infolist())
             if not problem:
+                # reads every member: after their sizes are known to be bearable
                 if (damaged := archive.testzip()) is not None:
                     raise zipfile.BadZipFile(f"the member {damaged[:80]!r} is damaged")
                 return fmpy.read_model_description(str(path))
@@ -60,6 +61,7 @@ def _archive_problem(members: Sequence[zipfile.ZipInfo]) -> str:
             or name.startswith("/")
             or "\\" in name
             or ":" in name
+            # names of files have 255 bytes at most
             or max(map(len, parts)) > 200
         ):
             return f"not a valid FMU: a member is named {name[:80]!r}, outside of the folder it is unpacked to"
@@ -110,7 +112,6 @@ class Drive:
         self.stop_time, self.step_size, _ = _experiment(self.description)
         self.complaint, self._message = "", ""
         self.three = self.description.fmiVersion.startswith("3")
-        self._message = ""
         try:
             self._folder = str(fmpy.extract(str(path)))
             self._fmu = self._instance()
@@ -190,6 +191,7 @@ class Drive:
                 self.set(rate, (self._at(column, t + h) - value) / h)
 
     def _at(self, column: Sequence[float], t: float) -> float:
+        # right: at an instant that is there twice, a jump, its later value
         i = bisect_right(self._time, t)
         if i == 0 or i == len(self._time):
             return float(column[0 if i == 0 else -1])
@@ -282,6 +284,7 @@ class Integration:
         messages: list[str] = []
 
         def keep(_time: float, recorder: Any) -> bool:
+            # what was recorded stays where the integrator fails later
             rows[:] = [list(row) for row in recorder.rows]
             return not over()
 
@@ -324,6 +327,7 @@ def opened(
     Raises InputError where it is neither, or lacks one of the variables.
     """
     description = described(path)
+    # one that is both is stepped: it brings its own solver
     exchange = description.modelExchange is not None and description.coSimulation is None
     return Integration(path, start, inputs) if exchange else Drive(path, start, inputs)
 

@@ -84,8 +84,10 @@ def compiled(target: str, folder: Path, compiler: Sequence[str]) -> Path:
     """
     library = folder / file_name(target)
     folder.mkdir(parents=True, exist_ok=True)
+    # beside its target: a file is replaced at once in one file system only
     with tempfile.TemporaryDirectory(dir=folder) as place:
         made = Path(place) / library.name
+        # hidden: functions of FMUs in one process have the same names
         options = ["-std=c99", "-D_GNU_SOURCE", "-O2", *_WARNINGS, "-shared", "-fPIC", "-fvisibility=hidden", "-s"]
         libraries = [] if target.startswith("windows") else ["-ldl"]
         if target.startswith("darwin"):

@@ -104,6 +104,7 @@ class RefinementSequence:
         for part in (0.5, 0.25):
             near = [f for f in self._diagonal if abs(f / (factor * part) - 1.0) < _NEAR and self.at(f) in self._runs]
             f = min(near, key=lambda f: abs(f / (factor * part) - 1.0), default=self.factor(factor * part))
+            # whole elements: half of few elements may be nearly as many
             if f < 0.8 * factors[-1] and self.scene.time.n_step * self.at(f).time >= FEWEST_STEPS:
                 factors.append(f)
         return factors
@@ -163,6 +164,7 @@ class RefinementSequence:
     @property
     def runs(self) -> list[MeasuredRun]:
         """The runs made without output, one a resolution, cheapest first."""
+        # runs with output take longer, which would spoil the fit of the run time
         lean = (run for at, run in self._runs.items() if at not in self._with_output)
         return sorted(lean, key=lambda run: run.cpu)
 
@@ -208,6 +210,7 @@ def step_ratio(scene: Scene) -> float:
         if body.box is None:
             continue
         speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
+        # a single element across is the width of a bar, along which no wave is resolved
         sizes = [s / n for s, n in zip(body.box.size, body.box.elements, strict=True) if n > 1]
         if sizes:
             largest = max(largest, speed * scene.time.time_step / min(sizes))
@@ -316,12 +319,15 @@ class _Search:
         limits of the extrapolation; twice the factor where that is little more, because the runs so far are then its
         coarser runs. Measured times are not used: the search is reproducible.
         """
+        # an order out of this range is that of changes that cancel; NaN compares as out of it
         order = estimate.order if 0.3 <= estimate.order <= 2.0 else estimate.expected_order
         refinement = max((estimate.error / (_MARGIN * self.target)) ** (1.0 / order), _LEAST_REFINEMENT)
+        # cost ~ factor^(1 + exponent), as the steps are refined with the mesh
         longest = min(_LARGEST_REFINEMENT, _LARGEST_COST_RATIO ** (1.0 / (1.0 + cost_exponent(self.scene))))
         new = factor * min(refinement, longest)
         if _NEARLY_TWICE * factor < new < 2.0 * factor:
             new = 2.0 * factor
+        # meshes change by whole elements: a factor a little larger may be the same mesh
         while (following := self.sequence.factor(new)) <= factor and new < _FINEST * factor:
             new *= 1.1
         return following, factor * refinement <= following
@@ -331,6 +337,7 @@ class _Search:
         cannot be done, else an empty string."""
         at = self.sequence.at(factor)
         try:
+            # the coarser run first: the time of this one is predicted from it
             for f in self.sequence.chain(factor)[1:2]:
                 self.sequence.run(self.sequence.at(f))
             if why := self._too_large(at):
@@ -359,6 +366,7 @@ class _Search:
             used = f"of the limit of {self.limit:g} s for all runs {max(left, 0.0):.2g} s are left"
             return f"the next run would take about {seconds:.2g} CPU s; {used}"
         memory = memory_at(self.scene, at)
+        # a room of 0: this system does not tell its memory
         if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
             return f"the next run would need about {memory / 1e9:.0f} GB of memory"
         self.log(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")
@@ -395,6 +403,7 @@ class _Search:
         for quantity in (q for q in fine.values if is_target(self.scene, q)):
             told = self.sequence.estimate(half, quantity)
             changed = relative(quantity, fine, fine, coarse)
+            # "not <=": a change of NaN confirms nothing
             if not changed <= max(told.error, FLOOR):
                 within, by = percent(told.error), percent(changed)
                 self.log(f"         not confirmed: {quantity} was estimated within {within} and has changed by {by}")
@@ -404,7 +413,9 @@ class _Search:
     def _stagnates(self) -> bool:
         """Whether the last refinements, by four together, hardly reduce the estimated error."""
         last = max(self.estimates)
+        # 3.9: factors rounded to whole elements may miss 4
         before = max((f for f in self.estimates if f <= last / 3.9), default=None)
+        # squared: two refinements by 2
         return before is not None and self.estimates[before].error < _LEAST_GAIN**2 * self.estimates[last].error
 
     def _chosen(self, factor: float, estimate: QuantityEstimate) -> Choice:
@@ -432,6 +443,7 @@ class _Search:
         solution = self.sequence.solution
         if solution is not None:
             estimates = tuple(self.sequence.estimate(factor, quantity) for quantity in run.quantities.values)
+            # the price of the estimate: all runs but the chosen one
             cpu = self.sequence.seconds - run.cpu
             remarks = (FACETED,) if mesh_files(self.scene) else ()
             solution = replace(solution, estimate=ErrorEstimate(estimates, remarks, cpu))

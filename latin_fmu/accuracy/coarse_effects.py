@@ -68,6 +68,7 @@ def coarse_run(scene: Scene, max_cpu: float | None = None) -> CoarseRun:
     mesh = mesh_factor(scene, COARSE) if coarsens_mesh(scene) else 1.0
     time = 1.0 if scene.time.quasi_static else COARSE
     coarse = at_resolution(scene, Resolution(mesh, time))
+    # fields: the energy of vibrations needs the velocities of all nodes
     coarse = coarse.model_copy(update={"output": type(scene.output)(fields=not scene.time.quasi_static, energy=True)})
     solution = api.solve(coarse, max_cpu=max_cpu)
     description = (
@@ -96,6 +97,7 @@ def _of_contact(name: str, history: InterfaceHistory, solution: Solution) -> Ite
     """Whether the sides touch, slip and open."""
     status = history.contact_status
     assert status is not None
+    # area times number of instants, m2: only ratios of them have a meaning
     touching, slipping = (float((flags @ history.areas).sum()) for flags in (status != SEPARATION, status == SLIP))
     if touching == 0.0:
         gap = "" if history.gap is None else f": the smallest gap is {history.gap.min():.3g} {solution.units['m']}"
@@ -122,6 +124,7 @@ def _of_energies(solution: Solution) -> Iterator[str]:
     largest = max((float(np.abs(values).max(initial=0.0)) for values in energy.values()), default=0.0)
     for key, name in (("friction_dissipation", "friction"), ("damping_dissipation", "damping")):
         lost = float(np.abs(energy[key]).max(initial=0.0)) if key in energy else 0.0
+        # below it the scene does not have the effect: nothing could be left out
         if ROUND_OFF * largest < lost <= NEGLIGIBLE * largest:
             yield f"{name} dissipates {100 * lost / largest:.2g} % of the largest energy"
 
@@ -138,6 +141,7 @@ def _of_bodies(problem: DiscretisedProblem, solution: Solution) -> Iterator[str]
     for name, history in histories.items():
         if problem.bodies[name].rigid:
             continue
+        # energies are squares: velocities of some 1e-6 of those of the others
         if totals[name] <= 1e-12 * largest:
             yield f"substructure {name} stays at rest"
         elif strains[name] <= STIFF * largest and name not in held:
@@ -164,6 +168,7 @@ def _vibration(problem: DiscretisedProblem, name: str, history: SubstructureHist
     velocity = history.velocity.reshape(len(history.velocity), -1)
     p = velocity @ momenta
     whole = np.einsum("td,dt->t", velocity, mass @ velocity.T)
+    # a difference: exact to round-off of the whole, which QUASI_STATIC is far above
     return np.asarray(0.5 * (whole - np.einsum("ti,ij,tj->t", p, inertia, p)))
 
 

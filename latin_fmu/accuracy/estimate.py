@@ -142,6 +142,7 @@ def estimated_error(definition: QuantityOfInterest, changes: Changes) -> tuple[f
     error = max(error, changes.sampling) + changes.iteration
     if math.isnan(error):
         return math.inf, True
+    # NaN, without a third run, compares as no bound
     return error, changes.half >= changes.quarter
 
 
@@ -246,12 +247,14 @@ def quantity_estimate(
         None.
     """
     definition, owner = definition_of(quantity), quantity.rpartition(".")[0]
+    # ratios of the steps: the mesh has the same one, or cannot change
     (at, fine), (at_half, half) = runs[:2]
     ratios, quarter, one_way = (at.time / at_half.time, 2.0 * at.time / at_half.time), math.nan, True
     if len(runs) > 2:
         at_last, coarsest = runs[2]
         ratios = ratios[0], at.time / at_last.time
         quarter, one_way = relative(quantity, fine, half, coarsest), same_way(quantity, fine, half, coarsest)
+    # the error of sampled loads is one of impulses; instants do not follow from their size
     if definition in (FIRST_CONTACT, SEPARATION):
         sampling = 0.0
     history = f"{owner}.{definition.of}"
@@ -262,6 +265,7 @@ def quantity_estimate(
         same_way=one_way,
         ratios=ratios,
         front=has_front(fine) if front is None else front,
+        # elements along one axis alone
         bars=cost_exponent(scene) <= 1.0,
         beside=0.0 if math.isnan(beside) else beside,
         sampling=sampling_error(scene) if sampling is None else sampling,
@@ -315,6 +319,7 @@ def coarser_runs_of(scene: Scene, third: bool = True) -> CoarserRuns | None:
     if coarsens_mesh(scene):
         mesh, second = mesh_factor(scene, 0.5), mesh_factor(scene, 0.25)
         half, remarks = Resolution(mesh, aligned(scene, mesh)), (FACETED,) if files else ()
+        # whole elements: a quarter of few elements may be nearly the half
         third = third and second < 0.8 * mesh and n * second >= FEWEST_STEPS
         return CoarserRuns(half, Resolution(second, aligned(scene, second)) if third else None, remarks)
     third = third and n >= 4 * FEWEST_STEPS

@@ -201,6 +201,7 @@ def measured_effects(
     if not solution.converged:
         why = f"every effect: {solution.status}"
         return MeasuredEffects(where, plain, [], [why], bool(solution.interrupted))
+    # begin: the run as written counts, too
     ends = begin + (MOST_RUNS * plain.cpu + LEAST_LIMIT if limit is None else limit)
     switches, unmeasured = _few([*_switches(scene, solution), *map(_followed, suggested)])
     rows, limited = [], False
@@ -235,6 +236,7 @@ def _timed(row: MeasuredEffect, limit: float | None = None) -> Solution:
     """Solve the scene of a row, spectra of sensors included, and keep the CPU time."""
     start = clock.process_time()
     solution = api.solve(row.scene, max_cpu=limit)
+    # made at the first access: a part of the price of their sensors
     _ = solution.spectra
     row.times.append(clock.process_time() - start)
     return solution
@@ -329,6 +331,7 @@ def _of_interfaces(scene: Scene, solution: Solution) -> Iterator[Switch]:
             if getattr(row, "friction_coefficient", 0.0):
                 yield _set(f"friction of {name}", f"{where}.friction_coefficient=0")
             history = solution.interfaces.get(name)
+            # bonded across a gap it would carry a force that no contact has
             if row.behaviour not in ("contact", "no_slip") or getattr(row, "gap", None):
                 continue
             effect = f"opening and slip of {name}"
@@ -356,6 +359,7 @@ def _of_bodies(scene: Scene, solution: Solution) -> Iterator[Switch]:
             continue
         if len(scene.substructure) > 1:
             yield Switch(f"elasticity of {name}", f"{where}.rigid = true", _rigid(name))
+        # with another density a body that is thrown has another momentum: another scene
         if not scene.time.quasi_static and not body.motion_keys:
             yield Switch(f"inertia of {name}", f"{where}.material of its own, density x {_LIGHT:g}", _light(name))
 
@@ -374,6 +378,7 @@ def _few(made: Sequence[Switch]) -> tuple[list[Switch], list[str]]:
     for switch in made:
         once.setdefault(switch.what, switch)  # what is suggested may be one of the others
     for switch in once.values():
+        # "friction of NAME" is a kind; settings without an owner are one each
         kind = switch.effect.partition(" of ")[0] if " of " in switch.effect else switch.what
         kinds.setdefault(kind, []).append(switch)
     unmeasured = [f"{kind} of {len(own) - _EACH} more than {_EACH}" for kind, own in kinds.items() if len(own) > _EACH]
@@ -398,6 +403,7 @@ def _without(*paths: str) -> Edit:
             *inner, last = path.split(".")
             here = [tables]
             for key in inner:
+                # a missing table is an empty one: nothing is taken away
                 here = [row for table in here for row in (table.values() if key == "*" else [table.get(key, {})])]
             for table in here:
                 table.pop(last, None)
@@ -430,6 +436,7 @@ def _light(name: str) -> Edit:
         own = dict(tables["material"][body["material"]])
         own["density"] *= _LIGHT
         tables["material"][f"{body['material']}_{name}"] = own
+        # a material of its own: others keep theirs
         body["material"] = f"{body['material']}_{name}"
 
     return edit
@@ -453,6 +460,7 @@ def _left_out(name: str) -> Edit:
     def edit(tables: Tables) -> None:
         tables["substructure"].pop(name)
         for kind, rows in tables.items():
+            # these may have the name of a body as a value without being attached to it
             if kind not in ("material", "substructure", "mesh") and isinstance(rows, dict):
                 gone = [n for n, row in rows.items() if isinstance(row, dict) and any(map(attached, row.values()))]
                 for n in gone:

@@ -203,13 +203,16 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     duration = quantities.durations[history.name] = force.peak_duration(history.peak_duration)
     quantities.spacings[history.name] = float(np.sqrt(history.areas.mean()))
     quantities.sides[history.name] = history.sides
+    # sizes and not components: a resultant may be zero though the faces press
     largest = float(np.einsum("p,tp->t", history.areas, np.linalg.norm(history.traction, axis=2)).max(initial=0.0))
     entries = of_force(force, end, history.contact_status is not None, ROUND_OFF * largest, duration)
     if (closing := closing_time(InterfaceFields.of_history(history, time), force.raw_peak())) is not None:
+        # a hundredth of the run: an instant near 0 would have any relative error
         entries[FIRST_CONTACT.key] = (closing, max(closing, 1e-2 * end))
     if history.friction_power is not None and history.has_friction:
         work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:] * np.diff(time))])
         last = float(_until(time, work, end).value[-1])
+        # N s m/s = J; a joint that hardly slides would have an error of 100 % of nothing
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[FRICTION_WORK.key] = (last, max(last, least))
     quantities.add(history.name, entries)
@@ -230,6 +233,7 @@ def of_force(
     steps = np.diff(force.time)
     impulse = float(np.sum(steps * 0.5 * (force.value[1:] + force.value[:-1])))
     whole = float(np.sum(steps * 0.5 * (size[1:] + size[:-1])))
+    # scale by |F|: forces of both signs may have no impulse at all
     entries = {IMPULSE.key: (impulse, whole)}
     if opens:
         level = CONTACT_SHARE * peak
@@ -326,6 +330,7 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
             maximax = Signal(spectrum.frequency[:n], spectrum.acceleration[0, :n])
             quantities.add_signal(f"{name}.{SPECTRUM.key}", maximax, float(maximax.values.max()))
     cutoff = band.chosen.cutoff
+    # nothing of the band is left in a run shorter than a period of its cut-off
     if cutoff >= _MEASURED * nyquist(step) or cutoff * end < 1.0:
         return
     for definition, motion in ((VELOCITY_PEAK, history.velocity), (ACCELERATION_PEAK, history.acceleration)):
@@ -343,6 +348,7 @@ def measure_solution(scene: Scene, solution: Solution) -> Quantities:
     end = scene.time.end
     quantities = measure(solution.outcome.interface_time, solution.interfaces, end)
     for name, history in solution.sensors.items():
+        # with other steps than those as written its frequencies are others
         known = solution.spectra.get(name) if len(solution.time) == scene.time.n_step + 1 else None
         band = Band.of(scene, scene.sensor[name], known)
         add_sensor(quantities, solution.time, history, end, band)

@@ -78,6 +78,7 @@ def reachable(counts: list[int], factor: float) -> float:
     (0.3333333333333333, 0.6)
     """
     largest = max(counts)
+    # halves up, as ``_scaled``: round() takes 2.5 to 2, and 3.5 to 4
     return max(1, int(largest * factor + 0.5)) / largest
 
 
@@ -133,6 +134,7 @@ def _refined(body: Substructure, factor: float) -> Substructure:
         box = body.box.model_copy(update={"elements": _scaled(body.box.elements, factor)})
         return body.model_copy(update={"box": box})
     assert body.mesh is not None
+    # a level of refinement halves all edges
     mesh = body.mesh.model_copy(update={"refine": body.mesh.refine + round(math.log2(factor))})
     return body.model_copy(update={"mesh": mesh})
 
@@ -278,6 +280,7 @@ class RunTimeFit:
         cheap = min(range(len(runs)), key=lambda i: runs[i].cpu)
         if work[cheap] == work[large]:
             return cls(0.0, runs[large].cpu / work[large], exponent)
+        # cpu = fixed + rate work through both points
         rate = (runs[large].cpu - runs[cheap].cpu) / (work[large] - work[cheap])
         return cls(max(runs[cheap].cpu - rate * work[cheap], 0.0), rate, exponent)
 
@@ -298,4 +301,5 @@ def cost_exponent(scene: Scene) -> float:
 def memory_at(scene: Scene, at: Resolution) -> float:
     """Bytes of the Cholesky factors of the boxes at a resolution (``assembly.propagator_choice.factor_bytes``)."""
     boxes = [b.box for b in at_resolution(scene, Resolution(at.mesh)).substructure.values() if b.box is not None]
+    # an upper bound: equal boxes share one factor
     return sum(factor_bytes(3 * math.prod(n + 1 for n in box.elements)) for box in boxes)

@@ -52,6 +52,9 @@ FILE: Final = "reference.json"
 """Name of the file with reference quantities, beside the scene file."""
 
 _PHYSICS: Final = ("material", "substructure", "interface", "boundary", "load", "sensor")
+# where a scene has them: a table of another kind changes no hash of the scenes without it
+_MORE: Final = ("contact", "point_mass", "gravity", "temperature", "bolt", "spring", "coupling", "port")
+_OF_TIME: Final = ("quasi_static", "start")
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ def physics_of(scene: Scene) -> str:
     kept: dict[str, Any] = {key: data.get(key, {}) for key in _PHYSICS}
     for body in kept["substructure"].values():
         body.get("box", {}).pop("elements", None)
+    kept |= {key: data[key] for key in _MORE if data.get(key)}
+    kept |= {key: data["time"][key] for key in _OF_TIME if key in data.get("time", {})}
     kept["end"] = scene.time.end
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -389,6 +394,7 @@ class Study:
     def error_of(self, quantities: Quantities, at: Resolution, quantity: str) -> float:
         """The same of the quantities of a run at a resolution."""
         finest = self.reference.resolution
+        # 0.75: the error of a reference hardly finer is as large as the one measured
         finer = finest is None or min(at.mesh / finest.mesh, at.time / finest.time) <= 0.75
         known = quantity in quantities.values and quantity in self.reference.quantities.scales
         return quantities.error(quantity, self.reference.quantities) if finer and known else math.nan
@@ -421,6 +427,7 @@ def study(scene: Scene, budget: float, log: Log) -> Study:
         at_resolution(scene, Resolution())  # raises the error of the scene
     reference = declared(scene)
     for f in (f for f in factors if f > 1.0):
+        # of the budget: a reference of its own has to be finer than all others
         share = 0.35 if reference is None else 0.15
         if runs and RunTimeFit.of(scene, runs[-2:]).seconds(f, f) < share * budget:
             run = made.run(TOGETHER, main, _at(scene, f), save=True)
@@ -508,6 +515,7 @@ def _refine_others(scene: Scene, made: StudyRuns, factors: list[float]) -> None:
             runs += [] if run is None else [run]
             if variant.scene is None:
                 break
+            # factors are a square root of two apart
             following = f * 2**0.5
             if runs and RunTimeFit.of(scene, runs[-2:]).seconds(following, following) > 0.4 * share:
                 break
@@ -592,6 +600,7 @@ def _remaining(rows: list[Row], quantity: str, mesh: bool) -> float:
     """Error at factor 1 from the distance d to the finest of a series: d / (1 - 1 / ratio), order 1."""
     by_factor = {_factor(r, mesh): r for r in rows}
     base = min(by_factor, key=lambda f: abs(f - 1.0), default=math.nan)
+    # NaN compares as not finer
     finest = max(by_factor, default=math.nan)
     if not finest > base:
         return math.nan
@@ -604,6 +613,7 @@ def _order(rows: list[Row], quantity: str, mesh: bool) -> float:
     if len(runs) < 3:
         return math.nan
     finest = max(runs)
+    # factors count by their ratio
     half, quarter = (min(runs, key=lambda f: abs(math.log(part * f / finest))) for part in (2.0, 4.0))
     if not finest > half > quarter:
         return math.nan
@@ -629,6 +639,7 @@ def cheapest(study: Study, quantity: str, target: float, variant: str | None = N
     own_error = 0.0 if own is None else own[quantity].error
     tried = dict.fromkeys(r.variant for r in study.rows if r.series == TOGETHER)
     for name in tried if variant is None else (variant,):
+        # from the finest: one that is accurate by chance, with finer ones that are not, does not count
         for row in reversed(study.of(TOGETHER, name)):
             error = study.error(row, quantity)
             if math.isnan(error):
@@ -655,6 +666,7 @@ def useful_tolerances(study: Study, quantity: str) -> dict[float, float]:
         allowed = NEGLIGIBLE * max(study.error(tight, quantity), FLOOR)
         useful[factor] = math.nan
         for row in rows[rows.index(tight) + 1 :]:
+            # "not <=": a missing quantity (NaN) ends the search, too
             if not _distance(row, tight, quantity) <= allowed:
                 break
             useful[factor] = row.tolerance

@@ -163,6 +163,7 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     for look, name in zip(curve_styles(len(names), markers=True), names, strict=True):
         rows = [r for r in study.of(TOGETHER, name) if np.isfinite(study.error(r, quantity))]
         cost = [r.run.cpu for r in rows]
+        # 1e-5: an exact value has no place on a logarithmic axis
         errors = np.maximum([study.error(r, quantity) for r in rows], 1e-5)
         width = 2.4 if name == study.main else 0.8
         axes.plot(cost, 100 * errors, label=name, linewidth=width, markersize=3.0 + width, **look)
@@ -238,6 +239,7 @@ def _label(axes: Axes, x: str, y: str, title: str, size: int = 9) -> None:
 
 def _line(axes: Axes, useful: Sequence[float], tolerances: Sequence[float]) -> None:
     """A staircase left of the largest useful tolerance of each mesh (beyond the right edge where there is none)."""
+    # tolerances fall to the right: those right of their left edge suffice
     places = [tolerances.index(t) - 0.5 if t in tolerances else len(tolerances) - 0.5 for t in useful]
     xs = [x for x in places for _ in range(2)]
     ys = [y for i in range(len(places)) for y in (i - 0.5, i + 0.5)]
@@ -272,6 +274,7 @@ def cost_split(axes: Axes, study: Study) -> None:
         bottom += shares[:, i]
     axes.set_xticks(range(len(rows)), labels)
     _label(axes, "mesh and steps", "share of CPU time (%)", "parts of the CPU time")
+    # room for the legend above bars of 100 %
     axes.set_ylim(0, 122)
     axes.legend(fontsize=6, loc="upper center", ncols=3)
 

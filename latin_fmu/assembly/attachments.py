@@ -161,6 +161,7 @@ def _spread(body: Body, mass: PointMass) -> AddedMass:
     """A mass spread evenly over a face."""
     face = body.face(split_face(str(mass.face))[1])
     nodal = np.zeros(body.mesh.n_node)
+    # positive: corners of quadratic facets may have negative areas
     nodal[face.nodes] = mass.mass * face.positive_areas / face.positive_areas.sum()
     lumped = np.repeat(nodal, 3)
     return AddedMass(diagonal_matrix(lumped), lumped, _NONE)
@@ -172,6 +173,7 @@ def _at_place(body: Body, mass: PointMass, where: str, problems: Problems) -> Ad
     if place is None or place.motion is None:
         return None
     at = place.motion.at(place.point)
+    # u = A d of the place: M = A^T m A
     matrix = sp.csr_array(mass.mass * (at.T @ at))
     lumped, rotation = np.zeros(body.full_size()), place.motion.rotation
     if rotation is None:
@@ -187,6 +189,7 @@ def _sum(masses: list[AddedMass]) -> AddedMass:
     """All masses of one body."""
     matrix = sp.csr_array(sum((m.matrix for m in masses[1:]), masses[0].matrix))
     matrix.sort_indices()
+    # sums of SciPy may have indices of 32 bits, the factors take 64
     matrix.indices, matrix.indptr = matrix.indices.astype(np.int64), matrix.indptr.astype(np.int64)
     lumped: Array = np.sum([m.lumped for m in masses], axis=0)
     return AddedMass(matrix, lumped, np.unique(np.concatenate([m.arms for m in masses])))
@@ -232,8 +235,10 @@ def coupling_units(scene: Scene, bodies: dict[str, Body], problems: Problems) ->
         if len(made) < 2:
             continue
         (interface,) = coupling.interfaces(name).values()
+        # a point of a solid has no arm: it has to be the common point
         solid = [end for end in made if end.motion is not None and end.motion.rotation is None]
         point = (solid or made)[0].point
+        # the size of the face: rotations lengthen the rods by as much as translations
         length = max(end.motion.radius for end in made if end.motion is not None)
         area = min(end.area for end in made)
         joined = coupling.rotations and not solid

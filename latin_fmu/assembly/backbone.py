@@ -118,6 +118,7 @@ def backbone(
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
         joined = JoinedAssembly.of(scene, "sticking", pressed_of(state))
         shape = _Shape.of(joined, mode, whole, sensor)
+        # of the linear mode: q = alpha / omega^2, which moves the place by q times sensed
         levels = wanted * shape.omega**2 / shape.sensed
         for cut in range(_CUTS):
             path = _Path.of(levels, loop, increments * 2**cut)
@@ -192,6 +193,7 @@ class _Shape:
         for name, model in parts.models.items():
             own = parts.where[name]
             forces[name] = pulled[own, 0]
+            # rigid: a with N^T a = M phi, N the motions of the nodes, the shortest of many
             rows[name] = (pulled[own] if model.nodal is None else la.lstsq(model.nodal.T, pulled[own])[0]).T
             moved[name] = full[own] if model.nodal is None else model.nodal @ full[own]
         place = _largest(moved, whole) if sensor is None else whole.sensors[sensor]
@@ -319,6 +321,7 @@ def _read(
     top, other = path.top, path.other
     first = np.zeros_like(top) if loop == "masing" else top
     load = path.load[top]
+    # masing: from the start to +alpha is half of the whole swing already
     half = (q[top] - q[other]) / (1.0 if loop == "masing" else 2.0)
     loss = {"half": 2.0, "full": 1.0, "masing": 4.0}[loop] * (work[path.end] - work[first])
     spans = list(zip(first, path.end, strict=True))

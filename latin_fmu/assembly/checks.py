@@ -77,6 +77,7 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
     """Every face named in the scene must exist on its mesh."""
     for where, side in _faces_named(scene):
         substructure, face = split_face(side)
+        # a side without its body is a problem of the scene, and named there
         if substructure not in bodies:
             continue
         known = sorted(bodies[substructure].mesh.faces)  # those of the mesh
@@ -223,7 +224,7 @@ def locking_remarks(scene: Scene, bodies: dict[str, Body]) -> list[str]:
         if any(isinstance(b, Periodic) for b in boundaries):
             continue
         behind = _mesh_walls(body, boundaries) if body.description.box is None else _box_walls(body, boundaries)
-        if (message := _bending_message(behind, stiff, set(body.mesh.cell_types), body.mesh.size)) is not None:
+        if (message := _bending_message(behind, stiff, body)) is not None:
             remedy = f"set substructure.{name}.bending_modes" if "hexahedron" in stiff else "use quadratic elements"
             remarks.append(f"substructure {name}: {message}; {remedy} (waves along the body are not affected)")
     return remarks
@@ -235,18 +236,19 @@ def _stiff_types(body: Body) -> set[str]:
     return types - set(BENDING_CELLS) if body.shape.bending_modes else types
 
 
-def _bending_message(walls: Walls, stiff: set[str], types: set[str], extent: float) -> str | None:
-    """Message on the walls of a body of this size that are too stiff in bending, None where there are none: slender
-    walls bend, and short ones where they are very coarse."""
-    factors = _factors(stiff, types)
+def _bending_message(walls: Walls, stiff: set[str], body: Body) -> str | None:
+    """Message on the walls of a body that are too stiff in bending, None where there are none: slender walls bend, and
+    short ones where they are very coarse."""
+    factors = _factors(stiff, set(body.mesh.cell_types))
     excess = np.array([factors.get(kind, 0.0) for kind in walls.kind.tolist()]) * (walls.length / walls.thickness) ** 2
-    slender = extent / walls.thickness
+    slender = body.mesh.size / walls.thickness
     coarse = (excess > np.where(slender > 10.0, 0.2, 0.6)) & (slender > 5.0)
     if walls.area[coarse].sum() <= _SHARE * walls.area.sum():
         return None
     thickness, times = walls.thickness[coarse], walls.length[coarse] / walls.thickness[coarse]
     return (
-        f"linear elements {np.median(times):.2g} times as long as the wall of {np.median(thickness):.3g} m is thick: "
+        f"linear elements {np.median(times):.2g} times as long as the wall of "
+        f"{np.median(thickness):.3g} {body.units['m']} is thick: "
         f"in bending it would be about {100 * float(np.median(excess[coarse])):.0f} % too stiff"
     )
 

@@ -224,6 +224,7 @@ class _Excitations:
             return pulled
         place, _, along = drive.rpartition(".")
         if place in self.scene.sensor and along in AXES:
+            # work of a unit force: what gives the motion of the place gives its nodal forces
             forces: Array = self.rows(place)[AXES.index(along)]
             return forces
         return self._load(drive)
@@ -253,6 +254,7 @@ class _Excitations:
     def carried(self) -> Array:
         """Share (3,) of the mass that rigid motions carry along each axis."""
         rigid = self.modes.vectors[:, : self.modes.n_rigid]
+        # rigid motions are mass-orthonormal: squares are effective masses
         share: Array = np.square(rigid.T @ self._pulled).sum(axis=0) / self.joined.parts.total_mass
         return share
 
@@ -288,15 +290,18 @@ class _Basis:
         Raises InputError: there is no damping."""
         joined, modes, count = excitations.joined, excitations.modes, _FIRST
         top = _BEYOND * (modes.omega[-1] if highest is None else 2 * np.pi * highest)
+        # fewer than were requested: the assembly has no more
         while modes.omega[-1] < top and len(modes.omega) - modes.n_rigid >= count and count < _MOST:
             count *= 2
             modes = joined.modes(count)
         rigid, elastic = modes.vectors[:, : modes.n_rigid], modes.vectors[:, modes.n_rigid :]
         size = np.linalg.norm(forces, axis=0)
+        # unit columns: M r of a base and a unit force differ by the size of the masses
         values, vectors = ritz_vectors(joined.vibration, rigid, elastic, forces[:, size > 0.0] / size[size > 0.0])
         vectors, omega = np.hstack([rigid, vectors]), np.sqrt(np.concatenate([np.zeros(modes.n_rigid), values]))
         n_mode = len(modes.omega)
         if ratios is not None:
+            # the last ratio is that of the rest, static responses included
             number = np.minimum(np.arange(len(values)), len(ratios) - 1)
             own = np.concatenate([np.zeros(modes.n_rigid), ratios[number]])
             return _Basis(vectors, omega, 2 * own * omega, modes.n_rigid, n_mode)
@@ -314,6 +319,7 @@ class _Basis:
     def ratio(self) -> Array:
         """Damping ratios (m,), 0 for rigid motions."""
         own = self.damping if self.damping.ndim == 1 else np.diagonal(self.damping)
+        # np.where divides for all: 1e-300 keeps rigid motions from a warning
         ratio: Array = np.where(self.omega > 0.0, own / (2 * np.maximum(self.omega, 1e-300)), 0.0)
         return ratio
 
@@ -323,6 +329,7 @@ class _Basis:
         if not len(own) and (lowest is None or highest is None):
             raise InputError.of(_HEADING, "frequencies", "the assembly has no elastic mode", remedy="give both ends")
         last = float(own[min(len(own), _FIRST) - 1]) if highest is None else highest
+        # the highest may be given below the first natural frequency
         first = _LOWEST * min(float(own[0]), last) if lowest is None else lowest
         if not first < last:
             what = "not below the highest frequency"

@@ -178,6 +178,7 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
     face = face_of(body.mesh.nodes, facing_set)
     points, trace = own_points(body, facing_set, face)
     vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
+    # from E to E': the plane has its normal out of the ground
     normals = np.tile(-normal, (len(points), 1))
     return FacePair(
         points,
@@ -218,6 +219,7 @@ def _held_directions(
 def _without(trace: sp.csr_array, removed: Mask) -> sp.csr_array:
     """The trace without the rows of these directions (n_point, 3)."""
     kept = sp.csr_array(sp.diags_array((~removed).astype(float).ravel()) @ trace)
+    # else the rows would still name the nodes
     kept.eliminate_zeros()
     return kept
 
@@ -339,6 +341,7 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
     for (_, surface), (body, other) in ((first, second), (second, first)):
         low, high = _box(other)
         middles = np.concatenate([pieces.centres for pieces in surface.pieces])
+        # a search for the cell of a point costs more: only where the boxes say it may be inside
         middles = middles[((low < middles) & (middles < high)).all(axis=1)]
         for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
             if locate(body.mesh, middle) is not None:
@@ -359,6 +362,7 @@ def _meet(first: Surface, second: Surface, search: float) -> bool:
 
 
 def _free_name(stem: str, taken: set[str]) -> str:
+    # names have 100 characters: four are left for the number
     number, name = 1, stem[:96]
     while name in taken:
         number += 1
@@ -535,6 +539,7 @@ def _face_pair(
         pair = node_by_node(first, second)
         if pair is not None:
             return pair
+    # the six unknowns of a rigid body are those of no node
     held = [None if body.rigid else conditions[body.name].held for body, _ in sides]
     pair = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
     if pair is None:
@@ -627,6 +632,7 @@ def _gap(
         return np.full(len(pair.points), interface.number_gap or 0.0)
     length = units["m"]
     size = float(np.ptp(pair.points, axis=0).max())
+    # one point has no extent
     size = max(size, float(np.sqrt(pair.areas.sum())))
     distance, negligible = pair.distance, _TOUCHING * size
     chordal = np.abs(distance) <= 2 * pair.sags + negligible
@@ -679,6 +685,7 @@ def _gap(
 def _formed(name: str, form: FaceForm, pair: FacePair, gap: Array, length: str, problems: Problems) -> Array | None:
     """The gap (n_point,) with the form of the faces added; None where a table does not reach all points."""
     centre = pair.areas @ pair.points / pair.areas.sum() if form.centre is None else np.asarray(form.centre)
+    # not of length 1 on a curved face: divided by below
     mean = pair.areas @ pair.normals
     out = max((abs(float(d @ mean)) for d in form.directions), default=0.0) / float(np.linalg.norm(mean))
     if out > _OUT_OF_FACE:

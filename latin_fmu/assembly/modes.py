@@ -207,6 +207,7 @@ def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
 
 def pressed_of(state: InitialState) -> dict[str, np.ndarray]:
     """(n_point,) whether the points of each interface are under pressure in a state."""
+    # local frames, the normal first; pressure is negative on side E
     return {name: traction[:, 0] < 0.0 for name, traction in state.traction.items()}
 
 
@@ -297,6 +298,7 @@ def _joint(
     layer = getattr(unit.behaviour, "normal_stiffness", None)
     if layer is None and sticks and closed.all():
         return parts.jump(unit, local=False), None, words
+    # a layer has its springs along the normal in the place of a rigid row
     components = np.array([layer is None, sticks, sticks])
     rows = parts.jump(unit, local=True)[np.flatnonzero((closed[:, None] & components).ravel())]
     spring = None if layer is None else _layer(unit, parts, np.array([layer, 0.0, 0.0]), closed)
@@ -325,6 +327,7 @@ def _shift(discretised: DiscretisedProblem, parts: Parts) -> float:
 def _lowest(vibration: Vibration, count: int) -> tuple[Array, Array, int]:
     """Eigenvalues and vectors, rigid motions first, at least ``count`` elastic ones where there are as many; number of
     rigid motions."""
+    # an upper estimate of rigid motions: more eigenvalues than needed cost little
     separate = connected_components(vibration.stiffness, directed=False)[0]
     wanted = count + 6 * min(separate, 50)  # each separate part may have six rigid motions
     while True:
@@ -334,6 +337,7 @@ def _lowest(vibration: Vibration, count: int) -> tuple[Array, Array, int]:
         if len(values) >= count or wanted >= vibration.n - 1:
             break
         wanted += count - len(values) + 6
+    # small problems give all of them
     values, vectors = values[:count], vectors[:, :count]
     return np.concatenate([np.zeros(rigid.shape[1]), values]), np.hstack([rigid, vectors]), rigid.shape[1]
 

@@ -220,6 +220,7 @@ def operator_bytes(size: ClassSize, settings: PropagatorSettings) -> float:
         "reduced": 2 * factor + 8.0 * size.unknowns * size.basis(settings.modes),
         "cg": 2 * interface + modal,
     }[settings.kind]
+    # per member: operators are shared, states are not
     states = 8.0 * _STATE_VECTORS * size.members * size.unknowns
     return own + 4 * condensed + _SPARSE_BYTES * size.sparse + states
 

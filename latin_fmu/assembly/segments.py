@@ -152,6 +152,7 @@ class SegmentState:
         SceneError : there is no equilibrium; the state is unchanged.
         """
         start = self._at_start(amplitudes)
+        # the equilibrium of these amplitudes is known
         if start == self._amplitudes or self.scene.time.start.type != "static":
             return
         before = self.problem

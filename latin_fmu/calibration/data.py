@@ -1,4 +1,4 @@
-"""MeasuredTable data: tables whose header says what a column is, checked against the scene.
+"""Measured data: tables whose header says what a column is, checked against the scene.
 
 The first column is what the others are given over, and says what kind of data these are:
 
@@ -63,7 +63,7 @@ _SMALL: Final = 0.1  # of the largest value of a column: smaller ones scatter as
 
 @dataclass(frozen=True)
 class Column:
-    """MeasuredTable values of one quantity.
+    """Measured values of one quantity.
 
     Attributes
     ----------
@@ -170,6 +170,7 @@ class _Reader:
         (self._header_line, header), rows = lines[0], lines[1:]
         names, factors = self._names(header)
         first = names[0].rpartition(".")
+        # SENSOR.amplitude alone may have an owner
         kind = _KINDS.get(first[2]) if not first[0] or first[2] == "amplitude" else None
         if kind is None:
             allowed, remedy = ", ".join((*_KINDS, "SENSOR.amplitude")), did_you_mean(names[0], _KINDS)
@@ -191,6 +192,7 @@ class _Reader:
         if self.problems:
             return None
         self._limits(kind, names, table, [number for number, _ in rows])
+        # rows of one abscissa keep their order
         order = np.argsort(table[:, 0], kind="stable")
         by_name: Mapping[str, Array] = {name: table[order, i] for i, name in enumerate(names)}
         columns = tuple(Column(n, *part, by_name[n], by_name.get(n + _SD)) for n, part in parts.items())
@@ -231,6 +233,7 @@ class _Reader:
             self._say("no such column", self._header_line, value=name, allowed=allowed)
             return None
         where, unit = _QUANTITIES[quantity]
+        # builds the scene, which takes seconds: only where the name is not one of the scene
         if where == "interface" and self._scene.contact and parts[0] not in self._owners[where]:
             self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those that it finds
         if parts[0] not in self._owners[where]:
@@ -252,6 +255,7 @@ class _Reader:
         """Factors to the units of the scene, by column."""
         scales = np.ones(len(names))
         for i, (name, given, unit) in enumerate(zip(names, factors, units, strict=True)):
+            # seconds are those of all systems: Hz has no factor
             if not given or not unit or given == unit == "Hz":
                 continue
             if si_unit(given) != unit:

@@ -139,6 +139,7 @@ class Predictor:
         try:
             solution = api.solve(scene.replace(_KEY, wanted), kept=self._kept)
         except SceneError as error:
+            # other problems would come again without derivatives
             if not wanted or any(problem.where != _KEY for problem in error.problems):
                 raise
             self.reason = "; ".join(f"{p.value or 'derivatives'}: {p.what}" for p in error.problems)
@@ -161,6 +162,7 @@ class Predictor:
             return {"frequency": elastic[number - 1]}
         if table.kind == "backbone":
             ends = table.along[0], table.along[-1]
+            # each costs a loop of static solutions; between them the curve is smooth
             levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
             curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments)
             places, known = np.log(table.along), np.log(curve.amplitude)
@@ -188,6 +190,7 @@ class Predictor:
         assert solution.sensitivities is not None
         known = {d.name: d for d in solution.sensitivities.derivatives}
         for names in self._parameters:
+            # stored as the change for the scale of the parameter
             parts = [
                 self._series(getattr(known[n], _table_of(column)), column, solution) / known[n].scale for n in names
             ]
@@ -202,6 +205,7 @@ class Predictor:
     def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
+        # the mean of all: the difference of two instants late in a run has fewer digits
         step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
         return shock_response_spectrum(motion, step, table.along, 10.0 if request is None else request.quality)
 

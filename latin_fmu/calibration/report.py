@@ -78,6 +78,7 @@ class FitParameter:
     @property
     def scale(self) -> float:
         """What the parameter is divided by in the fit."""
+        # a start of 0 has no size
         return abs(self.start) or min(1.0, self.high - self.low)
 
     @property
@@ -281,10 +282,12 @@ class Spread:
         own = self.slopes[:, self.free]
         sizes = np.linalg.norm(own, axis=0)
         scaled = np.where(sizes > 0.0, sizes, 1.0)
+        # columns of unit length: parameters of other units are no reason for small values
         u, size, v = np.linalg.svd(own / scaled, full_matrices=False)
         with np.errstate(divide="ignore"):
             kept = np.maximum(size, np.finfo(float).eps)
         made = (v.T / kept) @ u.T / scaled[:, None]
+        # what the data do not depend on has an infinite interval
         return np.where((sizes > 0.0)[:, None], made, np.inf)
 
     def covariance(self) -> Array:
@@ -428,10 +431,12 @@ def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, 
     if not best.flagged:
         return []
     said = [f"derivatives flagged: {text}" for text in best.flagged]
+    # pairs of neighbours from the last on
     for a, b in zip(done[-2::-1], done[:0:-1], strict=True):
         step = np.array(b.values) - np.array(a.values)
         if a.slopes is not None and b.slopes is not None and _NEAR[0] < np.abs(step / scale).max() < _NEAR[1]:
             change = (b.predicted - a.predicted) / weights
+            # trapezoidal rule along the step
             off = change - 0.5 * (a.slopes + b.slopes) @ step / weights
             share = float(np.linalg.norm(off) / np.linalg.norm(change))
             return [*said, f"the derivatives predict the change of the data between two runs to {100 * share:.2g} %"]
@@ -446,6 +451,7 @@ def _on_residuals(columns: Sequence[ColumnFit], spread: Spread) -> list[str]:
         if c.table.kind == "history" and len(r) >= _FEW and (total := float(r @ r)) > 0.0:
             following = float(r[1:] @ r[:-1]) / total
             if following > _FOLLOWING:
+                # variance of the mean of an autoregressive process of first order
                 wider = math.sqrt((1.0 + following) / (1.0 - min(following, 0.99)))
                 said.append(
                     f"residuals of {c.column.name} follow each other (correlation {following:.2f} from one to the "

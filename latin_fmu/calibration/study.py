@@ -93,6 +93,7 @@ def parameters_of(fit: Sequence[str], scene: Scene) -> list[FitParameter]:
         if start is None and len(set(values)) > 1:
             problems.add("--fit", "the numbers have different values", text, remedy="give the start: NAME,NAME=START")
         begin = values[0] if start is None else start
+        # a factor has no meaning for numbers that may have either sign
         ends = (begin / _RANGE, begin * _RANGE) if begin > 0.0 else (-math.inf, math.inf)
         low, high = ends[0] if low is None else low, ends[1] if high is None else high
         if not (math.isfinite(begin) and low < begin < high):
@@ -191,6 +192,7 @@ class LeastSquares:
             return self.renew(z)
         for other in self._since:
             step = np.array(other.values) / self.scale - z
+            # Broyden's update: the secant to the other run is met, directions across stay
             if (size := float(step @ step)) > _NOISE**2:
                 off = other.predicted - here.predicted - self._secants @ step
                 self._secants = self._secants + np.outer(off, step) / size
@@ -202,7 +204,9 @@ class LeastSquares:
         here, columns = self.at(z), []
         assert here is not None
         for i, p in enumerate(self._parameters):
+            # a parameter at 0 has no size of its own
             length = _SECANT * max(abs(z[i]), _SECANT)
+            # inwards first: a run beyond a bound may not exist
             for step in (length, -length) if (z[i] + length) * p.scale <= p.high else (-length, length):
                 moved = z.copy()
                 moved[i] += step
@@ -217,6 +221,7 @@ class LeastSquares:
     def run(self, z: Array) -> _Fit:
         """Fit from ``z``."""
         low, high = (np.array([getattr(p, end) for p in self._parameters]) / self.scale for end in ("low", "high"))
+        # ftol is relative to the whole sum, _SETTLED to the square of one residual
         few, converged = _SETTLED / len(self._data), False
         try:
             for _ in range(_RENEWALS):
@@ -232,11 +237,13 @@ class LeastSquares:
                 )
                 z, converged = found.x, found.status > 0
                 best = self.best()
+                # derivatives of the run do not age: where the method rests the fit does
                 if best.slopes is not None:
                     break
                 z = np.array(best.values) / self.scale
                 jacobian = self.renew(z) / self.weights[:, None]
                 free = (z > low + _AT_BOUND) & (z < high - _AT_BOUND)
+                # what a full step along the free parameters would still gain
                 gain = np.linalg.lstsq(jacobian[:, free], -self.residuals(best), rcond=None)[0]
                 if np.sum((jacobian[:, free] @ gain) ** 2) <= _AT_REST * np.mean(self.residuals(best) ** 2):
                     break
@@ -331,5 +338,6 @@ def _weigh(tables: Sequence[MeasuredTable], search: LeastSquares, best: Predicte
     if among < 2 or not sizes or largest < _EXACT or (among == len(sizes) and largest < _UNEVEN * min(sizes.values())):
         return False
     for key, place in places.items():
+        # a column met to round-off would weigh without limit
         search.weights[place] *= max(sizes[key], 1e-3 * largest)
     return True

@@ -72,6 +72,7 @@ def _connected(causality: str, turned: int) -> Callable[[Port], Sequence[int | N
 
 def _measured(turned: int) -> Callable[[Port], Sequence[int | None]]:
     """Axes of the motion of a port, which is measured where it is not set."""
+    # ``rotates`` is 0 or 1: velocities always, angular ones of ports that turn
     return lambda port: () if port.causality == "motion_in" or turned > port.rotates else (0, 1, 2)
 
 

@@ -26,11 +26,12 @@ from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
 from ..results.dataset import datatree, result_groups, root_group
 from ..results.estimates import ErrorEstimate
-from ..results.groups import SCHEMA_VERSION
+from ..results.groups import SCHEMA_VERSION, UNITS, in_units
 from ..results.quantities import AXES
 from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
 from ..scene.schema import Scene
+from ..scene.units import SI, UnitSystem
 from .derivatives import Derivatives
 from .input_table import with_laws
 from .loads import Curve, Loads
@@ -159,6 +160,7 @@ class Session:
         except LatinError as error:
             return refused(str(error), again=True)
         if report.accepted:
+            # t + h and not a sum of own steps: hosts compare it with theirs
             self.time, self.row = t + h if report.early is None else report.early, mode.row
             if self.settings.keep:
                 segment = mode.segment if isinstance(mode, Windowed) else None
@@ -229,7 +231,7 @@ class Session:
 
         tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
         if estimate:
-            tree["/accuracy"] = xr.DataTree(self.estimate_error().group().dataset())
+            tree["/accuracy"] = xr.DataTree(self.estimate_error().group(self.scene.unit_system).dataset())
         return tree
 
     def close(self) -> None:
@@ -292,13 +294,14 @@ def result_tree(
     if mode is None or mode.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
         tree.attrs = {**provenance(), "scene_name": scene.name, "schema_version": SCHEMA_VERSION}
+        tree.attrs[UNITS] = scene.unit_system.name
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)
         groups = {"/": root_group(outcome, scene.name, scene.text(), provenance())}
         groups |= result_groups(outcome, problem.recovered, scene.sensor, surfaces=scene.output.surfaces)
-        tree = datatree(groups, scene.name)
-    tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps))
+        tree = datatree(in_units(groups, scene.unit_system), scene.name)
+    tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
     return tree
 
 
@@ -307,8 +310,9 @@ def _segments(mode: Windowed | Prescribed, steps: Sequence[AcceptedStep]) -> lis
     return [segment for segment in segments if segment is not None]
 
 
-def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -> xr.Dataset:
-    """Inputs (held at the start of a step) and outputs (at its end) by step; dots in names become underscores."""
+def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep], units: UnitSystem = SI) -> xr.Dataset:
+    """Inputs (held at the start of a step) and outputs (at its end) by step, in ``units``; dots in names become
+    underscores."""
     outputs = [v for v in table if v.causality == "output"]
     rows = np.array([step.row for step in steps]).reshape(len(steps), len(outputs))
     columns: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {
@@ -318,16 +322,16 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
         if variable.causality == "input":
             name, what = input_of(variable.name)
             values = np.array([getattr(step, what)[name] for step in steps])
-            columns[_plain(variable.name)] = (("time",), values, _attributes(variable))
+            columns[_plain(variable.name)] = (("time",), values, _attributes(variable, units))
     places = {variable.name: i for i, variable in enumerate(outputs)}
     for i, variable in enumerate(outputs):
         match = _COMPONENT.fullmatch(variable.name)
         three = [places.get(f"{match[1]}[{k}]", -1) for k in (1, 2, 3)] if match else [-1]
         if match is None or min(three) < 0:  # a port may have one or two components
-            columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable))
+            columns[_plain(variable.name)] = (("time",), rows[:, i], _attributes(variable, units))
         # the first of three components writes the vector
         elif match[2] == "1":
-            attributes = _attributes(variable) | {"long_name": variable.description.removesuffix(", x")}
+            attributes = _attributes(variable, units) | {"long_name": variable.description.removesuffix(", x")}
             columns[_plain(match[1])] = (("time", "component"), rows[:, three], attributes)
     time = np.array([step.end for step in steps])
     dataset = xr.Dataset(columns, coords={"time": time, "component": AXES})
@@ -336,10 +340,10 @@ def exchange_dataset(table: Sequence[Variable], steps: Sequence[AcceptedStep]) -
     return dataset
 
 
-def _attributes(variable: Variable) -> dict[str, str]:
-    """netCDF attributes of a variable."""
+def _attributes(variable: Variable, units: UnitSystem) -> dict[str, str]:
+    """netCDF attributes of a variable in the units of the scene."""
     meaning = {"long_name": variable.description}
-    return meaning if variable.unit is None else {"units": variable.unit, **meaning}
+    return meaning if variable.unit is None else {"units": units.label(variable.unit), **meaning}
 
 
 def _plain(name: str) -> str:

@@ -53,6 +53,7 @@ class Settings:
         """Problems of the settings that are out of range."""
         modes, rules = "0 (windowed) or 1 (prescribed)", "0 (hold), 1 (rate), 2 (line), 3 (causal line)"
         tolerance, n, span = self.tolerance, self.max_iterations, ("must be a time span", "a finite number > 0")
+        # round-off of doubles ends no iteration below it
         in_range = tolerance is None or 1e-14 <= tolerance < 1.0
         checks = (
             ("mode", self.mode, self.mode in (WINDOWED, PRESCRIBED), "no such mode", modes),
@@ -93,6 +94,7 @@ class Settings:
         if self.mode == PRESCRIBED and self.end_time is not None:
             end = self.end_time
         if (step, end) != (scene.time.time_step, scene.time.end):
+            # prescribed: a whole number of steps, the end is met exactly
             n = max(1, round(end / step))
             if self.mode != PRESCRIBED:  # the step is kept, not the end, up to which time laws are tabulated
                 n = min(max(n, math.ceil(end / step - EARLY)), MAX_INSTANTS)
@@ -133,6 +135,7 @@ def why_not(t: float, h: float, now: float, time_step: float) -> str:
     """Why no step can be made from t by h at the time ``now``, all in s; empty where it can."""
     if not (math.isfinite(t) and math.isfinite(h)):
         return f"time {t!r} or step size {h!r} is not a finite number"
+    # t + h <= t: late in a simulation a step may be below the last digit of t
     if h <= SHORTEST * time_step or t + h <= t:
         return f"the step size {h!r} s is too short; it must exceed {SHORTEST * time_step:.3g} s"
     if abs(t - now) > EARLY * h:

@@ -44,6 +44,7 @@ class Link:
     def __init__(self, step: AcceptedStep, before: Link | None, identity: str) -> None:
         self.step, self.before = step, before
         digest = hashlib.sha256(identity.encode())
+        # repr: all digits of floats
         digest.update(repr((step.start, step.end, step.value, step.rate)).encode())
         digest.update(step.row.tobytes())
         self.identity = digest.hexdigest()[:32]

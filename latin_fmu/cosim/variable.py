@@ -77,6 +77,7 @@ def input_of(variable: str) -> tuple[str, str]:
     return name.removeprefix("load."), what
 
 
+# lazy (+?): else the name would take in Rate and History
 _PORT = re.compile(r"(port\.\w+\.[a-zA-Z]+?)(Rate|History)?(\[\d\])")
 _INCIDENT = re.compile(r"port\.\w+\.incident")
 AXES = ("x", "y", "z")
@@ -139,5 +140,6 @@ def table_from(text: str) -> tuple[Variable, ...]:
     """The table that ``table_text`` wrote."""
     rows = json.loads(text)
     for row in rows:
+        # JSON has lists, and no defaults (``table_text``)
         row.update({key: tuple(row.get(key, ())) for key in ("dimensions", "initial_dependencies")})
     return tuple(Variable(**row) for row in rows)

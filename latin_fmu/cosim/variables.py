@@ -82,6 +82,7 @@ def _impedances(scene: Scene) -> Iterator[Variable]:
     """Impedances of the components of wave ports."""
     words = ("impedance", "rotationalImpedance")
     for name, port in scene.port.items():
+        # other ports have components and no impedance
         for component, impedance in zip(port.components, port.impedance or (), strict=bool(port.impedance)):
             turned = COMPONENTS.index(component) // 3
             unit, about = ("N m s", ", of a rotation") if turned else ("N s m-1", "")

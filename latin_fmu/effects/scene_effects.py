@@ -393,6 +393,7 @@ def energy(p: Prediction) -> Effect:
     if not p.scene.output.energy:
         return _off(name, why, "not requested", "output.energy = true")
     reason, cost = "every term from the fields of every instant", saved(p, replace(p.run, energy=False))
+    # seven terms, of every substructure and of the assembly
     memory = 8 * (p.run.n_instant + 1) * 7 * (1 + sum(c.size.members for c in p.run.classes))
     return Effect(name, True, why, reason, "output.energy = false", ("energy meter",), cost, memory=memory)
 

@@ -202,6 +202,7 @@ class Orthotropic(Elasticity):
         """Strains of unit normal stresses along the axes of the material (3, 3), Pa-1."""
         compliance = np.diag(1.0 / np.asarray(self.moduli))
         for (i, j), ratio in zip(_PAIRS, self.ratios, strict=True):
+            # nu_ij / E_i = nu_ji / E_j: one ratio for both places
             compliance[[i, j], [j, i]] = -ratio / self.moduli[i]
         return compliance
 
@@ -211,6 +212,7 @@ class Orthotropic(Elasticity):
         own = np.zeros((3, 3, 3, 3))
         normal = np.linalg.inv(self.normal_compliance)
         for i in range(3):
+            # round-off of the inverse is not symmetric
             own[i, i, range(3), range(3)] = 0.5 * (normal[i] + normal[:, i])
         for (i, j), shear in zip(_PAIRS, self.shear_moduli, strict=True):
             own[[i, i, j, j], [j, j, i, i], [i, j, i, j], [j, i, j, i]] = shear
@@ -229,6 +231,7 @@ class Orthotropic(Elasticity):
 
     def stress(self, strain: Array) -> Array:
         """Stress (..., 6), Pa: C : eps."""
+        # the contraction has every shear component twice
         six = self.tensor[ROWS, COLUMNS][:, ROWS, COLUMNS] * ([1.0] * 3 + [2.0] * 3)
         return np.asarray(strain @ six.T)
 
@@ -239,6 +242,7 @@ class Orthotropic(Elasticity):
     def wave_speeds(self) -> tuple[float, float]:
         """Largest and smallest over all directions, m s-1."""
         at = (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+        # turns by the golden section: points of equal density, without poles
         turn, radius = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_DIRECTIONS), np.sqrt(1.0 - at**2)
         spiral = np.stack([radius * np.cos(turn), radius * np.sin(turn), at], axis=1)
         squares = np.linalg.eigvalsh(self._christoffel(np.concatenate([spiral, np.asarray(self.axes)]))) / self.density
@@ -252,17 +256,20 @@ class Orthotropic(Elasticity):
     @property
     def poisson_ratio(self) -> float:
         """nu with the bulk modulus under equal pressure and the mean of the three shear moduli."""
+        # equal pressure p on all sides: the volume changes by p times the sum of the compliances
         bulk, shear = 1.0 / float(self.normal_compliance.sum()), sum(self.shear_moduli) / 3.0
         return (3.0 * bulk - 2.0 * shear) / (6.0 * bulk + 2.0 * shear)
 
     def moduli_along(self, directions: Array) -> tuple[Array, Array]:
         """1 / (n n : S : n n) and half of tr Gamma - n Gamma n, Pa."""
         squares = (directions @ np.asarray(self.axes).T) ** 2
+        # n_i n_j of a unit stress n n shears twice by 1 / (2 G_ij)
         sheared = (squares[..., [0, 0, 1]] * squares[..., [1, 2, 2]]) @ (1.0 / np.asarray(self.shear_moduli))
         along = np.einsum("...i,ij,...j->...", squares, self.normal_compliance, squares) + sheared
         return 1.0 / along, _along_and_across(self._christoffel(directions), directions)[1]
 
     def impedance(self, normals: Array) -> Array:
         """(rho Gamma)^(1/2) (..., 3, 3), Pa s m-1."""
+        # root of a symmetric tensor by its eigenvectors
         squares, shapes = np.linalg.eigh(self.density * self._christoffel(normals))
         return np.asarray((shapes * np.sqrt(squares)[..., None, :]) @ np.swapaxes(shapes, -1, -2))

@@ -122,6 +122,7 @@ class Elements:
         """Rows and columns of the matrices, compressed rows; where the entries of every pair of nodes begin in the rows
         of the three components of its first node (3, n_pair); which pair those of every cell are, cell by cell."""
         n = self.mesh.n_node
+        # one number n i + j for a pair of nodes (i, j): sorted by it they are compressed rows
         keys = np.concatenate([(b.cells[:, :, None] * n + b.cells[:, None, :]).ravel() for b in self.mesh.blocks])
         pairs, where = np.unique(keys, return_inverse=True)
         del keys
@@ -150,6 +151,7 @@ class Elements:
         for matrices, of_cell in parts:
             pairs = where[done : done + len(of_cell) * matrices.shape[1] ** 2]
             here, done = first[:, pairs], done + len(pairs)
+            # masses: the same on x, y and z, and no coupling between them
             if matrices.ndim == 3:
                 entries = matrices[of_cell].ravel()
                 for i in range(3):
@@ -329,6 +331,7 @@ def lumped_mass(elements: Elements, density: float) -> Array | None:
     for block, points in elements.points(of_products=True):
         if block.cell_type in _HRZ:
             share = points.volumes @ points.values**2
+            # scaled to the volume of the cell: its mass is kept
             share *= (points.volumes.sum(axis=1) / share.sum(axis=1))[:, None]
         else:
             share = points.volumes @ points.values
@@ -409,6 +412,7 @@ class Recovery:
             linear = _LINEAR.get(block.cell_type, block.cell_type)
             rule, functions = cell_rule(linear), cell_functions(linear)
             at_nodes = functions.values(cell_functions(block.cell_type).nodes)
+            # pyramids have 8 points and 5 functions: least squares
             to_nodes = at_nodes @ np.linalg.pinv(functions.values(rule.points))
             size = max(1, _AT_ONCE // (9 * max(n_time, 3) * block.cells.shape[1]))
             for first in range(0, len(block.cells), size):

@@ -123,6 +123,7 @@ def boundary(mesh: Mesh) -> FacetSet:
     for block in mesh.blocks:
         for local in CELL_FACES[block.cell_type]:
             facets_of.setdefault(FACET_KIND[len(local)], []).append(block.cells[:, list(local)])
+    # facets meet facets of their kind alone (see ``unjoined``)
     candidates = [FacetBlock(kind, np.concatenate(facets)) for kind, facets in facets_of.items()]
     return FacetSet(tuple(b for b in map(_single, candidates) if len(b.facets)))
 
@@ -166,6 +167,7 @@ def padded_cells(blocks: tuple[CellBlock, ...]) -> Index:
 def cell_blocks(padded: Index) -> tuple[CellBlock, ...]:
     """Runs of cells of equal type in the table of ``padded_cells`` (the number of nodes determines the type)."""
     width = (padded >= 0).sum(axis=1)
+    # no cell has -1 nodes: the first one starts a run, too
     starts = np.flatnonzero(np.diff(width, prepend=-1))
     ends = np.append(starts[1:], len(width))
     return tuple(

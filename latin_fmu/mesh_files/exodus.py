@@ -51,6 +51,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
 
     problems = FileProblems(where)
     with netCDF4.Dataset(path) as data:
+        # a number that equals the fill value is one here
         data.set_auto_mask(False)
         content = MeshContent(_points(data))
         blocks: list[tuple[str, Index]] = []  # type and connectivity; side sets count elements through all of them
@@ -67,6 +68,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
         problems.stop()
         for number, name in _named(data, "ss", "sideset", "num_side_sets"):
             if f"elem_ss{number}" in data.variables:
+                # from 1 in the file
                 elements, sides = (_numbers(data, f"{word}_ss{number}") - 1 for word in ("elem", "side"))
                 content.facets[name] = _facets(blocks, elements, sides, problems, name)
         for number, name in _named(data, "ns", "nodeset", "num_node_sets"):

@@ -93,6 +93,7 @@ def _fields(line: str) -> list[str]:
         fields = [f.strip() for f in line.split(",")]
         return fields[: 5 if fields[0].endswith("*") else 9]
     first = line[:8].strip()
+    # large fields are marked by a star, on continuations in the first column
     width = 16 if first.endswith("*") or line[:1] == "*" else 8
     count = 4 if width == 16 else 8
     return [first, *(line[8 + i * width : 8 + (i + 1) * width].strip() for i in range(count))]
@@ -130,6 +131,7 @@ class _BulkData:
             if name == "GRID":
                 self._grid(line, fields)
             elif name in _SOLIDS:
+                # middle nodes may be left out
                 nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][-1]] if f]
                 self._element(line, name, int(fields[2] or fields[1]), nodes, _SOLIDS[name], solid=True)
             elif name in _SHELLS:
@@ -204,6 +206,7 @@ class _BulkData:
         for number, ranges in self.held.items():
             first, last = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
             starts = np.searchsorted(labels, first, sorter=order)
+            # right: a range includes its last node
             stops = np.searchsorted(labels, last, side="right", sorter=order)
             held = [order[a:b] for a, b in zip(starts, stops, strict=True)]
             content.add_nodes(f"SPC_{number}", np.concatenate([NO_ROWS, *held]))

@@ -41,6 +41,7 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
         raise ResultsError([Problem("--tornado", "the results have no derivatives by parameters", remedy=remedy)])
     data = tree["sensitivities"].to_dataset()
     value = np.abs(np.asarray(data["value"].values, dtype=float))
+    # a value of 0 has no relative change: over infinity none is drawn
     changes = PART * np.asarray(data["change"].values, dtype=float) / np.where(value > 0.0, value, np.inf)[:, None]
     flagged, secant = (np.asarray(data[key].values) == 1 for key in ("flagged", "secant"))
     names = [in_words(str(p)) for p in data["parameter"].values]
@@ -151,6 +152,7 @@ def _draw_band(axis: Axes, curve: xr.DataArray, data: xr.Dataset, marks: Array) 
             marks / scale.divisor, np.full(len(marks), 0.02), "|", color=BAD, transform=axis.get_xaxis_transform()
         )
     else:
+        # a logarithmic axis has no 0, and bands may reach it
         low = max(0.5 * float(values.min()), 1e-3 * largest) / size
         axis.set(xscale="log", yscale="log", xlabel="natural frequency (Hz)", ylim=(low, 2.0 * largest / size))
     axis.fill_between(x, ends["low"] / size, ends["high"] / size, color="0.80", linewidth=0, label="to first order")

@@ -153,6 +153,7 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
     terms = {str(name): np.asarray(values.values) for name, values in energy.data_vars.items()}
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
     size, label = prefix_for(largest, next((unit_of(v, "J") for v in energy.data_vars.values()), "J"), figure=True)
+    # round-off of terms that the scene does not have
     shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
     for (name, term), look in zip(shown.items(), curve_styles(len(shown)), strict=True):
         axis.plot(time / scale.divisor, term / size, linewidth=1.3, label=name, **look)
@@ -372,6 +373,7 @@ def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | 
         low, high = values[0] / (1 + error), values[0] * (1 + error)
         panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
     for row, (label, colour, line, width) in zip(values, styles, strict=True):
+        # a residual may be 0, which a logarithmic axis does not have
         panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
     lowest = float(values[0].min(initial=top))
     panel.set(xscale="log", yscale="log", ylim=(max(0.3 * lowest, 1e-5 * top), 3.0 * top))

@@ -113,9 +113,11 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
                 "name": name,
                 "tint": PARTS[i % len(PARTS)],
                 "shift": shifts[name].tolist(),
+                # single precision: about the centre and over the size
                 "points": block.add((surface.points - centre) / size, "<f4"),
                 "triangles": block.add(surface.triangles, "<u4"),
                 "edges": block.add(surface.edges, "<u4"),
+                # 16 bits of the largest displacement: steps of 3e-5 of it
                 "moved": block.add(np.rint(moved[name] / max(largest, 1e-300) * _SHORTS), "<i2"),
             }
             for i, (name, surface) in enumerate(surfaces.items())
@@ -142,6 +144,7 @@ def page(tree: xr.DataTree, first: float | None = None, last: float | None = Non
 def _frames(surfaces: Mapping[str, _Surface], interfaces: Mapping[str, xr.Dataset]) -> int:
     """Number of instants that fit into the block."""
     fixed = sum(12 * s.points.size + 12 * s.triangles.size for s in surfaces.values())
+    # 2 bytes a component; 2 each of pressure, slip and state at a point
     each = sum(2 * s.points.size for s in surfaces.values()) + sum(6 * d.sizes["point"] for d in interfaces.values())
     return int(np.clip((MOST_BYTES - fixed) // each, 2, _MOST_INSTANTS))
 
@@ -153,6 +156,7 @@ def _surface(dataset: xr.Dataset) -> _Surface:
     used, numbers = np.unique(skin.facets, return_inverse=True)
     facets = numbers.reshape(-1, 4)
     skin = replace(skin, points=nodes[used], facets=facets)
+    # a triangle has its last corner twice
     triangles = np.concatenate([facets[:, :3], facets[facets[:, 2] != facets[:, 3]][:, [0, 2, 3]]])
     return _Surface(used, skin.points, triangles, sharp_edges(skin), mesh.size)
 

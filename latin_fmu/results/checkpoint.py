@@ -146,6 +146,7 @@ class Checkpoint:
         """Write a checkpoint where one is due; whether the run has to stop."""
         instant, stops, ended = run.assembly.instant, bool(run.stops()), run.ended
         since = instant - self._last
+        # due before the window that would end beyond ``every``, not after it
         due = self._every is not None and since + (run.settings.window or 1) > self._every
         due = due or (self._seconds is not None and clock.monotonic() - self._written_at >= self._seconds)
         if (stops and not ended) or ((due or (ended and self._periodic)) and since):
@@ -174,6 +175,7 @@ class Checkpoint:
         if self._file is not None:
             return self._file
         _refuse_link(self.histories)
+        # no O_TRUNC: the file may be that of a run to be continued
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
         file = os.fdopen(os.open(self.histories, flags, 0o666), "r+b")
         try:
@@ -222,10 +224,12 @@ class Checkpoint:
                 _KIND,
             )
             added = len(part).to_bytes(_LENGTH, "little") + part
+            # behind the last checkpoint: a part of a process that was killed
             file.truncate(self._bytes)
             file.seek(self._bytes)
             file.write(added)
             file.flush()
+            # the histories first: the state names their length and checksum
             os.fsync(file.fileno())
             checksum = self._checksum.copy()
             checksum.update(added)
@@ -237,6 +241,7 @@ class Checkpoint:
             if str(error) != self._told:
                 self._told = str(error)
                 self._log(f"the checkpoint could not be written, the run goes on: {error}")
+            # the next attempt after ``seconds``, not after every window
             self._written_at = clock.monotonic()
             return
         self._bytes, self._checksum = self._bytes + len(added), checksum
@@ -287,6 +292,7 @@ class Checkpoint:
         """Digest of the first ``size`` bytes of the histories, which must be the ``checksum``."""
         file, digest = self._lock(), hashlib.blake2b(digest_size=32)
         file.seek(0)
+        # a megabyte at a time: histories may be larger than the memory
         while (block := file.read(min(1 << 20, size - file.tell()))) and file.tell() <= size:
             digest.update(block)
         if file.tell() != size or digest.hexdigest() != checksum:

@@ -163,6 +163,7 @@ def result_groups(
     groups: dict[str, StoredGroup] = {}
     for name, interface in () if streamed else outcome.interfaces.items():
         time, indicator = outcome.interface_time, outcome.interface_indicator.get(name)
+        # a sum over the instants that were kept alone would miss what is between
         whole = surfaces and len(time) == len(outcome.time)
         ways = _ways(interface, time) if whole else None
         groups[f"/interfaces/{name}"] = interface_group(interface, time, indicator, surfaces, ways)
@@ -278,6 +279,7 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
             impulse[name] = group.variables["impulse"].values[-1].copy()
             pushed[name][first:last] = normal_resultant(InterfaceFields.of_history(history, time))
             for variable in group.variables.values():
+                # blocks overlap by one instant, from which sums go on
                 if first and variable.dims[:1] == ("time",):
                     variable.values = variable.values[1:]
             if last == len(run_time):
@@ -289,6 +291,7 @@ def interface_blocks(outcome: Outcome, surfaces: bool = False) -> Iterator[dict[
 def _set_peaks(group: StoredGroup, force: Force, requested: float | None) -> None:
     """Put the peak forces of the whole run in the group of an interface; the largest mean of a very long run follows
     from some of its instants, for it takes much memory."""
+    # rounded up
     every = -(-len(force.time) // _PEAK)
     peak, duration, _ = Force(force.time[::every], force.value[::every]).peaks(requested)
     mean, raw = group.variables["peak_force"], group.variables["peak_force_raw"]
@@ -327,6 +330,7 @@ def _stored_energy(history: SubstructureHistory, run_time: Array) -> StoredGroup
     terms = history.energy or {}
     if not _has_fields(history):
         return energy_group(terms, run_time)
+    # midpoints: the number of those before an instant is the nearest one
     nearest = np.searchsorted(0.5 * (run_time[1:] + run_time[:-1]), history.time)
     return energy_group({name: values[nearest] for name, values in terms.items()}, history.time)
 
@@ -370,9 +374,11 @@ def convergence_group(
     truncated = {"defect": np.float64, "corrections": np.int32} if every.largest_defect() > 0.0 else {}
     for name, kind in ({"converged": np.int8} | kinds | truncated).items():
         given[name] = np.array([getattr(window, name) for window in chosen], dtype=kind)
+    # an interrupted run has fewer instants than its last window names
     given["end_time"] = time[np.minimum(given["last_instant"], len(time) - 1)]
     if every.with_fallbacks():
         given["fallbacks"] = np.array(["; ".join(window.fallbacks) for window in chosen], dtype=object)
+    # counted from 1, as in messages
     counts = {"window": np.arange(first + 1, first + len(chosen) + 1), "iteration": np.arange(1, width + 1)}
     return StoredGroup.of(named(CONVERGENCE, given), named(LABELS, counts))
 

@@ -113,6 +113,7 @@ class ErrorEstimate:
         """Group ``accuracy``: one entry a quantity."""
         names = np.array([q.quantity for q in self.quantities], dtype=np.str_)
         own = np.array([units.label(q.unit) for q in self.quantities], dtype=np.str_)
+        # netCDF has no booleans
         bounds = np.array([q.bound_only for q in self.quantities], dtype=np.int8)
         stored = [(row, np.array([row.of(q) for q in self.quantities], dtype=float)) for row in _NUMBERS.values()]
         texts = [(_TEXTS["quantity_unit"], own), *stored, (_TEXTS["bound_only"], bounds)]

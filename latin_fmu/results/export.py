@@ -117,6 +117,7 @@ def _spectrum(name: str, node: int, spectrum: ShockSpectrum, units: UnitSystem) 
 def _units(units: UnitSystem) -> list[str]:
     """Dataset 164: SI, lengths, forces and temperatures in units of it, or user-defined ones; temperatures are
     relative."""
+    # double precision in universal files has the D of Fortran
     factors = "".join(f"{x:25.17E}".replace("E", "D") for x in (1.0, 1.0, 1.0))
     code, words = (1, "SI: Meter (newton)") if units.measurable else (9, "US: USER_DEFINED")
     return [_BAR, f"{164:6d}", f"{code:10d}{words:20s}{2:10d}", factors, f"{273.15:25.17E}", _BAR]
@@ -128,9 +129,11 @@ _BAR: Final = f"{-1:6d}"
 def _dataset_58(f: _Function) -> Iterator[str]:
     """Lines of one function; real numbers in double precision, each with its abscissa where that is uneven."""
     step = uniform_step(f.x)
+    # 80: the length of a line there
     yield from (_BAR, f"{58:6d}", f.name[:80], "NONE", "NONE", "NONE", "NONE")
     response, reference = f" {f.name.split()[0][:10]:10s}{f.node:10d}{f.axis:4d}", f" {'NONE':10s}{0:10d}{0:4d}"
     yield f"{f.kind:5d}{0:10d}{0:5d}{0:10d}{response}{reference}"
+    # 4: real numbers in double precision
     yield f"{4:10d}{len(f.x):10d}{int(step > 0):10d}{f.x[0]:13.5E}{step:13.5E}{0.0:13.5E}"
     abscissa, label, unit = _ABSCISSA[f.kind]
     yield _axis(abscissa, label, unit if f.unit != "NONE" else f.unit)
@@ -139,6 +142,7 @@ def _dataset_58(f: _Function) -> Iterator[str]:
     if step:
         words, across = [f"{value:20.12E}" for value in f.values], 4
     else:
+        # lines of 80 characters hold two pairs, or four numbers above
         words, across = [f"{x:13.5E}{value:20.12E}" for x, value in zip(f.x, f.values, strict=True)], 2
     yield from ("".join(words[i : i + across]) for i in range(0, len(words), across))
     yield _BAR

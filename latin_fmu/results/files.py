@@ -134,6 +134,7 @@ def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[
     made = place.createVariable(name, "S1", (*variable.dims, length))
     made.setncatts(attrs)
     made.setncattr("_Encoding", "utf-8")
+    # else the library would join the bytes that it is given
     made.set_auto_chartostring(False)
     if texts.size:
         made[...] = texts.astype(f"S{width}").reshape(*texts.shape, 1).view("S1")
@@ -195,6 +196,7 @@ def open_results(path: str | Path) -> xr.DataTree:
         raise _unreadable(
             source, "this netCDF file was not written by latin_fmu", remedy="give the .nc file written by a run"
         )
+    # a layout with additions alone is read as well
     if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
         tree.close()
         raise _unreadable(
@@ -213,6 +215,7 @@ def _opened(source: Path) -> xr.DataTree:
     import xarray as xr
 
     with source.open("rb") as file:
+        # netCDF-3 by its magic; netCDF-4 is HDF5
         flat = file.read(3) == b"CDF"
     if not flat:
         return xr.open_datatree(source, engine="netcdf4", decode_times=False, decode_timedelta=False)
@@ -225,6 +228,7 @@ def _opened(source: Path) -> xr.DataTree:
         labels = content.attrs.get(f"{path}.coordinates".lstrip("."), "").split()
         group = groups.setdefault("/" + path.replace(".", "/"), xr.Dataset())
         dims = [str(dim).rpartition(".")[2] for dim in variable.dims]
+        # _data: ``data`` would read the values
         own = xr.Variable(dims, variable._data, variable.attrs, variable.encoding)
         if name in labels:
             group.coords[name] = own
@@ -235,11 +239,13 @@ def _opened(source: Path) -> xr.DataTree:
         if path and name != "coordinates":
             groups["/" + path.replace(".", "/")].attrs[name] = value
     time = groups["/"].coords["time"]
+    # a label of the root would be handed down to groups without instants
     groups["/"] = groups["/"].drop_vars("time")
     for group in groups.values():
         if "time" in group.dims:
             group.coords["time"] = time
     tree = xr.DataTree.from_dict(groups)
+    # the groups were taken out of it: closing them closes nothing
     tree.set_close(content.close)
     return tree
 

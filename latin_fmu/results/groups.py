@@ -87,6 +87,7 @@ class StoredGroup:
 def _plain(values: NDArray[Any]) -> Any:
     """Values as numbers and texts of Python."""
     if values.dtype.kind == "f":
+        # strict JSON has neither NaN nor infinity
         values = np.where(np.isfinite(values), values.astype(object), np.array(None))
     return values.tolist()
 
@@ -145,6 +146,7 @@ def root_attributes(title: str, scene_name: str, scene: str, made: Mapping[str, 
 
 def in_units(groups: dict[str, StoredGroup], units: UnitSystem) -> dict[str, StoredGroup]:
     """``groups`` with the names that their units have in the system of a scene, in place; the root names the system."""
+    # SI has no names of its own: nothing to do
     for group in groups.values() if units.names else ():
         for variable in group.variables.values():
             if "units" in variable.attrs:
@@ -193,6 +195,7 @@ def describe_mesh(group: StoredGroup, cell_type: str, along: str = "time") -> No
         cell_type=cell_type,
     )
     nodes = (group.variables["cell_nodes"].values >= 0).sum(axis=1)
+    # the number of corners says the shape, of any degree
     shape = np.searchsorted(_FEWEST, _CORNERS[nodes]).astype(np.int8)
     group.variables["cell_shape"] = StoredVariable(("cell",), shape, dict(_SHAPES))
     group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))

@@ -189,6 +189,7 @@ class Force:
         """Piece that holds the instants ``t``, seen from before (left) or after (right), and the share of it passed."""
         i = np.clip(np.searchsorted(self.time, t, side=side) - 1, 0, len(self.time) - 2)
         span = self.time[i + 1] - self.time[i]
+        # a piece of no length is a jump, which is passed
         return i, np.where(span > 0.0, (t - self.time[i]) / np.where(span > 0.0, span, 1.0), 1.0)
 
     def _at(self, t: Array, side: Literal["left", "right"]) -> Array:
@@ -222,11 +223,13 @@ class Force:
             return self.raw_peak(), float(self.time[np.abs(self.value).argmax()])
         duration = min(duration, float(self.time[-1] - self.time[0]))
         last = self.time[-1] - duration
+        # either end of the window meets a knot
         starts = np.unique(np.concatenate([self.time, self.time - duration, [last]]))
         starts = starts[(starts >= self.time[0]) & (starts <= last)]
         a, b = starts[:-1], starts[1:]
         first = self._at(a + duration, "right") - self._at(a, "right")
         second = self._at(b + duration, "left") - self._at(b, "left")
+        # an extremum inside, where the difference of both ends changes its sign
         turns = first * second < 0.0
         inside = a[turns] + (b - a)[turns] * first[turns] / (first - second)[turns]
         starts = np.concatenate([starts, inside])
@@ -287,6 +290,7 @@ class Force:
         c = 2.0 * (a - 2.0 * half + whole)
         b = whole - a - c
         root = b * b - 4.0 * a * c
+        # 2 a over a sum of one sign: no cancellation where c is small
         x = -2.0 * a / (b - np.sqrt(max(root, 0.0))) if a > 0.0 else 0.0
         return first + float(np.clip(x, 0.0, 1.0)) * (last - first)
 
@@ -304,6 +308,7 @@ class Force:
         if len(self.time) < 2 or not level > 0.0:
             return 0.0
         sign = np.where(np.abs(self.value) > level, np.sign(self.value), 0.0)
+        # zeros around: a contact may begin or end with the history
         edges = np.flatnonzero(np.diff(np.concatenate([[0.0], sign, [0.0]])))
         begin, after = edges[:-1], edges[1:]
         loaded = sign[begin] != 0.0
@@ -381,6 +386,7 @@ def friction_resultant(fields: InterfaceFields) -> Array:
     """Magnitude of the resultant of the tangential tractions, (n_time,), N."""
     along = np.einsum("tpc,pc->tp", fields.traction, fields.normals)
     tangential = np.einsum("p,tpc->tc", fields.areas, fields.traction)
+    # before the sum: normals of a curved face differ from point to point
     tangential -= np.einsum("p,tp,pc->tc", fields.areas, along, fields.normals)
     length: Array = np.linalg.norm(tangential, axis=1)
     return length
@@ -396,6 +402,7 @@ def slip_in_contact(history: InterfaceHistory, time: Array) -> Array:
     if history.contact_status is None:
         return path
     closed = np.asarray(history.contact_status) != _OPEN
+    # without inertia a step is the state at its end
     counts = closed[1:] if history.quasi_static else closed[1:] & closed[:-1]
     moved = np.where(counts[:, :, None], np.diff(path, axis=0), 0.0)
     slid: Array = np.concatenate([np.zeros((1, *path.shape[1:])), np.cumsum(moved, axis=0)])
@@ -423,6 +430,7 @@ def closing_time(fields: InterfaceFields, peak: float) -> float | None:
     i = int(np.argmax(np.abs(normal_resultant(fields)) > CONTACT_SHARE * peak))
     if i == 0:
         return None
+    # traction on E along its outward normal: pressure is negative
     pressed = np.einsum("pc,pc->p", fields.traction[i], fields.normals) < 0.0
     gap = fields.gap[i - 1][pressed]
     if not gap.size or gap.min() <= 0.0:
@@ -431,6 +439,7 @@ def closing_time(fields: InterfaceFields, peak: float) -> float | None:
     closing = -np.einsum("pc,pc->p", jump, fields.normals)[pressed]
     with np.errstate(divide="ignore"):
         wait = float(np.min(np.where(closing > 0.0, gap / closing, np.inf)))
+    # the gap has closed by the instant at which there is a force
     return float(min(fields.time[i - 1] + wait, fields.time[i]))
 
 

@@ -33,6 +33,7 @@ def low_pass(values: Array, chosen: ChannelClass | LowPass, step: float) -> Arra
             return np.asarray(sosfilt(sections, values, axis=0))
         warped /= (np.sqrt(2.0) - 1.0) ** (0.5 / order)  # -3 dB after both passes
     sections = butter(order, np.arctan(warped) / (np.pi * step), fs=1 / step, output="sos")
+    # at most n - 1: the mirror image has no more points
     beyond = min(len(values) - 1, int(np.ceil(3.0 / (chosen.cutoff * step))))
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=beyond))
 
@@ -64,6 +65,7 @@ def uniform_step(time: Array) -> float:
     """Length of the steps of instants, s; 0 where they differ (by more than 1e-6 of it)."""
     steps = np.diff(time)
     uniform = len(steps) > 0 and np.ptp(steps) <= 1e-6 * steps.mean()
+    # the mean has more digits than a difference of two instants
     return float(time[-1] - time[0]) / len(steps) if uniform else 0.0
 
 
@@ -210,6 +212,7 @@ def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
             readable(None if pair is None else pair[0], units.label(str(row.unit)))
             for pair, row in zip(largest, SENSOR.values(), strict=True)
         ]
+        # the highest derivative there is: of a quasi-static run the displacement
         last = next(pair for pair in reversed(largest) if pair is not None)
         rows.append((name, history.face or history.substructure, *cells, readable(last[1], "s")))
     return aligned(rows) if len(rows) > 1 else []

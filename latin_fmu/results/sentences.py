@@ -103,6 +103,7 @@ def _instant(errors: Errors, owner: str, definition: QuantityOfInterest, value: 
 def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
     """Peak and when, contact from when to when, slip, what opens, what friction takes, the impulse."""
     fields = InterfaceFields.of_history(history, time)
+    # no points, no gap: infinite
     joined = float(history.initial_gap.min(initial=np.inf)) <= 0.0
     name, force = history.name, Force(time, history.normal_resultant())
     first = first_contact_time(fields)
@@ -114,6 +115,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     duration = force.peak_duration(history.peak_duration)
     peak, begin = force.peak_mean(duration)
     text = f"peak {readable(peak, units.label('N'))}{_error(errors, name, PEAK_FORCE)}"
+    # the middle of the interval of the largest mean
     text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
     clauses = [f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text]
     clauses.append(_contact(history, time, first, separation_time(fields), errors, joined))
@@ -123,6 +125,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
         if work > 0.0:
             taken = readable(work, units.label("J"), 3)
             clauses.append(f"friction takes {taken}{_error(errors, name, FRICTION_WORK)}")
+    # the impulse of what stays pressed is that of the clamping, and grows with the run
     transient = not history.quasi_static and not _pressed(history)
     if transient and (found := errors.get(f"{name}.{IMPULSE.key}")) is not None:
         clauses.append(f"impulse {readable(found.value, units.label('N s'))}{_error(errors, name, IMPULSE)}")

@@ -33,7 +33,9 @@ def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, 
     size = abs(largest)
     if not _takes_prefix(unit) or not math.isfinite(size) or size == 0.0:
         return 1.0, unit_text(unit, figure)
+    # the prefix of kg belongs to the gram
     gram, name = (1e3, unit.replace("kg", "g", 1)) if unit.split()[0] == "kg" else (1.0, unit)
+    # 1 + 1e-12: 999.9999999999999 is a thousand
     power = 3 * math.floor(math.log10(size * gram * (1 + 1e-12)) / 3)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
     prefix = "µ" if figure and power == -6 else _PREFIXES[power]
@@ -212,6 +214,7 @@ def _cpu(outcome: Outcome) -> str:
     total = seconds.pop("total")
     parts = ", ".join(f"{part.replace('_', ' ')} {value:.3g}" for part, value in seconds.items())
     if outcome.timings.predicted:
+        # the prediction is of march and other together
         march = total - (seconds.get("set_up") or 0.0) - (seconds.get("output") or 0.0)
         parts += f"; march + other {march:.2g}, predicted {outcome.timings.predicted:.2g}"
     return f"{total:.3g} s ({parts}); peak memory {outcome.timings.peak_memory / 1e6:.0f} MB"

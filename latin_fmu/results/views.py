@@ -108,6 +108,7 @@ def skin(tree: xr.DataTree, substructure: str) -> xr.Dataset:
     for table in tables:
         corners[row : row + len(table), : table.shape[1]] = table
         row += len(table)
+    # -1 fills the rows of triangles beside quadrilaterals
     used, numbers = np.unique(corners[corners >= 0], return_inverse=True)
     corners[corners >= 0] = numbers
     fields = [str(name) for name, v in group.data_vars.items() if "node" in v.dims]
@@ -194,6 +195,7 @@ def amplitude_spectrum(tree: xr.DataTree, sensor: str, quantity: str = "accelera
     history = _history(tree, sensor, quantity)
     n, step = len(history), float(history["time"][1] - history["time"][0])
     amplitude = np.abs(np.fft.rfft(history.values, axis=0)) * (2.0 / n)
+    # the mean and, of an even number, half the sampling rate have no mirror image
     amplitude[[0, -1] if n % 2 == 0 else [0]] *= 0.5
     coords = {"frequency": ("frequency", np.fft.rfftfreq(n, step), {"units": "Hz", "long_name": "frequency"})}
     made = history.drop_vars("time").rename(time="frequency").isel(frequency=slice(len(amplitude)))
@@ -259,9 +261,11 @@ def ring_down(
     remembered = 3 / (band[1] - band[0])
     inside = (time >= time[0] + remembered) & (time <= time[-1] - remembered)
     if direction is None:
+        # the principal direction of the motion
         axis = np.linalg.svd(motion[inside], full_matrices=False)[2][0]
     else:
         axis = np.asarray(direction, dtype=float) / np.linalg.norm(np.asarray(direction, dtype=float))
+    # of the whole record: its ends, where the transform is bad, are cut off then
     signal = _analytic(motion @ axis)[inside]
     # from there on the transient of filter and transform after the large start counts
     weak = np.flatnonzero(np.abs(signal) < _WEAK * np.abs(signal).max(initial=0.0))
@@ -311,6 +315,7 @@ def _in_band(sensor: str, values: Array, time: Array, band: tuple[float, float])
         problems.append(
             Problem("band", "out of range", f"{low:g}, {high:g}", f"0 < lowest < highest < {0.5 / step:g} Hz")
         )
+    # 3 / width are left out at each end: 2 / width remain
     if step and not problems and time[-1] - time[0] < 8 / (high - low):
         what, wanted = "the record is too short for this band", f"8 / width = {8 / (high - low):.4g} s or more"
         problems.append(Problem(f"sensor {sensor}", what, f"{time[-1] - time[0]:.4g} s", wanted))
@@ -333,6 +338,7 @@ def _line(t: Array, y: Array, independent: int) -> tuple[float, float]:
     centred = t - t.mean()
     slope = float(centred @ y / (centred @ centred))
     rest = y - y.mean() - slope * centred
+    # two of the residuals go into the line
     return slope, float(np.sqrt((rest @ rest) / len(t) / max(independent - 2, 1) / (centred @ centred / len(t))))
 
 

@@ -124,6 +124,7 @@ def _substructure_piece(instant: xr.Dataset) -> _Piece:
     table = np.nan_to_num(nodes, nan=-1).astype(np.int64)  # cells with fewer nodes, as a file gives them
     cells = [(b.cell_type, b.cells) for b in cell_blocks(table)]
     point_data, by_cell = _fields(instant, "node"), _fields(instant, "cell")
+    # meshio takes the values of cells block by block
     ends = np.cumsum([len(c) for _, c in cells])[:-1]
     cell_data = {name: np.split(values, ends) for name, values in by_cell.items()}
     return _Piece(points, cells, point_data, cell_data)
@@ -168,6 +169,7 @@ def _interface_cells(instant: xr.Dataset) -> list[tuple[str, NDArray[np.int64]]]
         return [("vertex", np.arange(n_point)[:, None])]
     table = np.nan_to_num(instant["cells"].values, nan=-1).astype(np.int64)
     triangles, quads = table[table[:, 3] < 0, :3], table[table[:, 3] >= 0]
+    # ParaView shows no point that is in no cell
     alone = np.setdiff1d(np.arange(n_point), table)
     kinds = (("triangle", triangles), ("quad", quads), ("vertex", alone[:, None]))
     return [(kind, cells) for kind, cells in kinds if len(cells)]

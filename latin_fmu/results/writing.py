@@ -149,6 +149,7 @@ def remove_dead_drafts(folder: Path) -> None:
     with suppress(OSError):
         for path in folder.glob(f"{stem}*"):
             number = path.name.removeprefix(stem).split("-")[0]
+            # a draft of a process that runs may be written right now
             if number.isdigit() and not _is_alive(int(number)):
                 _remove(path)
 
@@ -158,9 +159,11 @@ def _is_alive(process: int) -> bool:
     if os.name != "posix":
         return True
     try:
+        # signal 0 is not sent: it asks whether the process is there
         os.kill(process, 0)
     except ProcessLookupError:
         return False
+    # no permission to signal it: there it is
     except (OSError, OverflowError):
         return True
     return True
@@ -201,6 +204,7 @@ def _rescued(target: Path, write: Write) -> Path | None:
 
 def _flush(written: Path) -> None:
     """Bring a file, or the files of a folder, to the disk."""
+    # before the name: else after a crash the name might stand for an empty file
     for file in sorted(written.rglob("*")) if written.is_dir() else (written,):
         with file.open("r+b") as stream:
             os.fsync(stream.fileno())

@@ -157,6 +157,7 @@ class Spring(SceneTable):
                 tangential_stiffness=self.lateral_stiffness,
             )
         if self.viscous:
+            # a dashpot alone keeps the name of its table
             made[name + VISCOSITY * self.elastic] = Interface(
                 sides=sides,
                 behaviour="viscous_joint",

@@ -158,9 +158,11 @@ def _imposed(raw: Any, table: RawTable) -> Iterator[tuple[str, str]]:
         if parsed is not None and is_box(raw, parsed[0]) and parsed[1] in BOX_FACES:
             yield face, parsed[1][0]
         else:
+            # the normal is known with the mesh only
             yield face, "symmetry"
     elif kind == "fixed" or kind in _DRIVEN:
         default = list(AXES) if kind == "fixed" else []
         for component in dict.fromkeys(text_list(table.get("components")) or default):
             if component in AXES:
+                # components along other axes cannot be compared with the global ones
                 yield face, f"local {component}" if given(table, "axes") else component

@@ -76,6 +76,7 @@ def _walk(root: type[BaseModel], location: Sequence[str | int]) -> tuple[list[ty
             continue
         chosen = [table for table in tables if tag_of(table) == part]
         owner = next((table for table in tables if part in table.model_fields), None)
+        # pydantic puts the tag of a union into the location, between its keys
         if len(tables) > 1 and chosen:
             tables = chosen
         elif owner is not None:
@@ -110,6 +111,7 @@ def range_of(field: FieldInfo) -> str:
         for key, sign in _SIGNS.items():
             limit = getattr(item, key, None)
             if limit is not None and isinstance(item, annotated_types.BaseMetadata):
+                # limits of counts: ":g" would write 1e+07
                 bounds.append(f"{sign} {limit:g}" if abs(limit) < 1e6 else f"{sign} {limit:d}")
     return ", ".join(dict.fromkeys(bounds))
 
@@ -219,6 +221,7 @@ def _problem(root: type[BaseModel], detail: ErrorDetails, raw: Any) -> Problem:
         tags, tag = tags_of(tables_at(root, location)), _tag(detail["input"])
         return Problem(f"{where}.type", "unknown type", shown(tag), ", ".join(tags), did_you_mean(tag, tags))
     if kind == "literal_error":
+        # pydantic has them in its text alone
         options = re.findall(r"'([^']*)'", context["expected"]) or re.findall(r"\d+", context["expected"])
         return Problem(where, "unknown value", value, ", ".join(options), did_you_mean(detail["input"], options))
     if kind == "missing" and isinstance(location[-1], int):

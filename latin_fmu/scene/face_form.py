@@ -141,6 +141,7 @@ class FaceTable(SceneTable):
         length, height = (factor(data.get(key, "m"), system) for key in ("length_unit", "value_unit"))
         grid = {(length * row[0], length * row[1]): height * row[2] for row in rows}
         x, y = (tuple(sorted({place[i] for place in grid})) for i in (0, 1))
+        # fewer places than rows: one is there twice
         if len(grid) < len(rows) or len(grid) < len(x) * len(y):
             raise refusal(
                 "the points of the file are no grid",
@@ -176,6 +177,7 @@ class FaceTable(SceneTable):
         for along, knots in zip(at.T, (np.asarray(self.x), np.asarray(self.y)), strict=True):
             beyond = _BEYOND * (knots[-1] - knots[0])
             inside &= (along >= knots[0] - beyond) & (along <= knots[-1] + beyond)
+            # a place on the last knot belongs to the cell before it
             cell = np.clip(np.searchsorted(knots, along, side="right") - 1, 0, len(knots) - 2)
             place.append((cell, np.clip((along - knots[cell]) / (knots[cell + 1] - knots[cell]), 0.0, 1.0)))
         (i, s), (j, t) = place

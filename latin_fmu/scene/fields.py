@@ -61,6 +61,7 @@ def refusal(
 
 
 def _check_text(text: str) -> str:
+    # halves of surrogate pairs, which stand for bytes that are no UTF-8
     if any(0xD800 <= ord(character) <= 0xDFFF for character in text):
         raise refusal("not valid text", value=text, allowed="characters that UTF-8 can hold")
     return text
@@ -157,6 +158,7 @@ class LocalAxes(SceneTable):
 
     @model_validator(mode="after")
     def _check_plane(self) -> Self:
+        # sine of the angle between them: z loses as many digits as it is small
         if not math.hypot(*self._across()) > 1e-6:
             raise refusal("x and y are parallel", value=[*self.x, *self.y], allowed="directions that span a plane")
         return self

@@ -66,6 +66,7 @@ class OrthotropicTable(SceneTable):
     def _check_energy(self) -> Self:
         """Refuse constants with which a strain has no or negative energy (Lempriere 1968)."""
         e, pairs = self.young_moduli, ((0, 1), (0, 2), (1, 2))
+        # the compliance scaled to a diagonal of ones: -nu_ij / E_i over 1 / sqrt(E_i E_j)
         a, b, c = (nu * math.sqrt(e[j] / e[i]) for nu, (i, j) in zip(self.poisson_ratios, pairs, strict=True))
         rest = 1.0 - a * a - b * b - c * c - 2.0 * a * b * c
         if max(abs(a), abs(b), abs(c)) < 1.0 and rest > _INDEFINITE:

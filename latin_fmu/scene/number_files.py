@@ -147,10 +147,12 @@ def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
 def _text(base_dir: Path, name: str) -> str:
     try:
         path = base_dir / name
+        # a pipe would be waited for without end
         if path.exists() and not path.is_file():
             raise refusal("not a regular file", value=name, allowed="a file, no device, pipe or folder")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
+        # -sig: spreadsheets write a byte order mark
         return path.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         raise refusal(

@@ -118,6 +118,7 @@ def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
 
 
 def _index(items: list[Any], key: str) -> int | None:
+    # isascii: other scripts have digits, too; ten digits are no item of a list
     return int(key) if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(items) else None
 
 
@@ -139,6 +140,7 @@ def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection
             return None
         wanted = with_value(wanted, path, number, named)
     made = "".join(lines)
+    # a text or comment may look like the key: what is read decides
     return made if tomllib.loads(made) == wanted else None
 
 

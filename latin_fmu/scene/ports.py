@@ -111,6 +111,7 @@ def indexed(port: str, words: tuple[str, str], component: Component) -> str:
 
 
 def _unit(component: Component) -> dict[str, Any]:
+    # "rx" ends with its axis
     vector = tuple(float(axis == component[-1]) for axis in TRANSLATIONS)
     return {"force" if component in TRANSLATIONS else "moment": vector}
 

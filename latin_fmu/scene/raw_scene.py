@@ -78,6 +78,7 @@ def is_explicit(raw: Any) -> bool:
 def number(table: RawTable, key: str) -> float | None:
     """A finite number, None where the key is missing or anything else."""
     value = table.get(key)
+    # true is an int of Python
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:

@@ -64,9 +64,11 @@ def _line(key: str, value: Any) -> str:
 
 def toml_value(value: Any) -> str:
     """One value on one line."""
+    # before int, of which bool is a kind
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):
+        # the shortest text that is read back as the same number
         return repr(value)
     if isinstance(value, str):
         # JSON and TOML escape alike, but for DEL, which JSON leaves as it is
@@ -251,6 +253,7 @@ class Scene(SceneTable):
     def _report_all_problems(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
         """Field errors and contradictions between fields in one `SceneError`."""
         raw = plain(data)
+        # first: Python does not print such integers, as the messages below would
         if oversized := [Problem(path_text(path), "too large for a number") for path in oversized_integers(raw)]:
             raise SceneError(oversized, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
@@ -370,6 +373,7 @@ class Scene(SceneTable):
 
     def tables(self) -> dict[str, Any]:
         """The effective scene as tables (fresh ones), of the shape that ``scene_from_dict`` reads."""
+        # TOML has no value for None
         data = self.model_dump(exclude_none=True)
         for table in (*data["interface"].values(), *data["contact"].values()):
             for key in MEANINGLESS.get(table["behaviour"], ()):

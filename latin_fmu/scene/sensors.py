@@ -131,6 +131,7 @@ def filter_problems(where: str, chosen: ChannelClass | LowPass, step: float, dur
     """What is wrong with a filter on a run with this step and duration, s."""
     if chosen.cutoff >= nyquist(step):
         yield beyond_nyquist(where, f"the cut-off of {chosen.label}", chosen.cutoff, step)
+    # 1e-9: a step that is meant to be the longest one allowed
     elif isinstance(chosen, ChannelClass) and CFC_RATE * chosen.channel_class * step > 1 + 1e-9:
         least = CFC_RATE * chosen.channel_class
         yield Problem(

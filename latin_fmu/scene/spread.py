@@ -63,6 +63,7 @@ class Distribution:
         """That of a number by its ``value`` and the spread that is ``written`` for it."""
         if isinstance(written, tuple):
             low, high = written
+            # variance of a uniform distribution: (b - a)^2 / 12
             return Distribution(value, 0.5 * (low + high), (high - low) / 12.0**0.5, True)
         match = _PER_CENT.fullmatch(written) if isinstance(written, str) else None
         return Distribution(

@@ -89,7 +89,7 @@ class BoxTable(SceneTable):
         return self
 
 
-MAX_REFINEMENTS: Final = 4
+MAX_REFINEMENTS: Final = 4  # 4096 cells of each
 Refinements = Annotated[
     Count,
     about(

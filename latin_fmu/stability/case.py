@@ -59,6 +59,7 @@ class Bench:
     def solve(self, description: Description, counted: bool = True) -> Solution:
         """Solution of a description, converged or not; ``counted``: its iterations go into the row."""
         left = None if self.end is None else max(self.end - time.process_time(), 0.0)
+        # a description serves several runs, and the reader may change it
         solution = solve(scene_from_dict(copy.deepcopy(description)), max_cpu=left)
         if solution.interrupted:
             raise LimitError(solution.interrupted)
@@ -277,6 +278,7 @@ def contact_laws(solution: Solution, round_off: float = 1e-15) -> list[Measure]:
     for history in solution.interfaces.values():
         if history.behaviour != "contact":
             continue
+        # nothing touches: 0 over 1
         size = float(np.abs(history.traction).max()) or 1.0
         normal = np.einsum("tpc,pc->tp", history.traction, history.normals)
         shear = np.linalg.norm(history.traction - normal[..., None] * history.normals, axis=2)

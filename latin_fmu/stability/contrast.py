@@ -68,6 +68,7 @@ def _bars(what: str, ratio: float, bench: Bench) -> list[Measure]:
     scene, exact = bars(what, ratio)
     solution = bench.converged(scene)
     even = bench.converged(bars(what, 1.0)[0], counted=False)
+    # of 54 steps: behind the ripple of the front; the wave comes back after 60
     settled = pressure_force(solution)[20:50]
     step, end = solution.time[1], solution.time[-1]
     late = abs(impulse(solution) / exact - end) / step
@@ -104,8 +105,10 @@ def _lengths(ratio: float, bench: Bench) -> list[Measure]:
     long = bar(material, 1.0, round(4 * ratio) if ratio > 10 else elements * round(ratio))
     step = 1.0 / ratio / elements
     solution = bench.converged(two_boxes(short, long, step, 3 * elements))
+    # the wave is back from the free end after two transits of the short bar
     left = pressure_force(solution)[int(2.5 * elements) :]
     measures = [Measure("impulse off by", abs(impulse(solution) * ratio - 1.0), 0.03)]
+    # elements of one length on both sides: else fronts are reflected at the coarser mesh
     if long.elements[2] >= elements * ratio:
         measures.append(Measure("stress left", float(np.abs(left).max()), 0.0))
     return measures + energy_laws(solution)
@@ -201,6 +204,7 @@ def _eight(friction: float, bench: Bench) -> list[Measure]:
                 faces = f"b{i}{j}{k}.{name}max", f"b{other}.{name}min"
                 scene["interface"][f"{name}{i}{j}{k}"] = rubbing(*faces, friction)
     solution = bench.converged(scene)
+    # the velocities differ in sign alone: eight equal blocks meet in four equal pairs along z
     vertical = [pressure_force(solution, n) for n in solution.interfaces if n.startswith("z")]
     return [
         Measure("the four equal forces differ by", max(distance(f, vertical[0]) for f in vertical), 1.4e-13),
@@ -230,6 +234,7 @@ def _stack(count: int, bench: Bench) -> list[Measure]:
             ends.append(np.flatnonzero(force > 0.01 * force.max())[-1])
             status = run.interfaces[name].contact_status
             assert status is not None
+            # stick and slip are one: a change between them opens nothing
             touching = (status > 0).astype(int)
             flips = max(flips, int(np.abs(np.diff(touching, axis=0)).sum(axis=0).max()))
         apart = max(apart, abs(float(ends[0] - ends[1])))
@@ -295,6 +300,7 @@ def _window(window: int | str, ratio: float, bench: Bench) -> list[Measure]:
 
 def _crush(mass: float, length: float, time: float) -> Description:
     """Oblique impact of two 10 mm blocks over a gap of 1 um, in given units."""
+    # Pa = kg m-1 s-2
     pressure, weight = mass / length / time**2, mass / length**3
     size = (0.01 * length,) * 3
     low, up = (Material(s.young * pressure, s.density * weight, s.poisson) for s in (ALUMINIUM, STEEL))

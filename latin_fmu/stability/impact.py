@@ -117,6 +117,7 @@ def _grazing(bench: Bench) -> list[Measure]:
     scene = thrown(50, 2000, 20 / 3, 0.0, 0.0, 10.0)
     solution = bench.converged(scene)
     force, time = pressure_force(solution, "wall"), solution.time
+    # rho g c t up to 2 L / c: 10 x 30 x 2/3 = 200, twice the weight
     exact = 200.0 * (1 - np.abs(1 - (time % (4 / 3)) / (2 / 3)))
     return [
         Measure("stress off by (of 200)", float(np.abs(force - exact).max()) / 200, 0.06),
@@ -199,6 +200,7 @@ def bouncing(bounces: int, elements: int, scheme: dict[str, Any], **solver: Any)
 def closings(force: Array, time: Array) -> Array:
     """Instants at which contact begins, a pause of a quarter of the period between two."""
     on = np.flatnonzero(force > 0.02 * force.max())
+    # a ripple that opens for some steps is no bounce
     fresh = np.concatenate([[True], np.diff(time[on]) > PERIOD / 4])
     starts: Array = time[on][fresh]
     return starts
@@ -287,6 +289,7 @@ def _transits(bench: Bench) -> list[Measure]:
     """Bar put on the ground under gravity: 50 transits, 12.5 periods of 4 L/c."""
     solution = bench.converged(thrown(50, 5000, 50 / 3, 0.0, 0.0, 10.0))
     force = pressure_force(solution, "wall")
+    # rho L g A = 1 x 10 x 10 x 1
     weight = 100.0
     return [
         Measure("mean force over weight off by", abs(impulse(solution, "wall") / (weight * 50 / 3) - 1), 7e-4),

@@ -106,6 +106,7 @@ def as_markdown(
     ]
     for family in dict.fromkeys(row.family for row in rows):
         own = [row for row in rows if row.family == family]
+        # a fault that is known does not stand for its family
         near = max(own, key=lambda row: row.margin if row.passed else -1.0 if row.known else math.inf)
         varied, limits = FAMILIES.get(family, ("", ""))
         mean = sum(row.mean_iterations for row in own) / len(own)
@@ -144,6 +145,7 @@ def stability_figure(rows: Sequence[CaseResult]) -> Figure:
     _margins(margins, rows, place)
     _counts(counts, rows, place)
     margins.set_yticks(range(len(families)), families, fontsize=8)
+    # downwards: the first family on top, as in the table
     margins.set_ylim(len(families) - 0.5, -0.5)
     for axes in (margins, counts):
         for line in range(1, len(families)):
@@ -217,6 +219,7 @@ def compare_schemes(elements: int = 50, bounces: int = 3) -> str:
 def _line(name: str, scheme: dict[str, Any], elements: int, bounces: int) -> str:
     """One scheme: error of the impulse, peak and total variation of the force over the exact ones, energy kept."""
     bench = Bench()
+    # transit of an element: 10 / elements / 30
     scene = thrown(elements, round(2.0 / (0.6 / 3 / elements)), 2.0, 5.0, -_SPEED, 0.0)
     scene["time"]["scheme"] = scheme
     solution = bench.solve(scene)

@@ -132,7 +132,14 @@ def test_meshes_and_solvers_do_not_change_the_physics(model: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["material.bar.density=1.1", "substructure.bar.initial_velocity=[0.0, 0.0, -9.0]", "time.end=1.9"]
+    "change",
+    [
+        "material.bar.density=1.1",
+        "substructure.bar.initial_velocity=[0.0, 0.0, -9.0]",
+        "time.end=1.9",
+        "gravity.acceleration=[0.0, 0.0, -9.0]",
+        "time.start=static",
+    ],
 )
 def test_other_physics_have_no_reference(change: str) -> None:
     assert declared(latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [change])) is None

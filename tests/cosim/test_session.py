@@ -270,6 +270,17 @@ def test_a_step_that_ends_before_the_next_instant_holds_the_outputs(keep):
         assert session.estimate_error().remarks == ("too few time steps for an estimate",)  # of 15, but known from 0 on
 
 
+def test_results_are_labelled_with_the_units_of_the_scene():
+    session = Session(blocks(units="mm-t-s-MPa"))
+    session.initialize()
+    ramped(session, 2)
+    tree = session.dataset(estimate=True)
+    assert tree.attrs["unit_system"] == "mm-t-s-MPa"
+    assert tree["interfaces/crush"]["traction"].attrs["units"] == "MPa"
+    assert tree["exchange"]["interface_crush_velocityE"].attrs["units"] == "mm s-1"
+    assert tree["exchange"]["step_start"].attrs["units"] == "s"
+
+
 def test_start_time_other_than_zero():
     first, late = Session(blocks()), Session(blocks())
     first.initialize()

@@ -105,7 +105,8 @@ def test_meshes_that_bend_are_not_warned_of(tmp_path: Path) -> None:
     assert not warned(beam(meshed(tmp_path, "tetra", (80, 9, 5))))
     assert not warned(beam(meshed(tmp_path, "hexahedron", (20, 2, 1)) | {"bending_modes": True}))
     assert not warned(beam(box((20, 2, 1), bending_modes=True)))
-    assert warned(beam(box((20, 2, 1))))
+    (remark,) = warned(beam(box((20, 2, 1))) | {"units": "mm-t-s-MPa"})
+    assert "wall of 0.005 mm" in remark
 
 
 @pytest.mark.parametrize("from_file", [False, True])
