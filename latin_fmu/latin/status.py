@@ -74,9 +74,8 @@ def with_work(sentence: str, work: float, put_in: float, allowed: float, toleran
         return True, sentence
     share = work / put_in if put_in > 0.0 else np.inf
     return False, (
-        f"not converged: the errors of the iteration did {work:.2g} J of work against the laws of the interfaces, "
-        f"{share:.1e} of the {put_in:.3g} J put in (allowed: {allowed:g}). Lower solver.tolerance, as to "
-        f"{0.1 * tolerance:g}"
+        f"not converged: the work of the errors of the iteration against the laws of the interfaces is {share:.1e} of "
+        f"the energy put in (allowed: {allowed:g}). Lower solver.tolerance, as to {0.1 * tolerance:g}"
     )
 
 
@@ -120,9 +119,10 @@ def with_energy(
     if not len(wrong):
         return converged, sentence
     at = int(wrong[0])
+    # a share: units of the scene are not known here
     gained = (
         f"energy: by t = {time[at]:.6g} s contacts, joints, damping and the time scheme have together added "
-        f"{-float(lost[at]):.3g} J, where {float(put_in[at]):.3g} J were put in (allowed: {_GAIN:g} times as much): "
+        f"{-float(lost[at]) / float(put_in[at]):.3g} times the energy put in (allowed: {_GAIN:g} times): "
         'the time scheme gains energy. Use time.scheme = "generalized_alpha", or "hht" with smaller steps'
     )
     return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"

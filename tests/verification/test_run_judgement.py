@@ -155,8 +155,9 @@ def test_the_message_on_gained_energy_has_the_numbers_of_its_test() -> None:
     converged, sentence = with_energy(True, "converged", time, energy)
     assert not converged
     assert "by t = 2 s" in sentence
-    assert number(r"together added ([\d.]+) J", sentence) == pytest.approx(1.2)
-    assert number(r"where ([\d.]+) J were put in \(allowed: 0.5 times", sentence) == pytest.approx(2.0)
+    assert number(r"together added ([\d.]+) times the energy put in \(allowed: 0.5 times", sentence) == pytest.approx(
+        0.6
+    )
     energy["scheme_dissipation"] = np.array([0.0, -0.9, -0.99])
     assert with_energy(True, "converged", time, energy) == (True, "converged")
 
