@@ -362,7 +362,8 @@ class Direction:
         elif self.newton and krylov:
             tied = tied_fields(self.assembly, proximal * self._summed(self.newton_z))
             fields |= tied | {"newton_price": product_price(self.assembly, tied), "newton_share": self._rough_share()}
-        elif self.newton:
+        # steps of derivatives that are made on the iteration have no matrix, and no choice
+        elif self.newton and "point_group" in self.whole.relative:
             fields["newton_price"] = newton_price(self.whole.assembly, self.whole.relative)
         if self.coarse is not None and self.coarse.sizes["n_coarse"]:
             fields |= self.coarse.fields()

@@ -16,7 +16,7 @@ from .interface_rows import InterfaceRows
 from .outcome import Timings
 from .recorder import Recorder
 from .run_state import RunState
-from .search_direction import Direction, relative_operator
+from .search_direction import LARGEST, Direction, relative_operator
 from .settings import SolverSettings
 
 _PROXIMAL = 1e-8  # share of z in the relative operator: a step leaves as much, redundant points a regular matrix
@@ -70,13 +70,13 @@ class TangentRun(RunState):
         """Search direction whose Newton steps solve the linear system of an instant: by its matrix, or where there is
         none by products of the linear stage."""
         direction = super().made_direction(settings, n)
-        if not direction.newton:
-            direction.relative, direction.newton = {"on_iteration": 1}, True
-        elif direction.relative.get("n_matrix"):
-            # places and matrix of the first copy, whose factors serve all
-            one = relative_operator(self._solved.assembly)
+        # places and matrix of the first copy, whose factors serve all; that of all may be too large where it is not
+        one = relative_operator(self._solved.assembly) if direction.relative.get("n_matrix") else None
+        if one is not None and (direction.newton or (direction.too_large and one["n_matrix"] <= LARGEST)):
             own = {name: direction.relative[name] for name in ("owner", "owner_class", "live_row")}
-            direction.relative = one | own
+            direction.relative, direction.newton = one | own, True
+        elif not direction.newton:
+            direction.relative, direction.newton = {"on_iteration": 1}, True
         direction.newton_z = direction.z
         return direction
 

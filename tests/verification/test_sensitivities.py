@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.build import build
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
+from latin_fmu.latin import search_direction, tangent_run
+from latin_fmu.latin.search_direction import relative_operator
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
 from tests.results import synthetic
@@ -477,3 +480,18 @@ def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
     assert calls[: len(run)] == run
     assert [done for done, _, _ in calls[len(run) :]][-1] == 220
     assert {total for _, total, _ in calls[len(run) :]} == {220}
+
+
+@pytest.mark.parametrize("limit", ["one copy", "none"])
+def test_derivatives_whose_matrix_is_too_large_are_the_same(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the matrix of one parameter where that of all is too large, and by products of the iteration where that one
+    is, too."""
+    own = differentiated(CRUSHING)
+    one = relative_operator(build(scene_of(CRUSHING)).assembly)["n_matrix"]
+    for module in (search_direction, tangent_run):
+        monkeypatch.setattr(module, "LARGEST", one if limit == "one copy" else 0)
+    scene = scene_of(CRUSHING).replace("output.check_sensitivities", "none")
+    again = latin_fmu.solve(scene.replace("output.sensitivities", list(CRUSHING[2])))
+    for first, second in zip(own.sensitivities.derivatives, again.sensitivities.derivatives, strict=True):
+        force = first.interfaces["crush"].force()
+        assert second.interfaces["crush"].force() == pytest.approx(force, abs=1e-5 * np.abs(force).max())
