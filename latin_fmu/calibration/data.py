@@ -37,6 +37,7 @@ from ..latin.outcome import Array
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
+from ..scene.units import unit_text
 
 HEADING: Final = "the calibration cannot be made"
 Kind = Literal["history", "spectrum", "modes", "backbone"]
@@ -201,10 +202,12 @@ class _Reader:
     def _names(self, header: Sequence[str]) -> tuple[list[str], list[str]]:
         """Names of the columns, and the units in brackets behind them, "" where there are none."""
         found = [_HEADER.fullmatch(cell.strip()) for cell in header]
-        names = ["" if match is None else match[1] for match in found]
+        # "tip velocity x [m s-1]", as ``latin-fmu export`` writes it, is tip.velocity.x [m/s]
+        names = ["" if match is None else ".".join(match[1].split()) for match in found]
         for name in dict.fromkeys(n for n in names if names.count(n) > 1):
             self._say("the column is there twice", self._header_line, value=name or "without a name")
-        return names, ["" if match is None else match[2] or "" for match in found]
+        units = ["" if match is None else match[2] or "" for match in found]
+        return names, [unit_text(unit) if " " in unit else unit for unit in units]
 
     def _pairs(self, names: Sequence[str]) -> None:
         for name in names:

@@ -124,11 +124,14 @@ def register(add: AddParser) -> None:
 
 
 def _targets(stem: Path, *suffixes: str) -> list[Path]:
-    """Files of a stem with these suffixes, which can be written."""
+    """Files of a stem with these suffixes, which can be written; the stem may have one of them itself."""
     from ..results.writing import check_target
 
     # not ``with_suffix``: a stem may have dots
-    targets = [stem.with_name(f"{stem.name}.{suffix}") for suffix in suffixes]
+    name = next(
+        (stem.name.removesuffix(end) for end in (f".{s}" for s in suffixes) if stem.name.endswith(end)), stem.name
+    )
+    targets = [stem.with_name(f"{name}.{suffix}") for suffix in suffixes]
     for target in targets:
         check_target(target)
     return targets

@@ -131,7 +131,7 @@ def _register_sweep(add: AddParser) -> None:
     add_scene(parser)
     text = "a key and its values, from:to:count or value,value,...; may be repeated"
     option(parser, "--vary", "a.b.c=VALUES", text, action="append")
-    text = "instead: so many samples of the table [spread] of the scene, beside the bands to first order"
+    text = "instead: so many samples (8 or more) of the table [spread] of the scene, beside the bands to first order"
     option(parser, "--samples", "N", text, int)
     option(parser, "--seed", "N", "with --samples: number of their sequence (default: 0)", int)
     text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"

@@ -83,6 +83,12 @@ def test_units_and_deviations_are_read_and_rows_ordered(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.scatter()[0], [2e-3, 1e-3])
 
 
+def test_names_with_blanks_are_those_of_exported_motions(tmp_path: Path) -> None:
+    (tmp_path / "data.csv").write_text("time [s],side velocity x [m s-1]\n1e-6,1\n2e-6,2\n", encoding="utf-8")
+    (table,) = read_measured([tmp_path / "data.csv"], crushing())
+    assert [column.name for column in table.columns] == ["side.velocity.x"]
+
+
 def test_a_history_scatters_alike_and_a_frequency_in_proportion(tmp_path: Path) -> None:
     history = write(tmp_path / "h.csv", "time,side.velocity.x", np.array([[1e-6, 3.0], [2e-6, -4.0]]))
     modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 100.0], [2, 300.0]]))

@@ -97,7 +97,7 @@ def test_universal_file_is_read_by_pyuff(file: Path) -> None:
 def test_tables_in_g(file: Path) -> None:
     """9.80665 m s-2, of a scene in mm; other columns stay in its units. The table of spectra, too."""
     stem = file.with_name("g")
-    assert main(["export", str(file), "--sensor", "top", "--g", "-o", str(stem)]) == 0
+    assert main(["export", str(file), "--sensor", "top", "--g", "-o", f"{stem}.csv"]) == 0  # the stem, or a file of it
     head, *rows = stem.with_name("g.csv").read_text().splitlines()
     columns = dict(zip(head.split(","), np.array([r.split(",") for r in rows], float).T, strict=True))
     tree = latin_fmu.open_results(file)
