@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
@@ -447,6 +448,41 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
     assert "(by a run with 5 %)" in said
     assert "by runs with 5 % more friction coefficient of crush, pressure of press" in said
     assert 'output.check_sensitivities = "all"' in " ".join(plain.lines())
+
+
+def test_a_run_checks_the_parameters_by_which_many_are_flagged() -> None:
+    """Two of the seven quantities are flagged by the friction, above a quarter, none by the pressure."""
+    plain = differentiated(CRUSHING).sensitivities
+    shares = [np.mean([q.flagged[i] for q in plain.quantities]) for i in range(2)]
+    np.testing.assert_allclose(plain.flagged_shares, shares)
+    assert shares == pytest.approx([2 / 7, 0.0])
+    checked = latin_fmu.solve(scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))).sensitivities
+    assert checked.tried == CRUSHING[2][:1]
+    for own, q in zip(plain.quantities, checked.quantities, strict=True):
+        assert q.changes[1] == own.changes[1]
+        assert checked.is_secant(q)[0] >= own.flagged[0]
+        assert not checked.is_secant(q)[1]
+    assert plain.tried == ()
+
+
+def test_a_parameter_of_0_and_a_run_that_fails_keep_their_flags(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first has no value 5 % larger; the run of the second does not converge."""
+    scene = scene_of(CRUSHING).replace("output.check_sensitivities", "all").replace("time.end", 3e-6)
+    names = ["substructure.upper.initial_velocity.0", "load.press.pressure"]
+    first = latin_fmu.solve(scene)
+
+    def solve(other: latin_fmu.Scene, **_: object) -> latin_fmu.Solution:
+        assert other.load["press"].pressure == pytest.approx(1.05 * scene.load["press"].pressure)
+        return replace(first, outcome=replace(first.outcome, converged=False, status="no convergence"))
+
+    run = latin_fmu.solve
+    monkeypatch.setattr(api, "solve", solve)
+    solution = run(scene.replace("output.sensitivities", names))
+    assert solution.sensitivities.tried == ()
+    assert solution.sensitivities.secants == {}
+    said = " ".join(map(str, solution.outcome.warnings))
+    assert f"derivatives by {names[0]} are not checked: its value is 0" in said
+    assert f"derivatives by {names[1]} are not checked: no convergence" in said
 
 
 def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
