@@ -300,8 +300,7 @@ def _derivatives(
 def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
     that have none."""
-    plain = scene.replace("output.sensitivities", [])
-    plain = plain.replace("spread", {}) if scene.spread else plain
+    plain = scene.undifferentiated
     runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
     every = scene.output.check_sensitivities == "all"
     for d, share in zip(made.derivatives, made.flagged_shares, strict=True):

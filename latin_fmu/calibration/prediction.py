@@ -79,10 +79,7 @@ class Predictor:
     def __init__(
         self, scene: Scene, tables: Sequence[MeasuredTable], parameters: Sequence[Names], mode: int, increments: int
     ) -> None:
-        output = scene.output.model_copy(
-            update={**dict.fromkeys(_NO_FIELDS, False), "sensitivities": (), "check_sensitivities": "none"}
-        )
-        self.scene, self.tables, self._parameters = scene.model_copy(update={"output": output}), tables, parameters
+        self.scene, self.tables, self._parameters = scene, tables, parameters
         self._mode, self._increments = mode, increments
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
@@ -95,7 +92,7 @@ class Predictor:
         return not self.reason
 
     def at(self, values: Sequence[float]) -> Scene:
-        """The scene with these values of the parameters.
+        """The scene with these values of the parameters, with its output as written.
 
         Raises
         ------
@@ -116,7 +113,9 @@ class Predictor:
         """
         scene, solution = self.at(values), None
         if self.runs_in_time:
-            solution = self._solved(scene)
+            plain = scene.undifferentiated
+            unkept = {**dict.fromkeys(_NO_FIELDS, False), "check_sensitivities": "none"}
+            solution = self._solved(plain.model_copy(update={"output": plain.output.model_copy(update=unkept)}))
         curves = {table.path: self._static(table, scene) for table in self.tables}
         predicted = np.empty(size_of(self.tables))
         slopes = np.empty((len(predicted), len(self._parameters)))

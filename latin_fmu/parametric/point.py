@@ -226,8 +226,8 @@ class Grid:
         return ", ".join(f"{p.key} = {text}" for p, text in zip(self.parameters, texts, strict=True))
 
     def scene(self, point: Index | None = None) -> Scene:
-        """Scene of a point without fields of the substructures, of which a study keeps nothing; the scene itself where
-        None.
+        """Scene of a point without fields of the substructures and derivatives, of which a study keeps nothing; the
+        scene itself where None.
 
         Raises
         ------
@@ -235,7 +235,7 @@ class Grid:
         """
         if point is None:
             return scene_from_dict(dict(self.tables), self.base_dir)
-        scene = scene_from_dict(with_settings(self.tables, self.settings(point)), self.base_dir)
+        scene = scene_from_dict(with_settings(self.tables, self.settings(point)), self.base_dir).undifferentiated
         output = scene.output.model_copy(update=dict.fromkeys(_NO_FIELDS, False))
         return scene.model_copy(update={"output": output})
 

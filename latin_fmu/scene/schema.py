@@ -343,6 +343,12 @@ class Scene(SceneTable):
         return tuple(dict.fromkeys((*self.output.sensitivities, *self.spread)))
 
     @property
+    def undifferentiated(self) -> Self:
+        """The scene for a run without derivatives by parameters, and without bands."""
+        output = self.output.model_copy(update={"sensitivities": ()})
+        return self.model_copy(update={"output": output, "spread": {}})
+
+    @property
     def distributions(self) -> dict[str, Distribution]:
         """Distributions of the numbers in ``spread``, by name."""
         tables = self.tables() if self.spread else {}

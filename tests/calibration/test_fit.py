@@ -99,6 +99,16 @@ def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -
         np.testing.assert_allclose(slopes[:, i], difference, atol=0.02 * np.abs(difference).max())
 
 
+def test_parameters_that_scatter_are_not_differentiated_in_a_fit(tmp_path: Path) -> None:
+    scene = crushing().replace("spread", {PRESSURE: "5 %"})
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", np.ones((2, 2)) * 1e-6)
+    predictor = Predictor(scene, read_measured([data], scene), [(FRICTION,)], 1, 2)
+    predictor.reason = "secants are asked for"
+    run = predictor((0.1,)).solution
+    assert run is not None
+    assert run.sensitivities is None
+
+
 def test_a_filtered_motion_and_tied_names(tmp_path: Path) -> None:
     """Slopes of two names with one value are the sum of those of each."""
     scene = crushing().replace("sensor.side.filter", {"type": "low_pass", "cutoff": 2e5})

@@ -11,8 +11,10 @@ import pytest
 from scipy import stats
 
 import latin_fmu
+from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
+from latin_fmu.parametric.point import Grid, parameters_of
 from latin_fmu.parametric.samples import sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
 from latin_fmu.results.spread import Scatter, coverage
@@ -141,6 +143,14 @@ def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None
     alone = solved(*SPREAD).bands
     for q in alone.quantities:
         assert float(solution.bands[q.quantity].band.half) == pytest.approx(float(q.band.half), rel=1e-6, abs=1e-30)
+
+
+def test_coarser_runs_and_points_of_a_study_are_not_differentiated() -> None:
+    scene = crushing(*SPREAD, 'output.sensitivities=["interface.crush.friction_coefficient"]')
+    assert len(scene.differentiated) == 2
+    grid = Grid(scene.tables(), str(scene.base_dir), parameters_of(["time.step=0.3e-6,0.6e-6"]))
+    for plain in (scene.undifferentiated, at_resolution(scene, Resolution(mesh=0.5, time=0.5)), grid.scene((0,))):
+        assert not plain.differentiated
 
 
 def test_results_without_bands_have_no_figure_of_them() -> None:
