@@ -17,12 +17,12 @@ from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problem
 from .laws import TimeLaw, base_dir_of, units_in
 from .materials import MaterialTable, material_problems
 from .number_files import QUANTITIES, UNITS, si_unit
-from .overrides import apply_overrides, with_value
+from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
-from .spread import Distribution, SpreadTable, number_at, spread_problems
+from .spread import Distribution, SpreadTable, spread_problems
 from .substructures import (
     Bolt,
     Gravity,

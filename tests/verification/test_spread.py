@@ -162,6 +162,7 @@ def test_results_without_bands_have_no_figure_of_them() -> None:
     ("setting", "words"),
     [
         ("spread.load.press.pressur=5 %", "no number under this name"),
+        ("spread.substructure.upper.initial_velocity.\u00b2=5 %", "no number under this name"),
         ("spread.load.press.pressure=five", 'standard deviation > 0, a share of the value such as "5 %"'),
         ("spread.load.press.pressure=-1.0", "no spread"),
         ("spread.load.press.pressure=[3.0, 1.0]", "no spread"),
