@@ -28,14 +28,6 @@ from ..accuracy.estimate import estimate_error
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..results.estimates import ErrorEstimate
-from ..results.quantities_of_interest import (
-    ACCELERATION_PEAK,
-    BOLT_FORCE,
-    DISPLACEMENT_HISTORY,
-    FORCE_HISTORY,
-    SPECTRUM,
-    VELOCITY_HISTORY,
-)
 from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
@@ -43,7 +35,7 @@ from ..results.summary import aligned, finite, readable
 from ..scene.describe import field_at, unit_of
 from ..scene.overrides import text_with_numbers
 from ..scene.schema import NAMED, Scene
-from .data import FILTERED, Column, MeasuredTable, columns_of
+from .data import Column, MeasuredTable, columns_of
 from .prediction import Names, Predicted, Predictor
 
 CONFIDENCE: Final = 0.95
@@ -54,16 +46,6 @@ AT_BOUND: Final = 1e-4  # of the start
 _FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not random
 _FEW: Final = 20  # data for that
 _NEAR: Final = (1e-3, 0.3)  # change of parameters over their start in the check of flagged derivatives
-_ERROR_OF: Final = {
-    "displacement": DISPLACEMENT_HISTORY.key,
-    "velocity": VELOCITY_HISTORY.key,
-    "acceleration": ACCELERATION_PEAK.key,
-    "srs": SPECTRUM.key,
-    "force": FORCE_HISTORY.key,
-    "normal_force": FORCE_HISTORY.key,
-    "tension": BOLT_FORCE.key,
-}
-"""Quantity of the error estimate, by that of a column."""
 
 
 @dataclass(frozen=True)
@@ -420,10 +402,11 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
 
 def _error_of(estimate: ErrorEstimate, column: Column) -> tuple[float, bool]:
     """Estimated relative error of a column, and whether it is one of its root mean square."""
-    key = _ERROR_OF[column.quantity.removesuffix(FILTERED)]
+    if (of := column.of.error) is None:
+        return math.nan, True
     known = {q.quantity: q for q in estimate.quantities}
-    found = known.get(f"{column.owner}.{key}")
-    return (math.nan if found is None else found.error), key.endswith("_history")
+    found = known.get(f"{column.owner}.{of.key}")
+    return (math.nan if found is None else found.error), of.key.endswith("_history")
 
 
 def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, scale: Array) -> list[str]:

@@ -167,6 +167,15 @@ def test_the_error_of_the_run_is_a_floor(tmp_path: Path) -> None:
     assert all(np.isfinite(column.error) for column in made.columns)
 
 
+def test_frequencies_beside_a_history_have_no_error_of_the_run(tmp_path: Path) -> None:
+    modulus = "material.steel.young_modulus"
+    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 2e4], [2, 2e4]]))
+    time, exact = histories()
+    data = write(tmp_path / "d.csv", f"time,{COLUMNS[2]}", np.column_stack([time, exact[:, 2]]))
+    made = latin_fmu.calibrate(crushing(), [data, modes], modulus, max_runs=2)
+    assert [np.isfinite(column.error) for column in made.columns] == [True, False]
+
+
 def test_runs_end_with_the_number_allowed(tmp_path: Path) -> None:
     made = fitted(tmp_path, max_runs=3)
     assert made.runs == 3
