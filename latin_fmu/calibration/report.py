@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ..accuracy.estimate import estimate_error
+from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..results.estimates import ErrorEstimate
@@ -32,7 +33,7 @@ from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
 from ..results.summary import aligned, finite, readable
-from ..scene.describe import field_at, unit_of
+from ..scene.describe import unit_at
 from ..scene.overrides import text_with_numbers
 from ..scene.schema import NAMED, Scene
 from .data import Column, MeasuredTable, columns_of
@@ -72,9 +73,7 @@ class FitParameter:
 
     def unit(self) -> str:
         """UDUNITS unit, in SI."""
-        keys = [int(part) if part.isdigit() else part for part in self.names[0].split(".")]
-        field = field_at(Scene, keys)
-        return "1" if field is None else unit_of(field) or "1"
+        return unit_at(Scene, self.names[0]) or "1"
 
 
 @dataclass(frozen=True)
@@ -394,7 +393,7 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
     try:
         made = estimate_error(scene, solution)
     except LatinError as error:
-        remarks.append(f"no estimate of the error of the run: {str(error).splitlines()[-1].strip()}")
+        remarks.append(f"no estimate of the error of the run: {message_of(error)}")
         return None
     remarks += [f"error of the run: {text}" for text in made.remarks]
     return made

@@ -46,7 +46,7 @@ from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
 from ..results.spectra import spectrum_group
 from ..results.spread import PATH, linear_results, results_in
-from ..scene.describe import field_at, unit_of
+from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
@@ -85,8 +85,7 @@ class Parameter:
     @property
     def unit(self) -> str | None:
         """UDUNITS unit of the key, None where the scene declares none."""
-        field = field_at(Scene, [int(part) if part.isdigit() else part for part in self.key.split(".")])
-        return None if field is None else unit_of(field)
+        return unit_at(Scene, self.key)
 
     def setting(self, number: int) -> str:
         """The setting of one value, as ``--set`` takes it."""

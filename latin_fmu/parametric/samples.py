@@ -19,7 +19,7 @@ from .. import api
 from ..accuracy.runs import Log
 from ..errors import InputError, SolverError
 from ..latin.outcome import Array
-from ..reader import read_tables, scene_from_dict
+from ..reader import scene_from_dict
 from ..results.dataset import datatree
 from ..results.files import write_groups
 from ..results.groups import StoredGroup, StoredVariable, in_units
@@ -27,11 +27,11 @@ from ..results.sentences import wrapped
 from ..results.solution import Solution
 from ..results.spread import PATH, Bands, ResultBand, ends_of
 from ..results.summary import finite, percent, readable
-from ..scene.schema import Scene, with_settings
+from ..scene.schema import Scene
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
 from .point import CONVERGED, MOST_POINTS, SAMPLE, Grid, Parameter, Plan, Record
-from .study import dataset_of, solved_points
+from .study import dataset_of, solved_points, tables_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -179,10 +179,8 @@ def sample(
     >>> study.sizes["sample"], bands.count
     (8, 8)
     """
-    tables = scene.tables() if isinstance(scene, Scene) else read_tables(scene)
-    base_dir = scene.base_dir if isinstance(scene, Scene) else Path(scene).parent
-    tables = with_settings(tables, settings)
-    whole = scene_from_dict(tables, str(base_dir.resolve()))
+    tables, base_dir = tables_of(scene, settings)
+    whole = scene_from_dict(tables, base_dir)
     if not whole.spread:
         what, remedy = "no parameters scatter", "name some in the table [spread]"
         raise InputError.of(_HEADING, "--samples", what, remedy=remedy)
@@ -195,7 +193,7 @@ def sample(
         raise SolverError(f"no bands to first order: {solution.status}; {'; '.join(map(str, solution.warnings))}")
     output_table = dict(tables.get("output", {})) | {"sensitivities": []}
     plain = {key: value for key, value in tables.items() if key != "spread"} | {"output": output_table}
-    grid = Grid(plain, str(base_dir.resolve()), sample_values(whole.distributions, count, seed), True)
+    grid = Grid(plain, base_dir, sample_values(whole.distributions, count, seed), True)
     checked, records, done = solved_points(Plan(grid, max_cpu=max_cpu), output, jobs, scheduler, log)
     compared = SampledBands.of(solution.bands, records.values())
     groups = _groups(solution, compared, StoredGroup.of_dataset(dataset_of(grid, checked, records, False)))
