@@ -207,13 +207,12 @@ class Predictor:
         """Sentences on the derivatives of a run that are flagged."""
         known = solution.sensitivities
         assert known is not None
-        by_quantity = {q.quantity: q for q in known.quantities}
         for i, d in enumerate(known.derivatives):
             columns = [
                 column.name
                 for _, column, _ in columns_of(self.tables)
                 for flag in column.of.flags
-                if (q := by_quantity.get(f"{column.owner}.{flag.key}")) is not None and q.flagged[i]
+                if (q := known.by_quantity.get(f"{column.owner}.{flag.key}")) is not None and q.flagged[i]
             ]
             if columns:
                 listing = ", ".join(dict.fromkeys(columns))

@@ -403,8 +403,7 @@ def _error_of(estimate: ErrorEstimate, column: Column) -> tuple[float, bool]:
     """Estimated relative error of a column, and whether it is one of its root mean square."""
     if (of := column.of.error) is None:
         return math.nan, True
-    known = {q.quantity: q for q in estimate.quantities}
-    found = known.get(f"{column.owner}.{of.key}")
+    found = estimate.by_quantity.get(f"{column.owner}.{of.key}")
     return (math.nan if found is None else found.error), of.key.endswith("_history")
 
 

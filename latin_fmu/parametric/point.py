@@ -44,8 +44,7 @@ from ..results.quantities_of_interest import (
 )
 from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
-from ..results.spectra import spectrum_group
-from ..results.spread import PATH, linear_results, results_in
+from ..results.spread import linear_results, results_in, spectrum_groups
 from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
@@ -510,10 +509,9 @@ def histories_of(solution: Solution) -> Record:
 def sample_of(scene: Scene, solution: Solution) -> Record:
     """Results of a run that have bands: ``scalars`` by quantity, ``results`` by path of their group and variable."""
     outcome = solution.outcome
-    groups = linear_results(outcome, outcome.time, scene.sensor)
-    groups |= {f"{PATH}sensors/{name}/spectrum": spectrum_group(s) for name, s in solution.spectra.items()}
+    groups = linear_results(outcome, outcome.time, scene.sensor) | spectrum_groups(solution.spectra)
     results = {path: results_in(group) for path, group in groups.items()}
-    return {"scalars": scalars_of(outcome, scene.sensor), "results": results}
+    return {"scalars": scalars_of(outcome, solution.spectra), "results": results}
 
 
 def _largest(vectors: Array) -> float:

@@ -23,9 +23,10 @@ from ..reader import scene_from_dict
 from ..results.dataset import datatree
 from ..results.files import write_groups
 from ..results.groups import StoredGroup, StoredVariable, in_units
-from ..results.sentences import wrapped
+from ..results.quantities_of_interest import in_words
+from ..results.sentences import named_lines
 from ..results.solution import Solution
-from ..results.spread import PATH, Bands, ResultBand, ends_of
+from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
 from ..results.summary import finite, percent, readable
 from ..scene.schema import Scene
 from ..scene.spread import Distribution
@@ -36,8 +37,6 @@ from .study import dataset_of, solved_points, tables_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SAMPLED: Final = "sampled"
-"""Part of the names of what samples have, beside the bands to first order."""
 _WORDS: Final = {
     "mean": "mean",
     "deviation": "standard deviation",
@@ -119,9 +118,8 @@ class SampledBands:
             )
             if np.isfinite(ratio := self.ratio(q.quantity)):
                 text += f", to first order {percent(abs(ratio - 1.0))} {'wider' if ratio > 1.0 else 'narrower'}"
-            made.append((q.words, text + " (states change on the way)" * q.flagged))
-        width = max((len(name) for name, _ in made), default=0)
-        return [f"  {self.count} samples:", *(line for name, text in made for line in wrapped(name.ljust(width), text))]
+            made.append((in_words(q.quantity), text + " (states change on the way)" * q.flagged))
+        return [f"  {self.count} samples:", *named_lines(made)]
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """As ``Bands.report``, with ``samples``, their number, and of each quantity ``sampled_mean``, ``sampled_low``
