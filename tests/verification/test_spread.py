@@ -164,12 +164,12 @@ def test_results_without_bands_have_no_figure_of_them() -> None:
         ("spread.load.press.pressur=5 %", "no number under this name"),
         ("spread.substructure.upper.initial_velocity.\u00b2=5 %", "no number under this name"),
         ("spread.load.press.pressure=five", 'standard deviation > 0, a share of the value such as "5 %"'),
-        ("spread.load.press.pressure=-1.0", "no spread"),
-        ("spread.load.press.pressure=[3.0, 1.0]", "no spread"),
+        ("spread.load.press.pressure=-1.0", "not a spread"),
+        ("spread.load.press.pressure=[3.0, 1.0]", "not a spread"),
         ("spread.load.press.pressure=[1.0, 2.0]", "not in its range"),
-        ("spread.load.press.pressure=true", "no spread"),
+        ("spread.load.press.pressure=true", "not a spread"),
         ("spread=3", "must be a table"),
-        ("spread.substructure.upper.initial_velocity.0=5 %", "a share of 0 is 0"),
+        ("spread.substructure.upper.initial_velocity.0=5 %", "a share of a value of 0 is 0"),
     ],
 )
 def test_spreads_that_are_none_are_refused(setting: str, words: str) -> None:
@@ -245,7 +245,7 @@ def test_samples_that_do_not_count_are_none() -> None:
 
 
 def test_samples_without_a_spread_or_a_band_are_refused() -> None:
-    with pytest.raises(InputError, match="no parameters scatter"):
+    with pytest.raises(InputError, match="no parameters that scatter"):
         compared(16)
     with pytest.raises(InputError, match="number of samples"):
         compared(2, *SPREAD)
