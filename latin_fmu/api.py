@@ -290,7 +290,7 @@ def _derivatives(
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made)
+        made, missing = _checked(scene, made, progress)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -301,7 +301,7 @@ def _derivatives(
     return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
+def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
     that have none."""
     plain = scene.undifferentiated
@@ -314,7 +314,7 @@ def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str
         why, run = "its value is 0", None
         if d.value != 0.0:
             try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept)
+                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
                 run = scalars_of(other.outcome, other.spectra) if other.converged else None
                 why = other.status
             except LatinError as error:
