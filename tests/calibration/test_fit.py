@@ -1,4 +1,4 @@
-"""Fits of parameters: truth, intervals, secants, what cannot be told apart."""
+"""Fits of parameters: truth, intervals, secants, what the data do not determine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from latin_fmu.calibration.report import (
     Calibration,
     ColumnFit,
     FitParameter,
-    Spread,
+    FitStatistics,
     _error_of,
     _on_derivatives,
     _on_residuals,
@@ -100,7 +100,7 @@ def test_secants_end_where_derivatives_do(tmp_path: Path) -> None:
     """Values to a tenth of the interval, intervals to a fifth."""
     exact, secants = fitted(tmp_path, 1), fitted(tmp_path, 1, secants=True)
     assert secants.runs <= 14
-    assert "secants are asked for" in secants.remarks[0]
+    assert "derivatives by secants: as requested" in secants.remarks[0]
     for a, b in zip(exact.parameters, secants.parameters, strict=True):
         assert b.value == pytest.approx(a.value, abs=0.2 * a.half)
         assert b.half == pytest.approx(a.half, rel=0.2)
@@ -120,6 +120,16 @@ def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -
         more, less = (predictor(tuple(np.array(TRUTH) + s * step)).predicted for s in (1, -1))
         difference = (more - less) / (2.0 * step[i])
         np.testing.assert_allclose(slopes[:, i], difference, atol=0.02 * np.abs(difference).max())
+
+
+def test_parameters_that_scatter_are_not_differentiated_in_a_fit(tmp_path: Path) -> None:
+    scene = crushing().replace("spread", {PRESSURE: "5 %"})
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", np.ones((2, 2)) * 1e-6)
+    predictor = Predictor(scene, read_measured([data], scene), [(FRICTION,)], 1, 2)
+    predictor.reason = "secants are asked for"
+    run = predictor((0.1,)).solution
+    assert run is not None
+    assert run.sensitivities is None
 
 
 def test_a_filtered_motion_and_tied_names(tmp_path: Path) -> None:
@@ -199,7 +209,7 @@ def test_a_run_that_does_not_converge_is_no_prediction(tmp_path: Path, monkeypat
     with pytest.raises(SolverError, match="did not converge"):
         Predictor(scene, read_measured([data], scene), [(PRESSURE,)], 1, 2)(TRUTH[1:])
     monkeypatch.setattr(Predictor, "_of_series", lambda *_: np.nan)
-    with pytest.raises(SolverError, match="no numbers at some of the data"):
+    with pytest.raises(SolverError, match="no finite values at some of the data"):
         Predictor(crushing(), read_measured([data], crushing()), [(PRESSURE,)], 1, 2)(TRUTH[1:])
 
 
@@ -218,7 +228,7 @@ def test_flagged_derivatives_are_told_with_what_they_predict(tmp_path: Path) -> 
     (told,) = predictor._flagged(flagged)
     assert told.startswith("crush.normal_force by friction coefficient of crush: contact states change at ")
     # y = p^2 at p = 1 and 1.1, weights 2: the trapezoidal rule is exact, half the slopes leave half the change
-    for share, words in ((1.0, "to 0 %"), (0.5, "to 50 %")):
+    for share, words in ((1.0, " 0 %"), (0.5, " 50 %")):
         done = [Predicted((p,), np.array([p**2] * 3), np.full((3, 1), 2 * p * share), (told,)) for p in (1.0, 1.125)]
         said = _on_derivatives(done[1], done, np.full(3, 2.0), np.ones(1))
         assert said[0] == f"derivatives flagged: {told}"
@@ -277,6 +287,15 @@ def test_intervals_and_shifts_are_those_of_the_weighted_derivatives(tmp_path: Pa
         assert p.shift == pytest.approx(np.abs(bent) @ floor, rel=1e-6)
 
 
+def test_frequencies_beside_a_history_have_no_error_of_the_run(tmp_path: Path) -> None:
+    modulus = "material.steel.young_modulus"
+    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 2e4], [2, 2e4]]))
+    time, exact = histories()
+    data = write(tmp_path / "d.csv", f"time,{COLUMNS[2]}", np.column_stack([time, exact[:, 2]]))
+    made = latin_fmu.calibrate(crushing(), [data, modes], modulus, max_runs=2)
+    assert [np.isfinite(column.error) for column in made.columns] == [True, False]
+
+
 def test_runs_end_with_the_number_allowed(tmp_path: Path) -> None:
     made = fitted(tmp_path, max_runs=3)
     assert made.runs == 3
@@ -293,20 +312,20 @@ def test_intervals_are_those_of_a_line() -> None:
     y = 2.0 * x + 1.0 + 0.1 * rng.standard_normal(12)
     line, covariance = np.polyfit(x, y, 1, cov=True)
     slopes = np.stack([x, np.ones(12)], axis=1)
-    spread = Spread(slopes, slopes @ line - y, np.zeros(12), np.ones(2, dtype=bool))
-    np.testing.assert_allclose(spread.covariance(), covariance, rtol=1e-9)
-    assert spread.quantile == pytest.approx(2.2281, abs=1e-4)
-    assert not spread.shifts().any()
+    statistics = FitStatistics(slopes, slopes @ line - y, np.zeros(12), np.ones(2, dtype=bool))
+    np.testing.assert_allclose(statistics.covariance(), covariance, rtol=1e-9)
+    assert statistics.quantile == pytest.approx(2.2281, abs=1e-4)
+    assert not statistics.shifts().any()
     # whatever the unit of a parameter is
     scale = np.array([1e-18, 1.0])
-    other = dataclasses.replace(spread, slopes=slopes * scale)
+    other = dataclasses.replace(statistics, slopes=slopes * scale)
     np.testing.assert_allclose(other.covariance() * np.outer(scale, scale), covariance, rtol=1e-9)
 
 
 def test_combinations_are_of_relative_changes() -> None:
     """One parameter of value 5 with the slope 0.1: +- t s / (0.5 sqrt(n))."""
-    spread = Spread(np.full((10, 1), 0.1), np.tile([0.1, -0.1], 5), np.zeros(10), np.ones(1, dtype=bool))
-    ((interval, _),) = spread.directions(np.array([5.0]))
+    statistics = FitStatistics(np.full((10, 1), 0.1), np.tile([0.1, -0.1], 5), np.zeros(10), np.ones(1, dtype=bool))
+    ((interval, _),) = statistics.directions(np.array([5.0]))
     assert interval == pytest.approx(2.2622 * np.sqrt(0.1 / 9) / (0.5 * np.sqrt(10.0)), rel=1e-4)
 
 
@@ -316,19 +335,19 @@ def test_parameters_that_go_together_are_told(sign: float, words: str) -> None:
     rng = np.random.default_rng(1)
     slope = rng.standard_normal(50)
     slopes = np.stack([slope, sign * slope + 0.2 * rng.standard_normal(50)], axis=1)
-    spread = Spread(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
-    sizes = np.sqrt(np.diag(spread.covariance()))
-    said = combinations(spread, parameters(), np.ones(2), spread.covariance() / np.outer(sizes, sizes))
-    assert said[0].startswith("friction coefficient of a and force of b go together (correlation ")
+    statistics = FitStatistics(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
+    sizes = np.sqrt(np.diag(statistics.covariance()))
+    said = combinations(statistics, parameters(), np.ones(2), statistics.covariance() / np.outer(sizes, sizes))
+    assert said[0].startswith("friction coefficient of a and force of b are correlated (")
     assert said[0].endswith(words)
 
 
 def test_errors_of_columns_are_those_of_their_quantity() -> None:
     """Of the root mean square of a history of forces, of the largest value of a tension."""
     known = {"crush.force_history": 0.1, "crush.peak_force": 0.3, "m6.bolt_force": 0.2}
-    estimate = SimpleNamespace(quantities=[SimpleNamespace(quantity=q, error=e) for q, e in known.items()])
+    estimate = SimpleNamespace(by_quantity={q: SimpleNamespace(error=e) for q, e in known.items()})
     for owner, quantity, expected in (("crush", "force", (0.1, True)), ("m6", "tension", (0.2, False))):
-        column = Column(f"{owner}.{quantity}", owner, quantity, None, "N", np.ones(2), None)
+        column = Column(f"{owner}.{quantity}", owner, quantity, None, np.ones(2), None)
         error, of_rms = _error_of(estimate, column)  # type: ignore[arg-type]
         assert (error, of_rms) == expected
         table = MeasuredTable("d.csv", "history", np.arange(2.0), (column,))
@@ -338,9 +357,9 @@ def test_errors_of_columns_are_those_of_their_quantity() -> None:
 
 def test_a_floor_above_the_scatter_takes_its_place() -> None:
     slopes = np.ones((10, 1))
-    spread = Spread(slopes, np.tile([0.1, -0.1], 5), np.full(10, 0.5), np.ones(1, dtype=bool))
-    assert spread.covariance()[0, 0] == pytest.approx(0.5**2 / 10)
-    assert spread.shifts()[0] == pytest.approx(0.5)
+    statistics = FitStatistics(slopes, np.tile([0.1, -0.1], 5), np.full(10, 0.5), np.ones(1, dtype=bool))
+    assert statistics.covariance()[0, 0] == pytest.approx(0.5**2 / 10)
+    assert statistics.shifts()[0] == pytest.approx(0.5)
 
 
 def test_residuals_that_are_no_noise_or_too_large_are_told() -> None:
@@ -349,12 +368,12 @@ def test_residuals_that_are_no_noise_or_too_large_are_told() -> None:
     for residual, words in (
         (0.1 * noise, None),
         (0.4 * noise, "times the standard deviations given"),
-        (0.1 * np.sin(2 * np.pi * time), "follow each other (correlation 0.9"),
+        (0.1 * np.sin(2 * np.pi * time), "are correlated (0.9"),
     ):
-        column = Column("side.velocity.x", "side", "velocity", 0, "m s-1", np.zeros(40), sd)
+        column = Column("side.velocity.x", "side", "velocity", 0, np.zeros(40), sd)
         table = MeasuredTable("d.csv", "history", time, (column,))
-        spread = Spread(np.ones((40, 1)), residual / sd, np.zeros(40), np.ones(1, dtype=bool))
-        said = _on_residuals([ColumnFit(table, column, residual, residual)], spread)
+        statistics = FitStatistics(np.ones((40, 1)), residual / sd, np.zeros(40), np.ones(1, dtype=bool))
+        said = _on_residuals([ColumnFit(table, column, residual, residual)], statistics)
         assert len(said) == (words is not None)
         assert words is None or words in said[0]
 
@@ -368,24 +387,24 @@ def test_a_product_is_told_as_what_is_known() -> None:
     rng = np.random.default_rng(1)
     slope = rng.standard_normal(50)
     slopes = np.stack([slope, slope + 1e-4 * rng.standard_normal(50)], axis=1)
-    spread = Spread(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
-    sizes = np.sqrt(np.diag(spread.covariance()))
-    said = combinations(spread, parameters(), np.ones(2), spread.covariance() / np.outer(sizes, sizes))
-    assert said[0].startswith("cannot be told apart")
+    statistics = FitStatistics(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
+    sizes = np.sqrt(np.diag(statistics.covariance()))
+    said = combinations(statistics, parameters(), np.ones(2), statistics.covariance() / np.outer(sizes, sizes))
+    assert said[0].startswith("not determined (+-")
     assert "+10 % friction coefficient of a, -10 % force of b" in said[0] or (
         "+10 % force of b, -10 % friction coefficient of a" in said[0]
     )
-    assert "best known: (friction coefficient of a)^1 (force of b)^1" in said[-1]
+    assert "best determined: (friction coefficient of a)^1 (force of b)^1" in said[-1]
 
 
 def test_a_parameter_without_effect_is_not_known() -> None:
     rng = np.random.default_rng(1)
     slopes = np.stack([rng.standard_normal(20), np.zeros(20)], axis=1)
-    spread = Spread(slopes, 0.02 * rng.standard_normal(20), np.zeros(20), np.ones(2, dtype=bool))
-    assert np.isinf(spread.covariance()[1, 1])
-    assert np.isfinite(spread.covariance()[0, 0])
-    said = combinations(spread, parameters(), np.ones(2), np.eye(2))
-    assert said[0] == "not known from these data at all: force of b"
+    statistics = FitStatistics(slopes, 0.02 * rng.standard_normal(20), np.zeros(20), np.ones(2, dtype=bool))
+    assert np.isinf(statistics.covariance()[1, 1])
+    assert np.isfinite(statistics.covariance()[0, 0])
+    said = combinations(statistics, parameters(), np.ones(2), np.eye(2))
+    assert said[0] == "not determined by these data at all: force of b"
 
 
 # -- the search -------------------------------------------------------------------------------------------------------
@@ -445,8 +464,7 @@ def test_columns_are_weighted_by_their_residuals() -> None:
         ((1.0, 4.0), ones, (1.0, 1.0)),
     ):
         columns = tuple(
-            Column(f"side.velocity.{'xy'[i]}", "side", "velocity", i, "m s-1", 0 * ones, sd if i else None)
-            for i in range(2)
+            Column(f"side.velocity.{'xy'[i]}", "side", "velocity", i, 0 * ones, sd if i else None) for i in range(2)
         )
         made = LeastSquares(Decay(), parameters(), np.zeros(8), 9, None)  # type: ignore[arg-type]
         best = Predicted((1.0, 1.0), np.repeat(sizes, 4) * np.tile([1.0, -1.0], 4), None)

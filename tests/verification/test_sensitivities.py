@@ -21,6 +21,7 @@ from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
 from tests.results import synthetic
 from tests.scenes import MODELS
+from tests.verification import sensitivity_flags
 
 TIGHT = ("solver.tolerance=1e-11", "solver.force_tolerance=1e-10", "output.fields=false", "output.energy=false")
 STEP = 1e-5
@@ -450,6 +451,24 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
     assert 'output.check_sensitivities = "all"' in " ".join(plain.lines())
 
 
+def test_a_secant_takes_the_place_of_a_change_that_is_flagged_or_contradicted() -> None:
+    """By a tenth of the secant, and a hundredth of the value; not of one without a run."""
+    plain = differentiated(CRUSHING).sensitivities
+    for change, flagged, value, taken in (
+        (1.0, False, 1.05, False),
+        (1.0, False, 1.2, True),
+        (1.0, True, 1.05, True),
+        (0.001, False, 0.009, False),
+    ):
+        q = replace(plain.quantities[0], value=1.0, changes=np.full(2, change), flagged=np.full(2, flagged))
+        checked = replace(plain, quantities=[q]).checked([{q.quantity: 1.0 + 0.05 * value}, None])
+        (made,) = checked.quantities
+        np.testing.assert_allclose(made.changes, [value if taken else change, change])
+        assert checked.is_secant(made).tolist() == [taken, False]
+        assert made.flagged.tolist() == [flagged and not taken, flagged]
+        assert checked.tried == CRUSHING[2][:1]
+
+
 def test_a_run_checks_the_parameters_by_which_many_are_flagged() -> None:
     """Two of the seven quantities are flagged by the friction, above a quarter, none by the pressure."""
     plain = differentiated(CRUSHING).sensitivities
@@ -483,6 +502,21 @@ def test_a_parameter_of_0_and_a_run_that_fails_keep_their_flags(monkeypatch: pyt
     said = " ".join(map(str, solution.outcome.warnings))
     assert f"derivatives by {names[0]} are not checked: its value is 0" in said
     assert f"derivatives by {names[1]} are not checked: no convergence" in said
+
+
+def test_the_table_of_flags_counts_what_runs_replace() -> None:
+    """Off or flagged: the changes that ``check_sensitivities = "all"`` replaces; left: those of no run by default."""
+    scene = scene_of(CRUSHING)
+    pairs = sensitivity_flags.judged(scene)
+    wanted = scene.replace("output.sensitivities", sensitivity_flags.parameters_of(scene))
+    checked = latin_fmu.solve(wanted.replace("output.check_sensitivities", "all")).sensitivities
+    replaced = np.concatenate([checked.is_secant(q) for q in checked.quantities])
+    np.testing.assert_array_equal(pairs.off | pairs.flagged, replaced)
+    usual = latin_fmu.solve(wanted).sensitivities
+    agreed = np.concatenate([usual.is_secant(q) | q.flagged for q in usual.quantities])
+    np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
+    assert 0 < pairs.left.sum() < pairs.off.sum()
+    assert pairs.runs == len(usual.tried)
 
 
 def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
@@ -526,8 +560,20 @@ def test_derivatives_whose_matrix_is_too_large_are_the_same(limit: str, monkeypa
     one = relative_operator(build(scene_of(CRUSHING)).assembly)["n_matrix"]
     for module in (search_direction, tangent_run):
         monkeypatch.setattr(module, "LARGEST", one if limit == "one copy" else 0)
+    relative, made = list[dict[str, object]](), tangent_run.TangentRun.made_direction
+
+    def direction(*given: object) -> search_direction.Direction:
+        found = made(*given)
+        relative.append(found.relative)
+        return found
+
+    monkeypatch.setattr(tangent_run.TangentRun, "made_direction", direction)
     scene = scene_of(CRUSHING).replace("output.check_sensitivities", "none")
     again = latin_fmu.solve(scene.replace("output.sensitivities", list(CRUSHING[2])))
     for first, second in zip(own.sensitivities.derivatives, again.sensitivities.derivatives, strict=True):
         force = first.interfaces["crush"].force()
         assert second.interfaces["crush"].force() == pytest.approx(force, abs=1e-5 * np.abs(force).max())
+    assert relative
+    for found in relative:
+        assert found.get("on_iteration", 0) == (limit == "none")
+        assert found.get("n_matrix", 0) == (one if limit == "one copy" else 0)
