@@ -229,6 +229,7 @@ def test_a_spread_is_written_as_it_is_read() -> None:
 
 
 def test_samples_have_the_distributions_of_their_parameters() -> None:
+    assert Distribution.of(-2.0, "10 %").deviation == pytest.approx(0.2)
     distributions = {"a": Distribution.of(2.0, "10 %"), "b": Distribution.of(1.0, (0.0, 4.0))}
     a, b = (np.array(p.values) for p in sample_values(distributions, 1000, 1))
     assert stats.kstest(a, stats.norm(2.0, 0.2).cdf).statistic < 5e-3
