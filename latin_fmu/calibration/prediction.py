@@ -190,9 +190,8 @@ class Predictor:
     def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
-        # the mean of all: the difference of two instants late in a run has fewer digits
-        step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
-        return shock_response_spectrum(motion, step, table.along, 10.0 if request is None else request.quality)
+        quality = 10.0 if request is None else request.quality
+        return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality)
 
     def _slope(self, table: MeasuredTable, column: Column, moved: Array, solution: Solution) -> Array:
         """Derivative of the data of a column, from that of its series (n_time,)."""
