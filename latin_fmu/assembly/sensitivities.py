@@ -113,7 +113,7 @@ def value_of(scene: Scene, name: str) -> float:
 
 
 def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
-    """The parameters that results of a scene are differentiated by; ``problem`` : of this scene.
+    """The parameters by which results of a scene are differentiated; ``problem`` : of this scene.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
 def _equal(a: Array | None, b: Array | None) -> bool:
     if a is None or b is None:
         return a is b
-    # to the last bit as a rule, which costs less to find out
+    # equal to the last bit as a rule, and that test costs less
     return np.array_equal(a, b) or (a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12)))
 
 

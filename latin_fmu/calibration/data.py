@@ -1,6 +1,6 @@
-"""Measured data: tables whose header says what a column is, checked against the scene.
+"""Measured data: tables with named columns, checked against the scene.
 
-The first column is what the others are given over, and says what kind of data these are:
+The first column is the abscissa of the others, and gives the kind of data:
 
 ====================  ==========  ======================================================================
 first column          kind        further columns
@@ -235,9 +235,7 @@ class _Reader:
         kind = _KINDS.get(first[2]) if not first[0] or first[2] == "amplitude" else None
         if kind is None:
             allowed, remedy = ", ".join((*_KINDS, "SENSOR.amplitude")), did_you_mean(names[0], _KINDS)
-            self._say(
-                "the first column is not known", self._header_line, value=names[0], allowed=allowed, remedy=remedy
-            )
+            self._say("unknown first column", self._header_line, value=names[0], allowed=allowed, remedy=remedy)
             return None
         sensor = first[0] or None
         if sensor is not None and sensor not in self._owners["sensor"]:

@@ -1,7 +1,8 @@
-"""What a scene predicts of measured data, and how that changes with its parameters.
+"""Predictions of measured data by a scene, and their derivatives by its parameters.
 
 Histories are taken linearly between the instants of the run, and their derivatives from ``output.sensitivities`` of the
-same run, as those of spectra are. Frequencies and backbones, and runs whose derivatives are not known, have none here.
+same run, as those of spectra are. Frequencies and backbones have no derivatives here, nor have runs whose derivatives
+are refused.
 
 A backbone is computed at a few amplitudes over the range of the data, and taken linearly over the logarithm of the
 amplitude between them.
@@ -38,12 +39,12 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Predicted:
-    """Predicted of all data with one set of values.
+    """Predictions of all data with one set of values.
 
     Attributes
     ----------
     values : (n_parameter,). predicted : (n,). slopes : (n, n_parameter) derivatives, None where there are none.
-    flagged : sentences on derivatives that are not to be trusted. solution : the run, None where there is none.
+    flagged : sentences on derivatives that are flagged. solution : the run, None where there is none.
     """
 
     values: tuple[float, ...]
@@ -94,7 +95,7 @@ class Predictor:
         return scene
 
     def __call__(self, values: Sequence[float]) -> Predicted:
-        """One run of the scene, or what stands for it.
+        """Predictions by one run of the scene, by its modes or by its backbone.
 
         Raises
         ------
@@ -117,7 +118,7 @@ class Predictor:
             if self.exact:
                 slopes[place] = self._slopes(table, column, solution)
         if not np.isfinite(predicted).all():
-            raise SolverError("the run has no numbers at some of the data")
+            raise SolverError("the run has no finite values at some of the data")
         flagged = tuple(self._flagged(solution)) if solution is not None and self.exact else ()
         return Predicted(tuple(map(float, values)), predicted, slopes if self.exact else None, flagged, solution)
 

@@ -2,10 +2,10 @@
 
     minimise  sum_i ((y_i(p) - d_i) / w_i)^2,    low <= p <= high
 
-d the data, y what the scene predicts of them, w their standard deviations. The method is the trust region of
+d the data, y their predictions by the scene, w their standard deviations. The method is the trust region of
 ``scipy.optimize.least_squares`` on parameters over their start, with the derivatives of the run. Where there are none,
 a Jacobian of secants is made once, by a run a parameter, and updated after each run (Broyden); at the end it is made
-anew, and the fit goes on where it is not at rest then.
+anew, and the fit goes on where it has not converged then.
 
 Columns without standard deviations are weighted in proportion to their values, see ``data.Column.scatter``. Where the
 residuals of several columns differ much then, each is weighted by its own, and the fit repeated from there.
@@ -185,7 +185,7 @@ class LeastSquares:
     def slopes(self, z: Array) -> Array:
         """Derivatives (n, p) of the predictions by ``z``: of the run, or secants that fit the last runs."""
         here = self.at(z)
-        assert here is not None, "derivatives are asked for where a run has succeeded"
+        assert here is not None, "derivatives follow a run that has succeeded"
         if here.slopes is not None:
             return np.asarray(here.slopes * self.scale)
         if self._secants is None:
@@ -237,7 +237,7 @@ class LeastSquares:
                 )
                 z, converged = found.x, found.status > 0
                 best = self.best()
-                # derivatives of the run do not age: where the method rests the fit does
+                # derivatives of the run are exact at every step: where the method converges the fit does
                 if best.slopes is not None:
                     break
                 z = np.array(best.values) / self.scale
@@ -302,7 +302,7 @@ def calibrate(
     _check(tables, parameters, max_runs)
     predictor = Predictor(scene, tables, [p.names for p in parameters], mode, increments)
     if secants:
-        predictor.reason = "secants are asked for"
+        predictor.reason = "as requested"
     measured = np.concatenate([column.values for _, column, _ in columns_of(tables)])
     search = LeastSquares(predictor, parameters, measured, max_runs, log)
     search.weights = np.concatenate([scatter for table in tables for scatter in table.scatter()])

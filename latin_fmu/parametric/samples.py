@@ -1,7 +1,7 @@
 """Samples of a scene whose parameters scatter, beside its bands to first order.
 
 The points are a scrambled Sobol sequence in the probabilities of the parameters (A.B. Owen, Scrambling Sobol' and
-Niederreiter-Xing points, J. Complexity 14 (1998) 466-489): 200 of them have the standard deviation of a sum of three
+Niederreiter-Xing points, J. Complexity 14 (1998) 466-489): 200 of them give the standard deviation of a sum of three
 normal parameters to 1 %, random ones to 5 %. The band of samples is their mean +- k standard deviations, with the k of
 the band to first order (``results.spread``): their quantiles at 95 % would be those of a few samples.
 """
@@ -87,7 +87,7 @@ class SampledBands:
         """
         kept = [record[SAMPLE] for record in records if record["state"] == CONVERGED and SAMPLE in record]
         if len(kept) < 2:
-            raise SolverError(f"{len(kept)} samples have converged: no band")
+            raise SolverError(f"{len(kept)} samples have converged: a band takes 2 at least")
 
         def band(values: Sequence[Array | float], factor: Array) -> ResultBand:
             every = np.array(values, dtype=float)
@@ -166,7 +166,7 @@ def sample(
 
     Raises
     ------
-    InputError : no parameters that scatter, an absurd count. SceneError : no derivatives of this scene.
+    InputError : no parameters that scatter, a count or seed out of range. SceneError : no derivatives of this scene.
     SolverError : the run or all but one of the samples do not converge. ResultsError : the output cannot be written.
 
     Examples
@@ -180,7 +180,7 @@ def sample(
     tables, base_dir = tables_of(scene, settings)
     whole = scene_from_dict(tables, base_dir)
     if not whole.spread:
-        what, remedy = "no parameters scatter", "name some in the table [spread]"
+        what, remedy = "the scene has no parameters that scatter", "name some in the table [spread]"
         raise InputError.of(_HEADING, "--samples", what, remedy=remedy)
     if not _FEWEST <= count <= MOST_POINTS:
         raise InputError.of(_HEADING, "--samples", "number of samples", str(count), f"{_FEWEST} to {MOST_POINTS}")

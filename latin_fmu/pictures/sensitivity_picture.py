@@ -72,8 +72,8 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
 @styled
 def bands_figure(tree: xr.DataTree) -> Figure:
     """Normal forces of interfaces, motions of sensors, tensions of bolts and spectra with their bands at 95 %, those of
-    samples beside them where there are some. Instants at which states change are marked: bands are not to be trusted
-    there.
+    samples beside them where there are some. Instants at which states change are marked: bands to first order may
+    not hold there.
 
     Raises
     ------

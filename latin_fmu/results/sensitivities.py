@@ -17,8 +17,9 @@ force at its event by its height times the shift, which the steps resolve to som
 * slip, work of friction: where ``changing`` is above ``OFTEN`` in the mean over time,
 * sensors, bolts, forces of other interfaces: where more than ``SHARE`` of all change of force happens at events,
 * all of these but impulses and spectra: where the scalar, taken from histories that are moved along the derivatives for
-  ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. A peak that a later one overtakes, a
-  wave that arrives at another instant, slip that turns bend it without any change of state.
+  ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. Another
+  peak that becomes the largest, a wave that arrives at another instant and slip that turns bend it without any change
+  of state.
 
 A parameter by which more than ``GATHERED`` of the quantities are flagged has a run in which it is larger by ``CHECKED``
 (``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
@@ -597,6 +598,6 @@ def _differences(
             continue
         changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
         largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
-        bent = ~(np.abs(far - changes) <= BENT * largest)  # none of a contact that is lost, too
+        bent = ~(np.abs(far - changes) <= BENT * largest)  # NaN, of a contact that is lost, counts as bent
         unit = _UNITS[key] if key in _UNITS else definition_of(f"{owner}.{key}").unit
         yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, bent)

@@ -68,17 +68,17 @@ class ResultBand:
 
     @property
     def half(self) -> Array:
-        """Half its width, of the unit of the result."""
+        """Half width of the band, in the unit of the result."""
         return self.factor * self.deviation
 
     @property
     def low(self) -> Array:
-        """Lower end of it."""
+        """Lower end of the band."""
         return np.asarray(self.mean - self.half)
 
     @property
     def high(self) -> Array:
-        """Upper end of it."""
+        """Upper end of the band."""
         return np.asarray(self.mean + self.half)
 
 
@@ -100,7 +100,7 @@ class Scatter:
         return list(self.distributions.values())
 
     def parts(self, changes: Array) -> Array:
-        """What each parameter makes of the standard deviation, (n, ...), from derivatives (n_derivative, ...)."""
+        """q_i s_i of each parameter, (n, ...), from derivatives (n_derivative, ...)."""
         weights = np.array([d.deviation for d in self._all]) / self.scales
         return np.asarray(changes[self.places] * weights.reshape(-1, *[1] * (changes.ndim - 1)))
 
@@ -214,7 +214,7 @@ class Bands(ByQuantity[QuantityBand]):
         }
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
-        """One line a quantity: value, band, the parameter that makes most of it."""
+        """One line a quantity: value, band, the parameter with the largest share of its variance."""
         made = [(quantity_in_words(q.quantity), self._text(q, units)) for q in self.quantities]
         head = f"  at {100 * LEVEL:g} %, to first order in {len(self.scatter.distributions)} parameters that scatter:"
         return [head, *named_lines(made)]

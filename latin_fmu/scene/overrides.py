@@ -163,7 +163,7 @@ def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection
             return None
         wanted = with_value(wanted, path, number, named)
     made = "".join(lines)
-    # a text or comment may look like the key: what is read decides
+    # a text or comment may look like the key: the new text is read and compared
     return made if tomllib.loads(made) == wanted else None
 
 

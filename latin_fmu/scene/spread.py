@@ -26,7 +26,7 @@ def _check_spread(written: Any) -> Any:
     else:
         fits = (number({"of": written}, "of") or 0.0) > 0.0
     if not fits:
-        raise refusal("no spread", value=written, allowed=_FORM)
+        raise refusal("not a spread", value=written, allowed=_FORM)
     return tuple(map(float, written)) if isinstance(written, list | tuple) else written
 
 
@@ -82,4 +82,4 @@ def spread_problems(spread: Mapping[str, Any], tables: Mapping[str, Any]) -> Ite
             ends = f"{written[0]:g} to {written[1]:g}"
             yield Problem(where, "the value of the scene is not in its range", f"{value:g}", ends)
         elif Distribution.of(value, written).deviation == 0.0:
-            yield Problem(where, "a share of 0 is 0", str(written), "a standard deviation, or a range")
+            yield Problem(where, "a share of a value of 0 is 0", str(written), "a standard deviation, or a range")

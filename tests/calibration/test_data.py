@@ -51,7 +51,7 @@ def test_all_problems_of_the_rows_come_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("speed,side.velocity.x\n1,1\n", "the first column is not known"),
+        ("speed,side.velocity.x\n1,1\n", "unknown first column"),
         ("time,side.srs.x\n1e-6,1\n", "no such column"),
         ("frequency,side.velocity.x\n1e3,1\n", "SENSOR.srs.x"),
         ("frequency,side.srs.x\n1e8,1\n", "Nyquist"),
