@@ -208,7 +208,7 @@ def test_a_run_that_does_not_converge_is_no_prediction(tmp_path: Path, monkeypat
     data = write(tmp_path / "d.csv", "time,side.velocity.z", np.array([[1e-6, 1.0], [2e-6, 1.0]]))
     with pytest.raises(SolverError, match="did not converge"):
         Predictor(scene, read_measured([data], scene), [(PRESSURE,)], 1, 2)(TRUTH[1:])
-    monkeypatch.setattr(Predictor, "_of_series", lambda *_: np.nan)
+    monkeypatch.setattr(Predictor, "_of_series", lambda *_: np.full(2, np.nan))
     with pytest.raises(SolverError, match="no finite values at some of the data"):
         Predictor(crushing(), read_measured([data], crushing()), [(PRESSURE,)], 1, 2)(TRUTH[1:])
 
