@@ -236,7 +236,7 @@ class _Reader:
         where, unit = _QUANTITIES[quantity]
         # builds the scene, which takes seconds: only where the name is not one of the scene
         if where == "interface" and self._scene.contact and parts[0] not in self._owners[where]:
-            self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those that it finds
+            self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those found by searches
         if parts[0] not in self._owners[where]:
             self._unknown(name, where, parts[0])
             return None
