@@ -53,13 +53,13 @@ _QUANTITIES: Final = {
     "normal_force": ("interface", "N"),
     "tension": ("bolt", "N"),
 }
-"""Table of the scene that has the owner, and unit, by quantity."""
+"""Kind of table of the owner in the scene, and unit, by quantity."""
 _SCALARS: Final = ("normal_force", "tension")
 _HEADER: Final = re.compile(r"(.+?)\s*(?:\[([^\]]*)\])?")
 _SD: Final = ".sd"
 _MOST_SAID: Final = 20  # problems of one file
 _MOST_MODES: Final = 1000
-_SMALL: Final = 0.1  # of the largest value of a column: smaller ones scatter as much as this
+_SMALL: Final = 0.1  # of the largest value of a column: smaller values have the standard deviation of this one
 
 
 @dataclass(frozen=True)
