@@ -38,6 +38,7 @@ from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
@@ -280,28 +281,30 @@ def _derivatives(
     if tangent is None:
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    spectra = spectra_of(outcome, scene.sensor)
     shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
     if outcome.converged and outcome.complete:
         try:
             with one_thread():
-                made = Sensitivities.of(outcome, tangent.march(*ended, shown), scene.sensor)
+                made = Sensitivities.of(outcome, tangent.march(*ended, shown), spectra)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made)
+        made, missing = _checked(scene, made, progress)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
         remarks = remarks_of("accuracy", [f"no derivatives: {lost}"])
         return replace(outcome, warnings=(*outcome.warnings, *remarks)), None, None
-    return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor) if scene.spread else None
+    if not scene.spread:
+        return outcome, made, None
+    return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
+def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
     that have none."""
-    plain = scene.replace("output.sensitivities", [])
-    plain = plain.replace("spread", {}) if scene.spread else plain
+    plain = scene.undifferentiated
     runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
     every = scene.output.check_sensitivities == "all"
     for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
@@ -311,8 +314,8 @@ def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str
         why, run = "its value is 0", None
         if d.value != 0.0:
             try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept)
-                run = scalars_of(other.outcome, scene.sensor) if other.converged else None
+                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
+                run = scalars_of(other.outcome, other.spectra) if other.converged else None
                 why = other.status
             except LatinError as error:
                 why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()

@@ -27,8 +27,8 @@ from ..propagator.image import Image
 from ..propagator.model import share_operators
 from ..results.sensitivities import HistoryChanges
 from ..scene.fields import GROUND
+from ..scene.overrides import no_number, number_at
 from ..scene.schema import Scene
-from ..scene.spread import number_at
 from ..time_scheme import QuasiStatic
 from .body import body_sides
 from .bolts import Yielding, load_name
@@ -108,9 +108,7 @@ def value_of(scene: Scene, name: str) -> float:
     """
     value = number_at(scene.tables(), name)
     if value is None:
-        allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-        problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
-        raise SceneError([problem], "the scene cannot be built")
+        raise SceneError([no_number("output.sensitivities", name)], "the scene cannot be built")
     return value
 
 

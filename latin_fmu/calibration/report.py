@@ -25,25 +25,18 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ..accuracy.estimate import estimate_error
+from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..results.estimates import ErrorEstimate
-from ..results.quantities_of_interest import (
-    ACCELERATION_PEAK,
-    BOLT_FORCE,
-    DISPLACEMENT_HISTORY,
-    FORCE_HISTORY,
-    SPECTRUM,
-    VELOCITY_HISTORY,
-)
 from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
 from ..results.summary import aligned, finite, readable
-from ..scene.describe import field_at, unit_of
+from ..scene.describe import unit_at
 from ..scene.overrides import text_with_numbers
 from ..scene.schema import NAMED, Scene
-from .data import FILTERED, Column, MeasuredTable, columns_of
+from .data import Column, MeasuredTable, columns_of
 from .prediction import Names, Predicted, Predictor
 
 CONFIDENCE: Final = 0.95
@@ -54,16 +47,6 @@ AT_BOUND: Final = 1e-4  # of the start
 _FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not independent
 _FEW: Final = 20  # data for that
 _NEAR: Final = (1e-3, 0.3)  # change of parameters over their start in the check of flagged derivatives
-_ERROR_OF: Final = {
-    "displacement": DISPLACEMENT_HISTORY.key,
-    "velocity": VELOCITY_HISTORY.key,
-    "acceleration": ACCELERATION_PEAK.key,
-    "srs": SPECTRUM.key,
-    "force": FORCE_HISTORY.key,
-    "normal_force": FORCE_HISTORY.key,
-    "tension": BOLT_FORCE.key,
-}
-"""Quantity of the error estimate, by that of a column."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +73,7 @@ class FitParameter:
 
     def unit(self) -> str:
         """UDUNITS unit, in SI."""
-        keys = [int(part) if part.isdigit() else part for part in self.names[0].split(".")]
-        field = field_at(Scene, keys)
-        return "1" if field is None else unit_of(field) or "1"
+        return unit_at(Scene, self.names[0]) or "1"
 
 
 @dataclass(frozen=True)
@@ -417,7 +398,7 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
     try:
         made = estimate_error(scene, solution)
     except LatinError as error:
-        remarks.append(f"no estimate of the error of the run: {str(error).splitlines()[-1].strip()}")
+        remarks.append(f"no estimate of the error of the run: {message_of(error)}")
         return None
     remarks += [f"error of the run: {text}" for text in made.remarks]
     return made
@@ -425,10 +406,10 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
 
 def _error_of(estimate: ErrorEstimate, column: Column) -> tuple[float, bool]:
     """Estimated relative error of a column, and whether it is one of its root mean square."""
-    key = _ERROR_OF[column.quantity.removesuffix(FILTERED)]
-    known = {q.quantity: q for q in estimate.quantities}
-    found = known.get(f"{column.owner}.{key}")
-    return (math.nan if found is None else found.error), key.endswith("_history")
+    if (of := column.of.error) is None:
+        return math.nan, True
+    found = estimate.by_quantity.get(f"{column.owner}.{of.key}")
+    return (math.nan if found is None else found.error), of.key.endswith("_history")
 
 
 def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, scale: Array) -> list[str]:

@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..accuracy.runs import message_of
 from ..assembly.sensitivities import value_of
 from ..errors import InputError, LatinError, Problem, Problems, SceneError, shown
 from ..latin.outcome import Array
@@ -30,8 +31,7 @@ from ..reader import load_scene
 from ..scene.schema import Scene
 from .data import HEADING, MeasuredTable, columns_of, read_measured, size_of
 from .prediction import Predicted, Predictor
-from .report import AT_BOUND as _AT_BOUND
-from .report import Calibration, FitParameter, calibration_of
+from .report import AT_BOUND, Calibration, FitParameter, calibration_of
 
 _FORM: Final = "NAME[,NAME..][=START][:LOW:HIGH], e.g. interface.lap.friction_coefficient=0.2:0.05:0.8"
 _FIT: Final = re.compile(r"([^=:]+)(?:=([^:]*))?(?::([^:]*):([^:]*))?")
@@ -152,7 +152,7 @@ class LeastSquares:
         except LatinError as error:
             if not self.known:
                 raise
-            said = str(error).splitlines()[-1].strip()
+            said = message_of(error)
         else:
             said = f"residual {math.sqrt(float(np.mean(self.residuals(made) ** 2))):.4g}"
             self._since.append(made)
@@ -242,7 +242,7 @@ class LeastSquares:
                     break
                 z = np.array(best.values) / self.scale
                 jacobian = self.renew(z) / self.weights[:, None]
-                free = (z > low + _AT_BOUND) & (z < high - _AT_BOUND)
+                free = (z > low + AT_BOUND) & (z < high - AT_BOUND)
                 # what a full step along the free parameters would still gain
                 gain = np.linalg.lstsq(jacobian[:, free], -self.residuals(best), rcond=None)[0]
                 if np.sum((jacobian[:, free] @ gain) ** 2) <= _AT_REST * np.mean(self.residuals(best) ** 2):

@@ -191,12 +191,7 @@ def sweep(
     >>> study.sizes["interface.wall.gap"]
     2
     """
-    if isinstance(scene, Scene):
-        tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir
-    else:
-        tables, base_dir = read_tables(scene, settings), Path(scene).parent
-    # absolute, as workers may run in other folders
-    grid = Grid(tables, str(base_dir.resolve()), parameters_of(vary))
+    grid = Grid(*tables_of(scene, settings), parameters_of(vary))
     plan = Plan(grid, histories, guesses, max_cpu)
     checked, records, done = solved_points(plan, output, jobs, scheduler, log)
     study = dataset_of(grid, checked, records, histories)
@@ -204,6 +199,16 @@ def sweep(
         write_netcdf(xr.DataTree(study), output)
     done()
     return study
+
+
+def tables_of(scene: Scene | str | Path, settings: Sequence[str]) -> tuple[dict[str, Any], str]:
+    """Tables of a file, or of a scene, with settings, and the folder that its files are relative to."""
+    if isinstance(scene, Scene):
+        tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir
+    else:
+        tables, base_dir = read_tables(scene, settings), Path(scene).parent
+    # absolute, as workers may run in other folders
+    return tables, str(base_dir.resolve())
 
 
 def solved_points(

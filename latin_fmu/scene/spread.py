@@ -9,6 +9,7 @@ from pydantic import BeforeValidator
 
 from ..errors import Problem
 from .fields import Real, Text, refusal
+from .overrides import no_number, number_at
 from .raw_scene import number
 
 _PER_CENT: Final = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*%\s*")
@@ -71,30 +72,12 @@ class Distribution:
         )
 
 
-def number_at(tables: Mapping[str, Any], name: str) -> float | None:
-    """The number under a dotted name in the tables of a scene; None where there is none.
-
-    >>> number_at({"load": {"pull": {"traction": [0.0, 2]}}}, "load.pull.traction.1")
-    2.0
-    """
-    here: object = tables
-    for key in name.split("."):
-        if isinstance(here, Mapping):
-            here = here.get(key)
-        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
-            here = here[int(key)]
-        else:
-            return None
-    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
-
-
 def spread_problems(spread: Mapping[str, Any], tables: Mapping[str, Any]) -> Iterator[Problem]:
     """What is wrong with a spread in a scene of these tables."""
     for name, written in spread.items():
         where, value = f"spread.{name}", number_at(tables, name)
         if value is None:
-            allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-            yield Problem(where, "no number under this name", None, allowed, "write the key in full")
+            yield no_number(where)
         elif isinstance(written, tuple) and not written[0] <= value <= written[1]:
             ends = f"{written[0]:g} to {written[1]:g}"
             yield Problem(where, "the value of the scene is not in its range", f"{value:g}", ends)

@@ -99,6 +99,16 @@ def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -
         np.testing.assert_allclose(slopes[:, i], difference, atol=0.02 * np.abs(difference).max())
 
 
+def test_parameters_that_scatter_are_not_differentiated_in_a_fit(tmp_path: Path) -> None:
+    scene = crushing().replace("spread", {PRESSURE: "5 %"})
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", np.ones((2, 2)) * 1e-6)
+    predictor = Predictor(scene, read_measured([data], scene), [(FRICTION,)], 1, 2)
+    predictor.reason = "secants are asked for"
+    run = predictor((0.1,)).solution
+    assert run is not None
+    assert run.sensitivities is None
+
+
 def test_a_filtered_motion_and_tied_names(tmp_path: Path) -> None:
     """Slopes of two names with one value are the sum of those of each."""
     scene = crushing().replace("sensor.side.filter", {"type": "low_pass", "cutoff": 2e5})
@@ -155,6 +165,15 @@ def test_the_error_of_the_run_is_a_floor(tmp_path: Path) -> None:
     assert made[PRESSURE].half > 3 * without[PRESSURE].half
     assert made[PRESSURE].shift > made[PRESSURE].half
     assert all(np.isfinite(column.error) for column in made.columns)
+
+
+def test_frequencies_beside_a_history_have_no_error_of_the_run(tmp_path: Path) -> None:
+    modulus = "material.steel.young_modulus"
+    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 2e4], [2, 2e4]]))
+    time, exact = histories()
+    data = write(tmp_path / "d.csv", f"time,{COLUMNS[2]}", np.column_stack([time, exact[:, 2]]))
+    made = latin_fmu.calibrate(crushing(), [data, modes], modulus, max_runs=2)
+    assert [np.isfinite(column.error) for column in made.columns] == [True, False]
 
 
 def test_runs_end_with_the_number_allowed(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
 from tests.results import synthetic
 from tests.scenes import MODELS
+from tests.verification import sensitivity_flags
 
 TIGHT = ("solver.tolerance=1e-11", "solver.force_tolerance=1e-10", "output.fields=false", "output.energy=false")
 STEP = 1e-5
@@ -447,6 +448,21 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
     assert "(by a run with 5 % more)" in said
     assert "by runs with 5 % more friction coefficient of crush, pressure of press" in said
     assert 'output.check_sensitivities = "all"' in " ".join(plain.lines())
+
+
+def test_the_table_of_flags_counts_what_runs_replace() -> None:
+    """Off or flagged: the changes that ``check_sensitivities = "all"`` replaces; left: those of no run by default."""
+    scene = scene_of(CRUSHING)
+    pairs = sensitivity_flags.judged(scene)
+    wanted = scene.replace("output.sensitivities", sensitivity_flags.parameters_of(scene))
+    checked = latin_fmu.solve(wanted.replace("output.check_sensitivities", "all")).sensitivities
+    replaced = np.concatenate([checked.is_secant(q) for q in checked.quantities])
+    np.testing.assert_array_equal(pairs.off | pairs.flagged, replaced)
+    usual = latin_fmu.solve(wanted).sensitivities
+    agreed = np.concatenate([usual.is_secant(q) | q.flagged for q in usual.quantities])
+    np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
+    assert 0 < pairs.left.sum() < pairs.off.sum()
+    assert pairs.runs == len(usual.tried)
 
 
 def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:

@@ -11,8 +11,10 @@ import pytest
 from scipy import stats
 
 import latin_fmu
+from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
+from latin_fmu.parametric.point import Grid, parameters_of
 from latin_fmu.parametric.samples import sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
 from latin_fmu.results.spread import Scatter, coverage
@@ -143,6 +145,14 @@ def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None
         assert float(solution.bands[q.quantity].band.half) == pytest.approx(float(q.band.half), rel=1e-6, abs=1e-30)
 
 
+def test_coarser_runs_and_points_of_a_study_are_not_differentiated() -> None:
+    scene = crushing(*SPREAD, 'output.sensitivities=["interface.crush.friction_coefficient"]')
+    assert len(scene.differentiated) == 2
+    grid = Grid(scene.tables(), str(scene.base_dir), parameters_of(["time.step=0.3e-6,0.6e-6"]))
+    for plain in (scene.undifferentiated, at_resolution(scene, Resolution(mesh=0.5, time=0.5)), grid.scene((0,))):
+        assert not plain.differentiated
+
+
 def test_results_without_bands_have_no_figure_of_them() -> None:
     with pytest.raises(ResultsError, match="no bands"):
         bands_figure(solved().to_datatree())
@@ -152,6 +162,7 @@ def test_results_without_bands_have_no_figure_of_them() -> None:
     ("setting", "words"),
     [
         ("spread.load.press.pressur=5 %", "no number under this name"),
+        ("spread.substructure.upper.initial_velocity.\u00b2=5 %", "no number under this name"),
         ("spread.load.press.pressure=five", 'standard deviation > 0, a share of the value such as "5 %"'),
         ("spread.load.press.pressure=-1.0", "not a spread"),
         ("spread.load.press.pressure=[3.0, 1.0]", "not a spread"),
@@ -187,6 +198,14 @@ def test_samples_have_the_distributions_of_their_parameters() -> None:
     more = sample_values(distributions, 2000, 1)
     assert more[0].values[:1000] == tuple(a)
     assert sample_values(distributions, 1000, 2)[0].values != tuple(a)
+    # 200 of them have the deviation of a sum of three normal ones to a per cent or two
+    sums = [
+        np.sum([p.values for p in sample_values({k: Distribution.of(1.0, "10 %") for k in "abc"}, 200, seed)], axis=0)
+        for seed in range(20)
+    ]
+    errors = np.std(sums, axis=1, ddof=1) / (0.1 * np.sqrt(3.0)) - 1.0
+    assert np.sqrt(np.mean(errors**2)) < 0.015
+    assert np.abs(errors).max() < 0.03
 
 
 def compared(count: int, *settings: str, output: Path | None = None):
@@ -251,15 +270,22 @@ def test_the_command_samples_and_says_both_bands(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.slow
 def test_bands_to_first_order_are_those_of_200_samples() -> None:
-    """Pressure, friction and modulus scatter by 5 %: within 10 % of the band where no state changes on the way."""
+    """Pressure, friction and modulus scatter by 5 %: the numbers of docs/spread.md."""
     parameters = ("load.press.pressure", "interface.crush.friction_coefficient", "material.steel.young_modulus")
     found, _ = compared(200, *(f"spread.{name}=5 %" for name in parameters))
     assert found.count == 200
-    sound = [q.quantity for q in found.bands.quantities if not q.flagged]
-    assert {"crush.impulse", "crush.peak_force", "crush.separation", "top.displacement_peak"} <= {*sound}
-    for quantity in sound:
-        assert found.ratio(quantity) == pytest.approx(1.0, abs=0.1), quantity
-    assert found.bands["crush.first_contact"].flagged
-    for path, name in (("interfaces/crush", "normal_force"), ("sensors/top", "velocity")):
+    sound = {q.quantity for q in found.bands.quantities if not q.flagged}
+    assert sound == {f"crush.{key}" for key in ("impulse", "peak_force", "separation")} | {
+        f"top.displacement{of}" for of in ("", "_peak")
+    }
+    within = dict.fromkeys(sound, 0.01)
+    within |= dict.fromkeys((f"crush.{key}" for key in ("slip", "largest_slip", "friction_work")), 0.06)
+    within |= dict.fromkeys((f"top.{key}_peak" for key in ("velocity", "acceleration")), 0.09)
+    for quantity, share in within.items():
+        assert found.ratio(quantity) == pytest.approx(1.0, abs=share), quantity
+    assert found.ratio("crush.first_contact") == pytest.approx(0.32, abs=0.05)
+    assert found.ratio("top.spectrum_peak") == pytest.approx(1.69, abs=0.1)
+    histories = (("interfaces/crush", "normal_force", 0.01), ("sensors/top", "velocity", 0.09))
+    for path, name, share in (*histories, ("sensors/top", "acceleration", 0.6)):
         first, own = (of[f"/spread/{path}"][name].half for of in (found.bands.bands, found.results))
-        np.testing.assert_allclose(first, own, atol=0.1 * own.max(), err_msg=name)
+        np.testing.assert_allclose(first, own, atol=share * own.max(), err_msg=name)
