@@ -115,8 +115,8 @@ class Predictor:
                 continue
             own = self._series(getattr(solution, column.of.table), column, solution)
             predicted[place] = self._of_series(table, column, own, solution)
-            for i, moved in enumerate(self._changes(solution, column) if self.exact else ()):
-                slopes[place, i] = self._slope(table, column, moved, solution)
+            if self.exact:
+                slopes[place] = self._slopes(table, column, solution)
         if not np.isfinite(predicted).all():
             raise SolverError("the run has no finite values at some of the data")
         flagged = tuple(self._flagged(solution)) if solution is not None and self.exact else ()
@@ -191,18 +191,18 @@ class Predictor:
     def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
-        # the mean of all: the difference of two instants late in a run has fewer digits
-        step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
-        return shock_response_spectrum(motion, step, table.along, 10.0 if request is None else request.quality)
+        quality = 10.0 if request is None else request.quality
+        return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality)
 
-    def _slope(self, table: MeasuredTable, column: Column, moved: Array, solution: Solution) -> Array:
-        """Derivative of the data of a column, from that of its series (n_time,)."""
+    def _slopes(self, table: MeasuredTable, column: Column, solution: Solution) -> Array:
+        """Derivatives (n, n_parameter) of the data of a column."""
+        moved = list(self._changes(solution, column))
         if table.kind == "history":
-            return self._of_series(table, column, moved, solution)
-        history, changes = solution.sensors[column.owner], np.zeros((1, len(moved), 3))
-        changes[0, :, column.axis] = moved
+            return np.stack([self._of_series(table, column, series, solution) for series in moved], axis=1)
+        history, changes = solution.sensors[column.owner], np.zeros((len(moved), len(solution.time), 3))
+        changes[:, :, column.axis] = moved
         own = self._spectrum(table, column, np.asarray(history.acceleration), solution)
-        return np.asarray(spectrum_changes(own, history, solution.time, changes).acceleration[0, 0, :, column.axis])
+        return np.asarray(spectrum_changes(own, history, solution.time, changes).acceleration[:, 0, :, column.axis].T)
 
     def _flagged(self, solution: Solution) -> Iterator[str]:
         """Sentences on the derivatives of a run that are flagged."""

@@ -219,7 +219,7 @@ def solved_points(
     grid = plan.grid
     checked = grid.check()
     _check_options(grid, jobs, scheduler, plan.histories)
-    _check_memory(checked, min(jobs, len(grid.order)))
+    _check_memory(checked.undifferentiated, min(jobs, len(grid.order)))
     # keys alone: values are in the names of the points, so that a study can be continued with more of them
     kept = f"histories {plan.histories}{f', {SAMPLE}' if grid.samples else ''}"
     digest = scene_digest(checked, [*(p.key for p in grid.parameters), kept])
