@@ -6,6 +6,7 @@ import copy
 import json
 import os
 import zlib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import pytest
 import latin_fmu
 from latin_fmu import operator_store
 from latin_fmu.assembly import statics
+from latin_fmu.assembly.build import build
+from latin_fmu.assembly.initial_state import InitialState, TightBolts, state_arrays, state_of
 from latin_fmu.cholesky import factor as factors
 from latin_fmu.cholesky.symbolic import shared_analysis
 from latin_fmu.errors import ResultsError
@@ -23,6 +26,7 @@ from tests.scenes import MODELS
 
 STEEL = {"young_modulus": 2.1e11, "poisson_ratio": 0.3, "density": 7800.0}
 BODY = {"material": "steel"}
+FIELDS = ((("a", "b"), 12), (("ab", "foot"), (4, 3)), (("ab",), 4))
 MATRIX = np.arange(40_000.0).reshape(200, 200)
 
 
@@ -138,6 +142,18 @@ def scene(tmp_path: Path, friction: float = 0.2, modulus: float = 2.1e11, **solv
     return latin_fmu.scene_from_dict(copy.deepcopy(made), tmp_path)
 
 
+def test_a_start_by_a_law_of_the_caller_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its code has no digest: the friction that it has is not that of the state in the folder."""
+    kept_here = {"operators": {"folder": "kept"}}
+    first = latin_fmu.solve(scene(tmp_path, **kept_here))
+    law = next(unit.behaviour for unit in build(scene(tmp_path)).assembly.interfaces)
+    own = type("Own", (type(law),), {})(**vars(law))
+    monkeypatch.setattr(statics, "equilibrium", lambda *_: pytest.fail("an equilibrium"))
+    assert latin_fmu.solve(scene(tmp_path, **kept_here)).converged == first.converged
+    with pytest.raises(pytest.fail.Exception, match="an equilibrium"):
+        latin_fmu.solve(scene(tmp_path, **kept_here), behaviours={"ab": own})
+
+
 @pytest.mark.parametrize("form", ["dense", "exact", "sparse"])
 def test_the_second_run_factorises_nothing_and_gives_the_same_bits(
     tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
@@ -166,6 +182,20 @@ def test_the_second_run_factorises_nothing_and_gives_the_same_bits(
     stiffer = latin_fmu.solve(scene(tmp_path, modulus=2e11, **kept_here))
     alone = latin_fmu.solve(scene(tmp_path, modulus=2e11, interface_operator=form))
     assert np.array_equal(stiffer.substructures["b"].displacement, alone.substructures["b"].displacement)
+
+
+def test_a_state_has_all_its_parts_behind_its_arrays(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    fields = [{name: rng.standard_normal(shape) for name in names} for names, shape in FIELDS]
+    bolts = TightBolts({"m6": 1.0 / 3.0}, (1, 3), {"m6": (4e3, 5e3)})
+    state = InitialState(*fields, {"press": 0.1}, "solved", ("a remark",), bolts)
+    store = OperatorStore(tmp_path)
+    for _ in range(2):
+        made = state_of(store.remember("start-0", lambda: state_arrays(state), smallest=0))
+        assert made is not None
+        np.testing.assert_equal(asdict(made), asdict(state))
+    assert (store.written, store.read) == (1, 1)
+    assert state_of(state_arrays(None)) is None
 
 
 def test_the_tightened_state_is_read_where_nothing_that_it_depends_on_has_changed(

@@ -5,7 +5,7 @@ same run, as those of spectra are. Frequencies and backbones have no derivatives
 are refused.
 
 A backbone is computed at a few amplitudes over the range of the data, and taken linearly over the logarithm of the
-amplitude between them.
+amplitude between them and beyond.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ class Predictor:
             levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
             curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments)
             places, known = np.log(table.along), np.log(curve.amplitude)
-            return {key: np.interp(places, known, getattr(curve, key)) for key in ("frequency", "damping")}
+            return {key: _linear(places, known, getattr(curve, key)) for key in ("frequency", "damping")}
         return {}
 
     def _series(self, histories: Mapping[str, Any], column: Column, solution: Solution) -> Array:
@@ -218,6 +218,15 @@ class Predictor:
             if columns:
                 listing = ", ".join(dict.fromkeys(columns))
                 yield f"{listing} by {in_words(d.name)}: contact states change at {_events(known, i)} of the instants"
+
+
+def _linear(places: Array, known: Array, values: Array) -> Array:
+    """Values (n,) at places by straight lines between those known, and beyond their ends: a joint that slides goes
+    further than the amplitude aimed at, so that the smallest datum is below all of the curve."""
+    if len(known) == 1:
+        return np.full(len(places), values[0])
+    i = np.clip(np.searchsorted(known, places) - 1, 0, len(known) - 2)
+    return np.asarray(values[i] + (values[i + 1] - values[i]) * (places - known[i]) / (known[i + 1] - known[i]))
 
 
 def _events(known: Sensitivities, parameter: int) -> str:

@@ -206,8 +206,7 @@ class LeastSquares:
         for i, p in enumerate(self._parameters):
             # a parameter at 0 has no size of its own
             length = _SECANT * max(abs(z[i]), _SECANT)
-            # inwards first: a run beyond a bound may not exist
-            for step in (length, -length) if (z[i] + length) * p.scale <= p.high else (-length, length):
+            for step in (length, -length):
                 moved = z.copy()
                 moved[i] += step
                 if p.low <= moved[i] * p.scale <= p.high and (made := self.at(moved)) is not None:

@@ -10,6 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.calibration.data import read_measured
+from latin_fmu.calibration.report import Calibration, FitParameter, FittedParameter
 from latin_fmu.calibration.study import parameters_of
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError
@@ -91,10 +92,11 @@ def test_names_with_blanks_are_those_of_exported_motions(tmp_path: Path) -> None
 
 def test_a_history_scatters_alike_and_a_frequency_in_proportion(tmp_path: Path) -> None:
     history = write(tmp_path / "h.csv", "time,side.velocity.x", np.array([[1e-6, 3.0], [2e-6, -4.0]]))
-    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 100.0], [2, 300.0]]))
+    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 10.0], [2, 300.0]]))
     tables = read_measured([history, modes], crushing())
     np.testing.assert_allclose(tables[0].scatter()[0], np.sqrt(12.5))
-    np.testing.assert_allclose(tables[1].scatter()[0], [100.0, 300.0])
+    # of a tenth of the largest at least
+    np.testing.assert_allclose(tables[1].scatter()[0], [30.0, 300.0])
 
 
 def test_all_problems_of_parameters_come_at_once() -> None:
@@ -105,6 +107,10 @@ def test_all_problems_of_parameters_come_at_once() -> None:
     for words in ("no number under this name", "not between the bounds", "not a number", "not a parameter"):
         assert words in text
     assert "different values" in text
+    assert "given twice" in text
+    for many in ([], [f"part.{i}" for i in range(9)]):
+        with pytest.raises(InputError, match="number of parameters"):
+            parameters_of(many, crushing())
 
 
 def test_bounds_are_a_factor_of_ten_where_left_out() -> None:
@@ -118,6 +124,8 @@ def test_more_data_than_parameters_are_needed(tmp_path: Path) -> None:
     data = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 100.0]]))
     with pytest.raises(InputError, match="too few data"):
         latin_fmu.calibrate(crushing(), data, FRICTION)
+    with pytest.raises(InputError, match=r"--max-runs.*out of range"):
+        latin_fmu.calibrate(crushing(), data, FRICTION, max_runs=1)
 
 
 def test_numbers_are_written_where_they_stand() -> None:
@@ -126,6 +134,16 @@ def test_numbers_are_written_where_they_stand() -> None:
     assert made == text.replace("5e3", "4000.0").replace("pressure=2e5", "pressure = 1.5")
     assert text_with_numbers(text, {"load.a.force.0": 4e3}, {"bolt", "load"}) is None
     assert text_with_numbers(text, {"load.a.other": 4e3}, {"bolt", "load"}) is None
+
+
+def test_tied_numbers_are_written_both() -> None:
+    names = tuple(f"material.{name}.young_modulus" for name in ("steel", "aluminium"))
+    value = FittedParameter(FitParameter(names, 2e11, 1e11, 3e11), 2.1234567e11, 1.0, 0.0, "")
+    made = Calibration(crushing(), (value,), (), np.eye(1), 1.0, (), 1, True, ())
+    text = "[material.steel]\nyoung_modulus = 2e11\n[material.aluminium]\nyoung_modulus = 7e10 # soft\n"
+    assert made.text(text) == text.replace("2e11", "212346000000.0").replace("7e10", "212346000000.0")
+    assert made[names[1]] is value
+    assert value.of.words == "young modulus of steel, aluminium"
 
 
 def test_the_command_writes_scene_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

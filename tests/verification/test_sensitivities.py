@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu import api
 from latin_fmu.assembly.build import build
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
@@ -450,6 +451,59 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
     assert 'output.check_sensitivities = "all"' in " ".join(plain.lines())
 
 
+def test_a_secant_takes_the_place_of_a_change_that_is_flagged_or_contradicted() -> None:
+    """By a tenth of the secant, and a hundredth of the value; not of one without a run."""
+    plain = differentiated(CRUSHING).sensitivities
+    for change, flagged, value, taken in (
+        (1.0, False, 1.05, False),
+        (1.0, False, 1.2, True),
+        (1.0, True, 1.05, True),
+        (0.001, False, 0.009, False),
+    ):
+        q = replace(plain.quantities[0], value=1.0, changes=np.full(2, change), flagged=np.full(2, flagged))
+        checked = replace(plain, quantities=[q]).checked([{q.quantity: 1.0 + 0.05 * value}, None])
+        (made,) = checked.quantities
+        np.testing.assert_allclose(made.changes, [value if taken else change, change])
+        assert checked.is_secant(made).tolist() == [taken, False]
+        assert made.flagged.tolist() == [flagged and not taken, flagged]
+        assert checked.tried == CRUSHING[2][:1]
+
+
+def test_a_run_checks_the_parameters_by_which_many_are_flagged() -> None:
+    """Two of the seven quantities are flagged by the friction, above a quarter, none by the pressure."""
+    plain = differentiated(CRUSHING).sensitivities
+    shares = [np.mean([q.flagged[i] for q in plain.quantities]) for i in range(2)]
+    np.testing.assert_allclose(plain.flagged_shares, shares)
+    assert shares == pytest.approx([2 / 7, 0.0])
+    checked = latin_fmu.solve(scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))).sensitivities
+    assert checked.tried == CRUSHING[2][:1]
+    for own, q in zip(plain.quantities, checked.quantities, strict=True):
+        assert q.changes[1] == own.changes[1]
+        assert checked.is_secant(q)[0] >= own.flagged[0]
+        assert not checked.is_secant(q)[1]
+    assert plain.tried == ()
+
+
+def test_a_parameter_of_0_and_a_run_that_fails_keep_their_flags(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first has no value 5 % larger; the run of the second does not converge."""
+    scene = scene_of(CRUSHING).replace("output.check_sensitivities", "all").replace("time.end", 3e-6)
+    names = ["substructure.upper.initial_velocity.0", "load.press.pressure"]
+    first = latin_fmu.solve(scene)
+
+    def solve(other: latin_fmu.Scene, **_: object) -> latin_fmu.Solution:
+        assert other.load["press"].pressure == pytest.approx(1.05 * scene.load["press"].pressure)
+        return replace(first, outcome=replace(first.outcome, converged=False, status="no convergence"))
+
+    run = latin_fmu.solve
+    monkeypatch.setattr(api, "solve", solve)
+    solution = run(scene.replace("output.sensitivities", names))
+    assert solution.sensitivities.tried == ()
+    assert solution.sensitivities.secants == {}
+    said = " ".join(map(str, solution.outcome.warnings))
+    assert f"derivatives by {names[0]} are not checked: its value is 0" in said
+    assert f"derivatives by {names[1]} are not checked: no convergence" in said
+
+
 def test_the_table_of_flags_counts_what_runs_replace() -> None:
     """Off or flagged: the changes that ``check_sensitivities = "all"`` replaces; left: those of no run by default."""
     scene = scene_of(CRUSHING)
@@ -507,8 +561,20 @@ def test_derivatives_whose_matrix_is_too_large_are_the_same(limit: str, monkeypa
     one = relative_operator(build(scene_of(CRUSHING)).assembly)["n_matrix"]
     for module in (search_direction, tangent_run):
         monkeypatch.setattr(module, "LARGEST", one if limit == "one copy" else 0)
+    relative, made = list[dict[str, object]](), tangent_run.TangentRun.made_direction
+
+    def direction(*given: object) -> search_direction.Direction:
+        found = made(*given)
+        relative.append(found.relative)
+        return found
+
+    monkeypatch.setattr(tangent_run.TangentRun, "made_direction", direction)
     scene = scene_of(CRUSHING).replace("output.check_sensitivities", "none")
     again = latin_fmu.solve(scene.replace("output.sensitivities", list(CRUSHING[2])))
     for first, second in zip(own.sensitivities.derivatives, again.sensitivities.derivatives, strict=True):
         force = first.interfaces["crush"].force()
         assert second.interfaces["crush"].force() == pytest.approx(force, abs=1e-5 * np.abs(force).max())
+    assert relative
+    for found in relative:
+        assert found.get("on_iteration", 0) == (limit == "none")
+        assert found.get("n_matrix", 0) == (one if limit == "one copy" else 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -14,10 +16,11 @@ import latin_fmu
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
-from latin_fmu.parametric.point import Grid, parameters_of
-from latin_fmu.parametric.samples import sample_values
+from latin_fmu.parametric.point import CONVERGED, NOT_CONVERGED, SAMPLE, Grid, parameters_of
+from latin_fmu.parametric.samples import SampledBands, sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
-from latin_fmu.results.spread import Scatter, coverage
+from latin_fmu.results.sensitivities import interface_scalars
+from latin_fmu.results.spread import Bands, QuantityBand, ResultBand, Scatter, coverage
 from latin_fmu.scene.spread import Distribution
 from tests.scenes import MODELS
 
@@ -73,6 +76,9 @@ def test_bands_of_a_linear_function_are_those_of_samples() -> None:
     np.testing.assert_allclose(band.low, found[0], rtol=5e-3)
     np.testing.assert_allclose(band.high, found[1], rtol=5e-3)
     np.testing.assert_allclose(band.deviation, [samples.std(), b.std()], rtol=5e-3)
+    # variances 1 of 2 a, 4/3 of b, 2.25/12 of c
+    kurtosis = -1.2 * (16 / 9 + 0.1875**2) / (1.0 + 4 / 3 + 0.1875) ** 2
+    np.testing.assert_allclose(band.factor, coverage(np.array([kurtosis, -1.2])))
 
 
 def test_forces_that_follow_a_load_have_its_band() -> None:
@@ -99,6 +105,11 @@ def test_independent_parameters_add_by_their_squares() -> None:
         if q.shares.any():
             assert q.shares[0] == pytest.approx(parts[0] ** 2 / (parts[0] ** 2 + parts[1] ** 2), abs=1e-9)
             assert float(q.shares.sum()) == pytest.approx(1.0)
+    for path in ("/spread/interfaces/crush", "/spread/sensors/top", "/spread/sensors/top/spectrum"):
+        for name, band in both.bands[path].items():
+            parts = [bands.bands[path][name].deviation for bands in (one, other)]
+            size = band.deviation.max()
+            np.testing.assert_allclose(band.deviation, np.hypot(*parts), rtol=1e-6, atol=1e-9 * size, err_msg=name)
 
 
 def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
@@ -108,9 +119,14 @@ def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
         whole = tree["spread"]
         assert list(whole["parameter"].values) == ["load.press.pressure", "interface.crush.friction_coefficient"]
         assert whole["low"].dims == ("quantity",)
-        assert (whole["low"].values <= whole["value"].values).all()
-        force = tree["spread/interfaces/crush"]["force_high"]
-        assert (force.dims, force.attrs["units"]) == (("time", "component"), "N")
+        band = solution.bands.bands["/spread/interfaces/crush"]["force"]
+        for end in ("low", "high"):
+            scalars = [getattr(q.band, end) for q in solution.bands.quantities]
+            np.testing.assert_array_equal(whole[end].values, scalars)
+            force = tree[f"spread/interfaces/crush/force_{end}"]
+            assert (force.dims, force.attrs["units"]) == (("time", "component"), "N")
+            np.testing.assert_array_equal(force.values, getattr(band, end))
+        np.testing.assert_array_equal(whole["deviation"].values, [q.band.deviation for q in solution.bands.quantities])
         figure = bands_figure(tree)
     titles = [axis.get_title() for axis in figure.axes]
     assert titles == ["crush", "top, along z", "spectrum of top, along z"]
@@ -124,6 +140,30 @@ def test_bands_are_stored_said_and_drawn(tmp_path: Path) -> None:
     assert solution.report()["bands"]["quantities"]["crush.peak_force"]["low"] == pytest.approx(
         float(solution.bands["crush.peak_force"].band.low)
     )
+
+
+def test_a_band_is_flagged_where_a_derivative_that_makes_more_than_a_hundredth_of_it_is() -> None:
+    solution = solved(*SPREAD, 'output.sensitivities=["material.steel.density"]')
+    scene, known = crushing(*SPREAD), solution.sensitivities
+    for flagged in (0, 1, 2):
+        flags = [replace(q, flagged=np.arange(3) == flagged) for q in known.quantities]
+        bands = Bands.of(
+            solution.outcome, replace(known, quantities=flags), scene.distributions, scene.sensor, solution.spectra
+        )
+        # the first parameter does not scatter
+        expected = [bool(flagged and q.shares[flagged - 1] > 0.01) for q in bands.quantities]
+        assert [q.flagged for q in bands.quantities] == expected
+        assert any(expected) == (flagged > 0)
+
+
+def test_a_band_is_said_by_its_half_width_or_its_ends() -> None:
+    for mean, deviation, words in (
+        (10.0, 1.0, "10.00 N s +- 1.96 N s (20 %)"),
+        (11.0, 1.0, "10.00 N s, 9.040 N s to 12.96 N s"),
+        (10.0, 0.0, "10.00 N s, does not change"),
+    ):
+        band = ResultBand(np.array(mean), np.array(deviation), np.array(1.96))
+        assert QuantityBand("crush.impulse", "N s", 10.0, band, np.ones(1), False).text("N s") == words
 
 
 def test_a_bolt_force_that_scatters_has_its_band() -> None:
@@ -189,6 +229,7 @@ def test_a_spread_is_written_as_it_is_read() -> None:
 
 
 def test_samples_have_the_distributions_of_their_parameters() -> None:
+    assert Distribution.of(-2.0, "10 %").deviation == pytest.approx(0.2)
     distributions = {"a": Distribution.of(2.0, "10 %"), "b": Distribution.of(1.0, (0.0, 4.0))}
     a, b = (np.array(p.values) for p in sample_values(distributions, 1000, 1))
     assert stats.kstest(a, stats.norm(2.0, 0.2).cdf).statistic < 5e-3
@@ -244,11 +285,56 @@ def test_samples_that_do_not_count_are_none() -> None:
     assert tree["friction_work"].dims == ("sample", "interface")
 
 
+def test_samples_that_did_not_converge_do_not_count() -> None:
+    """Though they have results; the others have mean and standard deviation of their values."""
+    bands = solved(*SPREAD).bands
+    zeros = {path: {name: 0.0 * b.mean for name, b in of.items()} for path, of in bands.bands.items()}
+    scalars = [{q.quantity: value for q in bands.quantities} for value in (1.0, 4.0, 100.0)]
+    records = [
+        {"state": state, SAMPLE: {"scalars": own, "results": zeros}}
+        for state, own in zip((CONVERGED, CONVERGED, NOT_CONVERGED), scalars, strict=True)
+    ]
+    found = SampledBands.of(bands, records)
+    assert found.count == 2
+    peak = found.scalars["crush.peak_force"]
+    assert (float(peak.mean), float(peak.deviation)) == pytest.approx((2.5, 3.0 / np.sqrt(2.0)))
+    assert peak.half == bands["crush.peak_force"].band.factor * peak.deviation
+    # 1.96 standard deviations each
+    ratio = float(bands["crush.peak_force"].band.half / peak.half)
+    assert found.ratio("crush.peak_force") == pytest.approx(ratio)
+    said = " ".join(" ".join(found.lines()).split())
+    assert re.search(r"crush peak force [^;]*; samples 2.500 N \+- 4.16 N, to first order \S+ % wider", said)
+    told = found.report()["quantities"]["crush.peak_force"]
+    ends = {key: float(getattr(peak, key)) for key in ("mean", "low", "high")}
+    assert {key: told[f"sampled_{key}"] for key in ends} == ends
+    whole = found.groups()["/spread"].variables
+    i = [q.quantity for q in bands.quantities].index("crush.peak_force")
+    for key in (*ends, "deviation"):
+        assert whole[f"sampled_{key}"].values[i] == getattr(peak, key)
+    with pytest.raises(SolverError, match="1 samples have converged"):
+        SampledBands.of(bands, records[1:])
+
+
+def test_a_sample_has_its_value_of_every_parameter() -> None:
+    found, tree = compared(8, *SPREAD)
+    assert found.count == 8
+    scene = crushing("solver.tolerance=1e-6")
+    for name in ("load.press.pressure", "interface.crush.friction_coefficient"):
+        assert tree[name].dims == ("sample",)
+        scene = scene.replace(name, float(tree[name].values[5]))
+    alone = latin_fmu.solve(scene)
+    expected = interface_scalars(alone.interfaces["crush"], alone.time)
+    for key in ("friction_work", "peak_force"):
+        assert tree[key].values[5, 0] == pytest.approx(expected[key], rel=1e-4)
+
+
 def test_samples_without_a_spread_or_a_band_are_refused() -> None:
     with pytest.raises(InputError, match="no parameters that scatter"):
         compared(16)
     with pytest.raises(InputError, match="number of samples"):
         compared(2, *SPREAD)
+    with pytest.raises(InputError, match="out of range"):
+        latin_fmu.sample(crushing(*SPREAD), 8, seed=-1)
     with pytest.raises(SolverError, match="no bands to first order"):
         compared(16, *SPREAD, "solver.max_iterations=1", "solver.newton=false")
 
