@@ -403,7 +403,7 @@ class _Search:
         for quantity in (q for q in fine.values if is_target(self.scene, q)):
             told = self.sequence.estimate(half, quantity)
             changed = relative(quantity, fine, fine, coarse)
-            # "not <=": a change of NaN confirms nothing
+            # "not <=": NaN does not confirm the estimate
             if not changed <= max(told.error, FLOOR):
                 within, by = percent(told.error), percent(changed)
                 self.log(f"         not confirmed: {quantity} was estimated within {within} and has changed by {by}")

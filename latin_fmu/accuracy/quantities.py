@@ -212,7 +212,7 @@ def _add_interface(quantities: Quantities, time: Array, history: InterfaceHistor
     if history.friction_power is not None and history.has_friction:
         work = np.concatenate([[0.0], np.cumsum(history.friction_power[1:] * np.diff(time))])
         last = float(_until(time, work, end).value[-1])
-        # N s m/s = J; a joint that hardly slides would have an error of 100 % of nothing
+        # N s m/s = J, a floor: the error of a joint that hardly slides would be relative to next to 0
         least = 1e-3 * entries[IMPULSE.key][1] * float(np.abs(history.velocity).max(initial=0.0))
         entries[FRICTION_WORK.key] = (last, max(last, least))
     quantities.add(history.name, entries)

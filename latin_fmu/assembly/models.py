@@ -68,7 +68,7 @@ class KeptOperators:
         return part
 
     def beside(self, bodies: Mapping[str, Body]) -> KeptOperators:
-        """Those for a scene that is compared with that of these ``bodies``, which keeps its own."""
+        """Operators for a scene that is compared with that of these ``bodies``; those here stay as they are."""
         return KeptOperators(bodies={**bodies}, compared=True, _parts={**self._parts})
 
     def adopt(self, model: SubstructureModel) -> None:

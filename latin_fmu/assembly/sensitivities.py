@@ -288,7 +288,7 @@ def _march(
         inertial_impedance(assembly)
     _hand_over(states, assembly)
     for propagator in propagators:
-        propagator.energy = False  # nothing is quadratic in derivatives
+        propagator.energy = False  # quadratic in the motion: derivatives have none
         propagator.begin([histories[name] for name in propagator.names], dt)
     assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
     recorder = Recorder(assembly, _request(stage.ready.output, len(parameters)), {})

@@ -63,16 +63,16 @@ _HEADER: Final = re.compile(r"(.+?)\s*(?:\[([^\]]*)\])?")
 _SD: Final = ".sd"
 _MOST_SAID: Final = 20  # problems of one file
 _MOST_MODES: Final = 1000
-_SMALL: Final = 0.1  # of the largest value of a column: smaller ones scatter as much as this
+_SMALL: Final = 0.1  # of the largest value of a column: smaller values have the standard deviation of this one
 
 
 @dataclass(frozen=True)
 class Measurable:
-    """What a column of a history or a spectrum is compared with.
+    """Result that a column of measured data is compared with.
 
     Attributes
     ----------
-    owner : table of the scene that has it, empty of modes and backbones. unit : UDUNITS, SI.
+    owner : kind of table of the scene that has it, empty of modes and backbones. unit : UDUNITS, SI.
     motion : field of the history of a sensor, else empty. filtered : whether it is behind the filter of the sensor.
     flags : keys of the scalars of ``results.sensitivities`` whose flags are those of its derivatives.
     error : quantity whose estimated error is that of the run, None where there is none.
@@ -110,7 +110,7 @@ MEASURABLE: Final = {
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }
-"""By quantity."""
+"""Results by the quantity in the name of a column."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class Column:
 
     @property
     def of(self) -> Measurable:
-        """What it is compared with."""
+        """Result that the column is compared with."""
         return MEASURABLE[self.quantity]
 
     @property
@@ -297,7 +297,7 @@ class _Reader:
         where = of.owner
         # builds the scene, which takes seconds: only where the name is not one of the scene
         if where == "interface" and self._scene.contact and parts[0] not in self._owners[where]:
-            self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those that it finds
+            self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those found by searches
         if parts[0] not in self._owners[where]:
             self._unknown(name, where, parts[0])
             return None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ..pictures.style import DISTINCT, styled
-from ..results.summary import prefix_for
+from ..results.summary import prefix_for, readable
 from .report import Calibration, ColumnFit
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ def calibration_figure(made: Calibration) -> Figure:
     across = min(_ACROSS, len(shown))
     rows = -(-len(shown) // across)
     figure = Figure(figsize=(4.6 * across, 4.2 * rows + 0.4), layout="constrained")
-    values = ", ".join(f"{p.of.words} {p.value:.4g}" for p in made.parameters)
+    units = made.scene.unit_system
+    values = ", ".join(f"{p.of.words} {readable(p.value, units.label(p.of.unit()))}" for p in made.parameters)
     figure.suptitle(f"{made.scene.name}: {values}", fontweight="bold")
     axes = figure.subplots(2 * rows, across, squeeze=False, height_ratios=[2.2, 1] * rows)
     for i, column in enumerate(shown):
@@ -55,8 +56,9 @@ def _draw(fit: ColumnFit, made: Calibration, above: Axes, below: Axes) -> None:
         below.plot(along, (data - predicted) / y, ".", color=colour)
     below.axhline(0.0, color="0.4", linewidth=0.8)
     above.set_title(f"{fit.column.name}" + (f" of {table.sensor}" if table.sensor else ""))
-    above.set_ylabel(f"({y_unit})" if y_unit != "1" else "")
-    below.set(xlabel=table.along_name + (f" ({x_unit})" if x_unit != "1" else ""), ylabel="residual")
+    y_label, x_label = (f" ({unit})" if unit != "1" else "" for unit in (y_unit, x_unit))
+    above.set_ylabel(y_label.strip())
+    below.set(xlabel=table.along_name + x_label, ylabel="residual" + y_label)
     if table.kind in ("spectrum", "backbone"):
         above.set_xscale("log")
         below.set_xscale("log")

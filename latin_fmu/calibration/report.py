@@ -161,9 +161,8 @@ class Calibration:
         """Text: values, combinations that are not determined, residuals, remarks."""
         count = sum(len(c.after) for c in self.columns)
         units = self.scene.unit_system
-        head = (
-            f"{self.scene.name}: {len(self.parameters)} parameter(s) by {count} data, {self.runs} runs, {self.status}"
-        )
+        head = f"{self.scene.name}: {len(self.parameters)} parameter(s) fitted to {count} data"
+        head += f", {self.runs} runs, {self.status}"
         table: list[tuple[str, ...]] = [("parameter", "start", "value", "95 % interval", "+-", "by error of run")]
         for p in self.parameters:
             unit, ends = units.label(p.of.unit()), (p.value - p.half, p.value + p.half)
@@ -259,16 +258,15 @@ class FitStatistics:
 
     @cached_property
     def _inverse(self) -> Array:
-        """A (p_free, n); directions that the data do not depend on at all are as good as unknown."""
+        """A (p_free, n), infinite for parameters that the data do not depend on."""
         own = self.slopes[:, self.free]
         sizes = np.linalg.norm(own, axis=0)
         scaled = np.where(sizes > 0.0, sizes, 1.0)
-        # columns of unit length: parameters of other units are no reason for small values
+        # columns of unit length: singular values must not depend on the units of the parameters
         u, size, v = np.linalg.svd(own / scaled, full_matrices=False)
         with np.errstate(divide="ignore"):
             kept = np.maximum(size, np.finfo(float).eps)
         made = (v.T / kept) @ u.T / scaled[:, None]
-        # what the data do not depend on has an infinite interval
         return np.where((sizes > 0.0)[:, None], made, np.inf)
 
     def covariance(self) -> Array:

@@ -69,6 +69,6 @@ def shifted(row: Array, inner_time: int, of_event: int, start: float) -> Array:
     zero that is ``start``, s, earlier."""
     late = row.copy()
     late[inner_time] += start
-    # 0 stands for none: an event that never was keeps it
+    # 0 stands for no event, and stays 0
     late[of_event + 1 :: _PAIR] += np.where(row[of_event::_PAIR] > 0.0, start, 0.0)
     return late

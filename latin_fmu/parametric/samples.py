@@ -48,7 +48,7 @@ _HEADING: Final = "the samples cannot be made"
 
 
 def sample_values(distributions: Mapping[str, Distribution], count: int, seed: int) -> tuple[Parameter, ...]:
-    """Values of the parameters in ``count`` samples. More of them with the same seed begin with the same ones."""
+    """Values of the parameters in ``count`` samples. A larger count begins with the same samples."""
     from scipy.special import ndtri
     from scipy.stats import qmc
 
@@ -161,8 +161,8 @@ def sample(
 
     Parameters
     ----------
-    scene : file, or a scene. count : of samples. seed : of their sequence; more of them with the same seed begin with
-        the same ones. output, settings, jobs, scheduler, log, max_cpu : as for ``sweep``.
+    scene : file, or a scene. count : of samples. seed : of their sequence; a larger count begins with the same
+        samples. output, settings, jobs, scheduler, log, max_cpu : as for ``sweep``.
 
     Raises
     ------

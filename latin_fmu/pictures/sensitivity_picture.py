@@ -50,7 +50,9 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
     rows = -(-max(len(shown), 1) // _COLUMNS)
     height = rows * (_ROW * len(names) + 0.6) + 0.6
     figure = Figure(figsize=(_WIDTH * _COLUMNS, height), layout="constrained")
-    figure.suptitle(f"{tree.attrs.get('scene_name', 'run')}: change in % for {100 * PART:g} % more", fontweight="bold")
+    figure.suptitle(
+        f"{tree.attrs.get('scene_name', 'run')}: change in % for parameters {100 * PART:g} % larger", fontweight="bold"
+    )
     for place, q in enumerate(shown):
         axis = figure.add_subplot(rows, _COLUMNS, place + 1)
         order = np.argsort(np.abs(changes[q]))
@@ -155,9 +157,11 @@ def _draw_band(axis: Axes, curve: xr.DataArray, data: xr.Dataset, marks: Array) 
         # a logarithmic axis has no 0, and bands may reach it
         low = max(0.5 * float(values.min()), 1e-3 * largest) / size
         axis.set(xscale="log", yscale="log", xlabel="natural frequency (Hz)", ylim=(low, 2.0 * largest / size))
-    axis.fill_between(x, ends["low"] / size, ends["high"] / size, color="0.80", linewidth=0, label="to first order")
+    axis.fill_between(
+        x, ends["low"] / size, ends["high"] / size, color="0.80", linewidth=0, label="band to first order"
+    )
     axis.plot(x, values / size, color=DISTINCT[0], label="run")
-    for key, label in (("low", "samples"), ("high", None)):
+    for key, label in (("low", "band of samples"), ("high", None)):
         if (name := f"{curve.name}_{SAMPLED}_{key}") in data:
             axis.plot(x, data[name].sel(labels).values / size, "--", color=DISTINCT[1], linewidth=0.9, label=label)
     axis.set_ylabel(f"{str(curve.name).replace('_', ' ')} ({unit})")

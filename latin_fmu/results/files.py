@@ -245,7 +245,7 @@ def _opened(source: Path) -> xr.DataTree:
         if "time" in group.dims:
             group.coords["time"] = time
     tree = xr.DataTree.from_dict(groups)
-    # the groups were taken out of it: closing them closes nothing
+    # the tree alone closes the file, not its groups
     tree.set_close(content.close)
     return tree
 

@@ -148,7 +148,7 @@ def in_words(quantity: str) -> str:
 
 
 class Named(Protocol):
-    """Something of one quantity."""
+    """An entry of one quantity."""
 
     @property
     def quantity(self) -> str:
@@ -160,17 +160,17 @@ Of = TypeVar("Of", bound=Named)
 
 
 class ByQuantity(Generic[Of]):
-    """Base of what has something, of type ``Of``, of each of its ``quantities``: ``made["crush.impulse"]``."""
+    """Base of results with an entry of type ``Of`` for each quantity: ``made["crush.impulse"]``."""
 
     quantities: Sequence[Of]
 
     @cached_property
     def by_quantity(self) -> dict[str, Of]:
-        """That of each quantity by its name."""
+        """Entries by the name of their quantity."""
         return {of.quantity: of for of in self.quantities}
 
     def __getitem__(self, quantity: str) -> Of:
-        """That of one quantity (KeyError where there is none)."""
+        """Entry of one quantity (KeyError where there is none)."""
         return self.by_quantity[quantity]
 
 

@@ -291,7 +291,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                     continue
                 much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
                 doubt = " (states change on the way)" if q.flagged[i] else ""
-                doubt = f" (by a run with {100 * CHECKED:g} %)" if self.is_secant(q)[i] else doubt
+                doubt = f" (by a run with {100 * CHECKED:g} % more)" if self.is_secant(q)[i] else doubt
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
             made.append((quantity_in_words(q.quantity), text))

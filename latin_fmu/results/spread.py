@@ -36,7 +36,7 @@ LEVEL: Final = 0.95
 PATH: Final = "/spread/"
 """Of the groups of bands in a file."""
 SAMPLED: Final = "sampled"
-"""Part of the names of what samples have, beside the bands to first order."""
+"""Part of the names of variables of samples, beside those of the bands to first order."""
 UNIFORM: Final = -1.2
 """Excess kurtosis of a uniform distribution."""
 _NORMAL: Final = 1e-5  # excess kurtosis above which a sum counts as normal

@@ -64,7 +64,7 @@ def test_cylinder(flat: int, round_: int, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("flat", "round_"), [(10, 13), (13, 10)])
 def test_sphere(flat: int, round_: int, tmp_path: Path) -> None:
-    """Half of it."""
+    """Half of a sphere on a block, cut by the plane of symmetry, by meshes that do not match."""
     for name, per in (("flat", flat), ("round", round_)):
         size = WIDTH / per
         x, z = about_zero(size, int(1.2 * per), 10 * WIDTH, 1.6), outwards(size, 10 * WIDTH, 1.6)

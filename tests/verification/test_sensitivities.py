@@ -446,7 +446,7 @@ def test_a_run_with_more_of_a_parameter_takes_the_place_of_a_contradicted_change
         taken += replaced
     assert 0 < taken < len(plain.quantities)
     said = " ".join(checked.lines())
-    assert "(by a run with 5 %)" in said
+    assert "(by a run with 5 % more)" in said
     assert "by runs with 5 % more friction coefficient of crush, pressure of press" in said
     assert 'output.check_sensitivities = "all"' in " ".join(plain.lines())
 
