@@ -36,7 +36,7 @@ def described(path: str | Path) -> Any:
         with zipfile.ZipFile(path) as archive:
             problem = _archive_problem(archive.infolist())
             if not problem:
-                # reads every member: after their sizes are known to be bearable
+                # after the limits of size: this reads every member
                 if (damaged := archive.testzip()) is not None:
                     raise zipfile.BadZipFile(f"the member {damaged[:80]!r} is damaged")
                 return fmpy.read_model_description(str(path))

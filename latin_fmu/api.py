@@ -38,6 +38,7 @@ from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
 from .results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
@@ -113,8 +114,8 @@ class ProgressSink(Protocol):
     """Receiver of the progress of a run."""
 
     def update(self, done: int, total: int, iteration: int, error: float) -> None:
-        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``; of instants of
-        the march of derivatives with iteration 0."""
+        """``done`` of ``total`` windows finished, now at ``iteration`` with indicator ``error``; in the march of
+        derivatives instants, with iteration 0."""
 
 
 @contextmanager
@@ -275,33 +276,35 @@ def _derivatives(
     ended: tuple[SolverReadyProblem, Recorder],
     progress: ProgressSink | None,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
-    """Derivatives of a run by parameters, and bands from those that scatter; where there are none of those wanted, the
-    run is good without them, with a remark."""
+    """Derivatives of a run by parameters, and bands from those that scatter. None, and a remark, where they cannot be
+    computed: the results of the run do not depend on them."""
     if tangent is None:
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
+    spectra = spectra_of(outcome, scene.sensor)
     shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
     if outcome.converged and outcome.complete:
         try:
             with one_thread():
-                made = Sensitivities.of(outcome, tangent.march(*ended, shown), scene.sensor)
+                made = Sensitivities.of(outcome, tangent.march(*ended, shown), spectra)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made)
+        made, missing = _checked(scene, made, progress)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
         remarks = remarks_of("accuracy", [f"no derivatives: {lost}"])
         return replace(outcome, warnings=(*outcome.warnings, *remarks)), None, None
-    return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor) if scene.spread else None
+    if not scene.spread:
+        return outcome, made, None
+    return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str]]:
+def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
     that have none."""
-    plain = scene.replace("output.sensitivities", [])
-    plain = plain.replace("spread", {}) if scene.spread else plain
+    plain = scene.undifferentiated
     runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
     every = scene.output.check_sensitivities == "all"
     for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
@@ -311,8 +314,8 @@ def _checked(scene: Scene, made: Sensitivities) -> tuple[Sensitivities, list[str
         why, run = "its value is 0", None
         if d.value != 0.0:
             try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept)
-                run = scalars_of(other.outcome, scene.sensor) if other.converged else None
+                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
+                run = scalars_of(other.outcome, other.spectra) if other.converged else None
                 why = other.status
             except LatinError as error:
                 why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
@@ -332,7 +335,7 @@ def _made(
     """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
     parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
     wanted = bool(scene.differentiated)
-    # of the scenes that the parameters are varied in
+    # shared with the scenes in which the parameters are varied
     kept = KeptOperators() if kept is None and wanted else kept
     with one_thread(), nullcontext() if processes is None else processes.agreed():
         discretised = discretise(scene, behaviours, kept, how[0] and not wanted)

@@ -366,7 +366,7 @@ class _Search:
             used = f"of the limit of {self.limit:g} s for all runs {max(left, 0.0):.2g} s are left"
             return f"the next run would take about {seconds:.2g} CPU s; {used}"
         memory = memory_at(self.scene, at)
-        # a room of 0: this system does not tell its memory
+        # 0: the system does not report its memory
         if memory > _MEMORY_SHARE * (memory_room()[0] or math.inf):
             return f"the next run would need about {memory / 1e9:.0f} GB of memory"
         self.log(f"predicted {seconds:.2g} CPU s for mesh x {at.mesh:.3g}, steps x {at.time:.3g}")

@@ -201,7 +201,7 @@ def measured_effects(
     if not solution.converged:
         why = f"every effect: {solution.status}"
         return MeasuredEffects(where, plain, [], [why], bool(solution.interrupted))
-    # begin: the run as written counts, too
+    # from begin on: the run as written counts, too
     ends = begin + (MOST_RUNS * plain.cpu + LEAST_LIMIT if limit is None else limit)
     switches, unmeasured = _few([*_switches(scene, solution), *map(_followed, suggested)])
     rows, limited = [], False
@@ -236,7 +236,7 @@ def _timed(row: MeasuredEffect, limit: float | None = None) -> Solution:
     """Solve the scene of a row, spectra of sensors included, and keep the CPU time."""
     start = clock.process_time()
     solution = api.solve(row.scene, max_cpu=limit)
-    # made at the first access: a part of the price of their sensors
+    # computed at the first access: a part of the cost of sensors
     _ = solution.spectra
     row.times.append(clock.process_time() - start)
     return solution

@@ -94,7 +94,8 @@ def at_resolution(scene: Scene, resolution: Resolution) -> Scene:
     """
     every = max(1, scene.output.interfaces_every, int(scene.time.n_step * resolution.time) // _MOST_KEPT)
     changes: dict[str, object] = {
-        "output": type(scene.output)(peak_duration=scene.output.peak_duration, interfaces_every=max(1, every))
+        "output": type(scene.output)(peak_duration=scene.output.peak_duration, interfaces_every=max(1, every)),
+        "spread": {},
     }
     if resolution.mesh != 1.0:
         changes["substructure"] = {n: _refined(body, resolution.mesh) for n, body in scene.substructure.items()}

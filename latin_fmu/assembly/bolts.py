@@ -43,7 +43,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import Problems, SceneError, shown
+from ..errors import Problems, SceneError, listed, shown
 from ..fem.elasticity import Elasticity
 from ..fem.elements import Elements, MeanStress, Recovery, stiffness
 from ..fem.faces import face_of
@@ -280,6 +280,7 @@ class _OpenedRecovery(Recovery):
 _WIDEST: Final = 9  # nodes of a facet
 _SAME = 1e-9  # of the length of the body: levels that are equal
 _ALONG = 1e-6  # share of the axis along which a held direction counts
+_MOST_SAID: Final = 6  # interfaces in a message
 _THIN = 1.1  # times the smallest section: sections of the same shank
 
 
@@ -297,21 +298,22 @@ def cuts_of(
         joined = _joined_nodes(body, units)
         axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()  # squares of any direction are numbers
         axis /= np.linalg.norm(axis)
-        blocked = joined | _held_nodes(conditions[body.name], axis, body.mesh.n_node)
-        cut = _Section(name, bolt, body, axis).cut(blocked, joined, problems)
+        held = _held_nodes(conditions[body.name], axis, body.mesh.n_node)
+        cut = _Section(name, bolt, body, axis).cut(held, joined, problems)
         if cut is not None:
             cuts[name] = cut
             check_yield(name, bolt.tension, cut, body, problems)
     return cuts
 
 
-def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> np.ndarray:
-    """(n_node,) nodes of a body that take part in an interface."""
-    joined = np.zeros(body.mesh.n_node, dtype=bool)
+def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> dict[str, np.ndarray]:
+    """(n_node,) nodes of a body that take part in each of its interfaces, by name."""
+    joined: dict[str, np.ndarray] = {}
     for i, side, name in body_sides(units):
         trace = units[i].geometry.traces[side]
         if name == body.name and trace is not None:
-            joined[np.unique(trace.indices) // 3] = True
+            nodes = joined.setdefault(units[i].name, np.zeros(body.mesh.n_node, dtype=bool))
+            nodes[np.unique(trace.indices) // 3] = True
     return joined
 
 
@@ -368,18 +370,22 @@ class _Section:
         return owner[one], owner[two], facets[one]
 
     # -- where to cut -----------------------------------------------------------------------------------------------
-    def cut(self, blocked: np.ndarray, joined: np.ndarray, problems: Problems) -> BoltCut | None:
-        """The cut of the bolt, or None with a problem; nodes that are ``blocked`` may not be on it, those that are
-        ``joined`` belong to interfaces."""
+    def cut(self, held: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> BoltCut | None:
+        """The cut of the bolt, or None with a problem; nodes that are ``held``, or ``joined`` by interfaces, may not be
+        on it."""
         where, point = f"bolt.{self._name}", self._bolt.point
+        blocked = np.logical_or.reduce([held, *joined.values()])
         level = self._middle(blocked) if point is None else float(self._level(np.asarray(point) @ self._axis))
         if level is None:
+            named = {f"interface {name}": nodes for name, nodes in joined.items()}
             problems.add(
                 where,
-                f"no section of {self._body.name} across the axis is free of interfaces and held nodes",
+                f"no section of {self._body.name} across the axis is free of interfaces and held nodes: "
+                f"{_stretches(self._body, self._axis, named | {'held nodes': held})}",
                 shown(self._bolt.axis),
-                "a shank with a node between its ends that no interface or condition takes",
-                "check the axis, or refine the mesh of the shank along it",
+                "a shank with a layer of nodes between its ends that are in no interface and held by no condition",
+                "check the axis; let an interface take the threaded faces alone, not the whole shank; or refine the "
+                "mesh of the shank along the axis",
             )
             return None
         # half open: a plane through the centre of an element is behind it
@@ -395,9 +401,7 @@ class _Section:
             )
             return None
         facets = self._one_section(chosen, problems)
-        return (
-            None if facets is None or not self._fits(facets, blocked, joined, problems) else self._made(facets, level)
-        )
+        return None if facets is None or not self._fits(facets, held, joined, problems) else self._made(facets, level)
 
     def _middle(self, blocked: np.ndarray) -> float | None:
         """Level in the middle of the longest stretch of the thinnest sections without blocked nodes; None where there
@@ -485,7 +489,7 @@ class _Section:
         )
         return None
 
-    def _fits(self, facets: Index, blocked: np.ndarray, joined: np.ndarray, problems: Problems) -> bool:
+    def _fits(self, facets: Index, held: np.ndarray, joined: Mapping[str, np.ndarray], problems: Problems) -> bool:
         """Whether the section is that of a shank: free of interfaces and held nodes, no wider than the body is long."""
         nodes = np.unique(self._facets[facets])
         nodes = nodes[nodes >= 0]
@@ -502,11 +506,13 @@ class _Section:
                 "give the axis of the shank",
             )
             return False
-        if blocked[nodes].any():
-            taken = "of an interface" if joined[nodes].any() else "held along the axis by a boundary condition"
+        own = [name for name, taken in joined.items() if taken[nodes].any()]
+        blocked = np.logical_or.reduce([held, *joined.values()])[nodes]
+        if blocked.any():
+            why = f"of interfaces: {listed(own)}" if own else "held along the axis by a boundary condition"
             problems.add(
                 where,
-                f"{int(blocked[nodes].sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {taken}",
+                f"{int(blocked.sum())} of the {len(nodes)} nodes of the cut of {self._body.name} are {why}",
                 shown(self._bolt.point),
                 "a cut between them",
                 "move the point along the axis, leave it out, or refine the mesh of the shank along the axis",
@@ -569,6 +575,16 @@ class _Section:
             first += len(block.cells)
         # all elements: a ring, which one cut does not divide
         return moving if not cells.all() else np.zeros_like(moving)
+
+
+def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> str:
+    """Stretches of blocked nodes (n_node,) along the axis, by what blocks them, in words; the longest first."""
+    heights, unit = body.mesh.nodes @ axis, body.units["m"]
+    found = sorted(((what, heights[own]) for what, own in blocking.items() if own.any()), key=lambda p: -np.ptp(p[1]))
+    parts = [f"{what} from {z.min():.4g} to {z.max():.4g} {unit}" for what, z in found[:_MOST_SAID]]
+    parts += [f"{len(found) - _MOST_SAID} more"] * (len(found) > _MOST_SAID)
+    parts.append(f"{body.name} from {heights.min():.4g} to {heights.max():.4g} {unit} along the axis")
+    return ", ".join(parts)
 
 
 def _picked(mesh: Mesh, cells: np.ndarray) -> tuple[CellBlock, ...]:

@@ -70,7 +70,7 @@ def starting_equilibrium(
     discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
 ) -> InitialState | None:
     """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
-    solved for it is added to ``stages``. It is read from the folder of operators where it is known there."""
+    solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
     if discretised.scene.time.start.type != "static":
         return None
     store = store_of(discretised.scene)

@@ -7,7 +7,6 @@ two nodes, which leaves room for rounded coordinates.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
@@ -20,6 +19,7 @@ from ..fem.mesh import nearest
 from ..latin.assembly import Array, Assembly, InterfaceUnit
 from ..latin.outcome import BoltHistory
 from ..latin.probes import BoltPlace
+from ..latin.state_serialization import decode, encode
 from ..propagator.model import closest_reduced
 from ..remarks import Remark
 from ..scene.fields import GROUND, split_face
@@ -31,7 +31,8 @@ from .models import ModelClass
 
 _BESIDE: Final = 0.01  # of the smallest distance between nodes
 _TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match interpolate a curved field differently
-_FIELDS: Final = ("displacement", "traction", "closure")
+_FIELDS: Final = ("displacement", "traction", "closure", "amplitudes")
+_KIND: Final = "state at t = 0"
 _CHANGED: Final = 1e-9  # of the largest value of a field: round-off of conditions along inclined axes
 
 
@@ -287,29 +288,20 @@ class InitialState:
 
 
 def state_arrays(state: InitialState | None) -> dict[str, NDArray[Any]]:
-    """A state as arrays for an ``OperatorStore``: fields by number, and the text ``about`` with all else."""
-    about: dict[str, Any] = {}
-    arrays: dict[str, NDArray[Any]] = {}
+    """A state as an array of bytes for an ``OperatorStore``."""
+    tree: dict[str, Any] | None = None
     if state is not None:
-        about = {"amplitudes": dict(state.amplitudes), "message": state.message, "remarks": state.remarks}
-        about["bolts"] = asdict(state.bolts)
-        for key in _FIELDS:
-            fields = getattr(state, key)
-            about[key] = list(fields)
-            arrays |= {f"{key}.{i}": values for i, values in enumerate(fields.values())}
-    # numbers are written with all their digits
-    return arrays | {"about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)}
+        tree = {key: dict(getattr(state, key)) for key in _FIELDS}
+        tree |= {"message": state.message, "remarks": state.remarks, "bolts": asdict(state.bolts)}
+    return {"state": np.frombuffer(encode(tree, _KIND), dtype=np.uint8)}
 
 
 def state_of(arrays: Mapping[str, NDArray[Any]]) -> InitialState | None:
     """The state from ``state_arrays``."""
-    about = json.loads(arrays["about"].tobytes())
-    if not about:
+    tree = decode(arrays["state"].tobytes(), _KIND)
+    if tree is None:
         return None
-    fields = {key: {n: arrays[f"{key}.{i}"] for i, n in enumerate(about[key])} for key in _FIELDS}
-    bolts = about["bolts"]
+    bolts = tree["bolts"]
     forces = {name: tuple(values) for name, values in bolts["forces"].items()}
     tight = TightBolts(bolts["shortening"], tuple(bolts["orders"]), forces)
-    return InitialState(
-        **fields, amplitudes=about["amplitudes"], message=about["message"], remarks=tuple(about["remarks"]), bolts=tight
-    )
+    return InitialState(**tree | {"remarks": tuple(tree["remarks"]), "bolts": tight})

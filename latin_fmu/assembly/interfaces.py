@@ -341,7 +341,7 @@ def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: flo
     for (_, surface), (body, other) in ((first, second), (second, first)):
         low, high = _box(other)
         middles = np.concatenate([pieces.centres for pieces in surface.pieces])
-        # a search for the cell of a point costs more: only where the boxes say it may be inside
+        # points in the bounding box alone: the search for the cell of a point costs more
         middles = middles[((low < middles) & (middles < high)).all(axis=1)]
         for middle in middles[:: max(1, -(-len(middles) // _MOST_MIDDLES))]:
             if locate(body.mesh, middle) is not None:

@@ -410,7 +410,7 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
     """
     scene = problem.scene
     classes: dict[bytes, list[tuple[SubstructureModel, Index]]] = {}
-    store = store_of(scene)
+    store, compared = store_of(scene), problem.kept is not None and problem.kept.compared
     for name, body in problem.bodies.items():
         loading = (problem.layers if moved is None else moved).get(name)
         loads = load_terms(scene, name, body, loading)
@@ -418,17 +418,14 @@ def _model_classes(problem: DiscretisedProblem, moved: Mapping[str, ContactLayer
         loads += [cut.loads() for cut in own]
         # before the key: the store is no part of it
         model, channels = _model(problem, name, loads)
-        if problem.kept is not None and problem.kept.compared:
-            classes[name.encode()] = [(model if not (loose := _loose(own)) else _loosened(model, loose), channels)]
-            continue
         model = replace(model, store=store)
-        key = _signature(model, body) if scene.solver.share_identical else name.encode()
+        key = _signature(model, body) if scene.solver.share_identical and not compared else name.encode()
         key += _dashpots_key(scene, name)
-        if loose := _loose(own):
+        if loose := [cut for cut in own if cut.loose]:
             model, key = _loosened(model, loose), key + b"".join(cut.pattern.tobytes() for cut in loose)
         # shape of the cut: bodies that are else alike have stiffnesses of their own
         classes.setdefault(key, []).append((model, channels))
-    if problem.kept is not None and problem.kept.compared:
+    if compared:
         return [ModelClass([m], channels[:, None]) for ((m, channels),) in classes.values()]
     groups = []
     for key, members in classes.items():
@@ -502,11 +499,6 @@ def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_arr
         assert trace is not None, "a side of a body has a trace"
         traces.append(trace)
     return sp.csr_array(sp.vstack(traces)) if traces else sp.csr_array((0, body.full_size()))
-
-
-def _loose(cuts: Sequence[BoltCut]) -> list[BoltCut]:
-    """The cuts of bolts whose shortenings are free."""
-    return [cut for cut in cuts if cut.loose]
 
 
 def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> SubstructureModel:

@@ -27,8 +27,8 @@ from ..propagator.image import Image
 from ..propagator.model import share_operators
 from ..results.sensitivities import HistoryChanges
 from ..scene.fields import GROUND
+from ..scene.overrides import no_number, number_at
 from ..scene.schema import Scene
-from ..scene.spread import number_at
 from ..time_scheme import QuasiStatic
 from .body import body_sides
 from .bolts import Yielding, load_name
@@ -108,14 +108,12 @@ def value_of(scene: Scene, name: str) -> float:
     """
     value = number_at(scene.tables(), name)
     if value is None:
-        allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-        problem = Problem("output.sensitivities", "no number under this name", name, allowed, "write the key in full")
-        raise SceneError([problem], "the scene cannot be built")
+        raise SceneError([no_number("output.sensitivities", name)], "the scene cannot be built")
     return value
 
 
 def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParameter]:
-    """The parameters that results of a scene are differentiated by; ``problem`` : of this scene.
+    """The parameters by which results of a scene are differentiated; ``problem`` : of this scene.
 
     Raises
     ------
@@ -173,7 +171,7 @@ def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
 def _equal(a: Array | None, b: Array | None) -> bool:
     if a is None or b is None:
         return a is b
-    # to the last bit as a rule, which costs less to find out
+    # equal to the last bit as a rule, and that test costs less
     return np.array_equal(a, b) or (a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12)))
 
 

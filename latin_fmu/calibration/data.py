@@ -1,6 +1,6 @@
-"""Measured data: tables whose header says what a column is, checked against the scene.
+"""Measured data: tables with named columns, checked against the scene.
 
-The first column is what the others are given over, and says what kind of data these are:
+The first column is the abscissa of the others, and gives the kind of data:
 
 ====================  ==========  ======================================================================
 first column          kind        further columns
@@ -24,7 +24,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -34,6 +34,21 @@ from pydantic_core import PydanticCustomError
 from ..assembly.build import discretise
 from ..errors import InputError, Problem, Problems, did_you_mean, listed
 from ..latin.outcome import Array
+from ..results.quantities import AXES, FILTERED, SENSOR
+from ..results.quantities_of_interest import (
+    ACCELERATION_PEAK,
+    BOLT_FORCE,
+    DISPLACEMENT,
+    DISPLACEMENT_HISTORY,
+    DISPLACEMENT_PEAK,
+    FORCE_HISTORY,
+    IMPULSE,
+    PEAK_FORCE,
+    SPECTRUM,
+    VELOCITY_HISTORY,
+    VELOCITY_PEAK,
+    QuantityOfInterest,
+)
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
 from ..scene.schema import Scene
 from ..scene.sensors import nyquist
@@ -43,17 +58,6 @@ HEADING: Final = "the calibration cannot be made"
 Kind = Literal["history", "spectrum", "modes", "backbone"]
 _KINDS: Final[dict[str, Kind]] = {"time": "history", "frequency": "spectrum", "mode": "modes", "amplitude": "backbone"}
 _ALONG_UNIT: Final = {"history": "s", "spectrum": "Hz", "modes": "1", "backbone": "m"}
-_MOTIONS: Final = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
-FILTERED: Final = "_filtered"
-_QUANTITIES: Final = {
-    **{name: ("sensor", unit) for name, unit in _MOTIONS.items()},
-    **{name + FILTERED: ("sensor", unit) for name, unit in _MOTIONS.items()},
-    "srs": ("sensor", "m s-2"),
-    "force": ("interface", "N"),
-    "normal_force": ("interface", "N"),
-    "tension": ("bolt", "N"),
-}
-"""Table of the scene that has the owner, and unit, by quantity."""
 _SCALARS: Final = ("normal_force", "tension")
 _HEADER: Final = re.compile(r"(.+?)\s*(?:\[([^\]]*)\])?")
 _SD: Final = ".sd"
@@ -63,12 +67,59 @@ _SMALL: Final = 0.1  # of the largest value of a column: smaller ones scatter as
 
 
 @dataclass(frozen=True)
+class Measurable:
+    """What a column of a history or a spectrum is compared with.
+
+    Attributes
+    ----------
+    owner : table of the scene that has it, empty of modes and backbones. unit : UDUNITS, SI.
+    motion : field of the history of a sensor, else empty. filtered : whether it is behind the filter of the sensor.
+    flags : keys of the scalars of ``results.sensitivities`` whose flags are those of its derivatives.
+    error : quantity whose estimated error is that of the run, None where there is none.
+    """
+
+    owner: str
+    unit: str
+    flags: tuple[QuantityOfInterest, ...] = ()
+    error: QuantityOfInterest | None = None
+    motion: str = ""
+    filtered: bool = False
+
+    @property
+    def table(self) -> str:
+        """Field of a solution, and of its derivatives, that has the histories of the owners by name."""
+        return f"{self.owner}s"
+
+
+def _motions(name: str, flags: tuple[QuantityOfInterest, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
+    """A motion of a sensor by its name, and behind the filter."""
+    own = Measurable("sensor", str(SENSOR[name].unit), flags, error, name)
+    return {name: own, FILTERED[name].name: replace(own, filtered=True)}
+
+
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK,), ACCELERATION_PEAK)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE, IMPULSE), FORCE_HISTORY)
+MEASURABLE: Final = {
+    **_motions("displacement", (DISPLACEMENT, DISPLACEMENT_PEAK), DISPLACEMENT_HISTORY),
+    **_motions("velocity", (VELOCITY_PEAK,), VELOCITY_HISTORY),
+    **_ACCELERATION,
+    "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
+    "force": _RESULTANT,
+    "normal_force": _RESULTANT,
+    "tension": Measurable("bolt", "N", (BOLT_FORCE,), BOLT_FORCE),
+    "frequency": Measurable("", "Hz"),
+    "damping": Measurable("", "1"),
+}
+"""By quantity."""
+
+
+@dataclass(frozen=True)
 class Column:
     """Measured values of one quantity.
 
     Attributes
     ----------
-    name : as in the header. owner, quantity, axis : its parts; axis 0, 1, 2, None of a scalar. unit : UDUNITS, SI.
+    name : as in the header. owner, quantity, axis : its parts; axis 0, 1, 2, None of a scalar.
     values : (n,) in the units of the scene. sd : (n,) standard deviations, None where they are not given.
     """
 
@@ -76,9 +127,18 @@ class Column:
     owner: str
     quantity: str
     axis: int | None
-    unit: str
     values: Array
     sd: Array | None
+
+    @property
+    def of(self) -> Measurable:
+        """What it is compared with."""
+        return MEASURABLE[self.quantity]
+
+    @property
+    def unit(self) -> str:
+        """UDUNITS unit, in SI."""
+        return self.of.unit
 
     def scatter(self, level: bool) -> Array:
         """Standard deviations (n,), up to a common factor where none are given: then of a ``level`` (a frequency, a
@@ -175,9 +235,7 @@ class _Reader:
         kind = _KINDS.get(first[2]) if not first[0] or first[2] == "amplitude" else None
         if kind is None:
             allowed, remedy = ", ".join((*_KINDS, "SENSOR.amplitude")), did_you_mean(names[0], _KINDS)
-            self._say(
-                "the first column is not known", self._header_line, value=names[0], allowed=allowed, remedy=remedy
-            )
+            self._say("unknown first column", self._header_line, value=names[0], allowed=allowed, remedy=remedy)
             return None
         sensor = first[0] or None
         if sensor is not None and sensor not in self._owners["sensor"]:
@@ -186,7 +244,7 @@ class _Reader:
         self._pairs(names)
         units = [
             _ALONG_UNIT[kind],
-            *(parts[base][3] if (base := n.removesuffix(_SD)) in parts else "" for n in names[1:]),
+            *(MEASURABLE[parts[base][1]].unit if (base := n.removesuffix(_SD)) in parts else "" for n in names[1:]),
         ]
         scales = self._scales(names, factors, units)
         table = self._numbers(names, rows) * scales
@@ -217,37 +275,38 @@ class _Reader:
         if len([n for n in names[1:] if not n.endswith(_SD)]) == 0:
             self._say("no column of measured values", self._header_line)
 
-    def _column(self, kind: Kind, name: str) -> tuple[str, str, int | None, str] | None:
-        """Owner, quantity, axis and unit of a column, None where it is wrong."""
+    def _column(self, kind: Kind, name: str) -> tuple[str, str, int | None] | None:
+        """Owner, quantity and axis of a column, None where it is wrong."""
         if kind in ("modes", "backbone"):
-            known = {"frequency": "Hz", "damping": "1"} if kind == "backbone" else {"frequency": "Hz"}
+            known = ("frequency", "damping") if kind == "backbone" else ("frequency",)
             if name not in known:
                 allowed, remedy = ", ".join(known), did_you_mean(name, known)
                 self._say("no such column", self._header_line, value=name, allowed=allowed, remedy=remedy)
                 return None
-            return "", name, None, known[name]
+            return "", name, None
         parts = name.split(".")
         quantity = parts[1] if len(parts) in (2, 3) else ""
-        quantities = [q for q in _QUANTITIES if (q == "srs") == (kind == "spectrum")]
-        axes = [] if quantity in _SCALARS else ["x", "y", "z"]
+        quantities = [q for q, of in MEASURABLE.items() if of.owner and (q == "srs") == (kind == "spectrum")]
+        axes = [] if quantity in _SCALARS else list(AXES)
         if quantity not in quantities or len(parts) != 2 + bool(axes) or (axes and parts[2] not in axes):
             form = "SENSOR.srs.x" if kind == "spectrum" else "SENSOR.acceleration.x, INTERFACE.force.z, BOLT.tension"
             allowed = f"{form}; quantities: {', '.join(quantities)}"
             self._say("no such column", self._header_line, value=name, allowed=allowed)
             return None
-        where, unit = _QUANTITIES[quantity]
+        of = MEASURABLE[quantity]
+        where = of.owner
         # builds the scene, which takes seconds: only where the name is not one of the scene
         if where == "interface" and self._scene.contact and parts[0] not in self._owners[where]:
             self._owners[where] = [u.name for u in discretise(self._scene).units]  # with those that it finds
         if parts[0] not in self._owners[where]:
             self._unknown(name, where, parts[0])
             return None
-        if quantity.endswith(FILTERED) and self._scene.sensor[parts[0]].filter is None:
-            remedy = f"add sensor.{parts[0]}.filter, or compare {quantity.removesuffix(FILTERED)}"
+        if of.filtered and self._scene.sensor[parts[0]].filter is None:
+            remedy = f"add sensor.{parts[0]}.filter, or compare {of.motion}"
             self._say("the sensor has no filter", self._header_line, value=name, remedy=remedy)
-        if self._scene.time.quasi_static and not quantity.startswith("displacement") and where == "sensor":
+        if self._scene.time.quasi_static and of.motion not in ("", "displacement"):
             self._say("a quasi-static run has displacements alone", self._header_line, value=name)
-        return parts[0], quantity, axes.index(parts[2]) if axes else None, unit
+        return parts[0], quantity, axes.index(parts[2]) if axes else None
 
     def _unknown(self, name: str, where: str, owner: str) -> None:
         known = self._owners[where]

@@ -1,7 +1,8 @@
-"""What a scene predicts of measured data, and how that changes with its parameters.
+"""Predictions of measured data by a scene, and their derivatives by its parameters.
 
 Histories are taken linearly between the instants of the run, and their derivatives from ``output.sensitivities`` of the
-same run, as those of spectra are. Frequencies and backbones, and runs whose derivatives are not known, have none here.
+same run, as those of spectra are. Frequencies and backbones have no derivatives here, nor have runs whose derivatives
+are refused.
 
 A backbone is computed at a few amplitudes over the range of the data, and taken linearly over the logarithm of the
 amplitude between them.
@@ -26,35 +27,24 @@ from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
 from ..results.spectra import ShockSpectrum, shock_response_spectrum, spectrum_changes
 from ..scene.schema import Scene
-from .data import FILTERED, HEADING, Column, MeasuredTable, columns_of, size_of
+from .data import HEADING, Column, MeasuredTable, columns_of, size_of
 
 LEVELS: Final = 6
 """Amplitudes at which a backbone is computed, at most."""
 _KEY: Final = "output.sensitivities"
 _NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces", "energy")
-_QUANTITIES: Final = {
-    "displacement": ("displacement", "displacement_peak"),
-    "velocity": ("velocity_peak",),
-    "acceleration": ("acceleration_peak",),
-    "srs": ("acceleration_peak",),
-    "force": ("peak_force", "impulse"),
-    "normal_force": ("peak_force", "impulse"),
-    "tension": ("bolt_force",),
-}
-"""Scalars of ``results.sensitivities`` whose flags are those of a column, by its quantity."""
-
 Names = tuple[str, ...]
 """Dotted names of the numbers of a scene that one parameter is the value of."""
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """Predicted of all data with one set of values.
+    """Predictions of all data with one set of values.
 
     Attributes
     ----------
     values : (n_parameter,). predicted : (n,). slopes : (n, n_parameter) derivatives, None where there are none.
-    flagged : sentences on derivatives that are not to be trusted. solution : the run, None where there is none.
+    flagged : sentences on derivatives that are flagged. solution : the run, None where there is none.
     """
 
     values: tuple[float, ...]
@@ -79,10 +69,7 @@ class Predictor:
     def __init__(
         self, scene: Scene, tables: Sequence[MeasuredTable], parameters: Sequence[Names], mode: int, increments: int
     ) -> None:
-        output = scene.output.model_copy(
-            update={**dict.fromkeys(_NO_FIELDS, False), "sensitivities": (), "check_sensitivities": "none"}
-        )
-        self.scene, self.tables, self._parameters = scene.model_copy(update={"output": output}), tables, parameters
+        self.scene, self.tables, self._parameters = scene, tables, parameters
         self._mode, self._increments = mode, increments
         self._kept = KeptOperators()
         self.runs_in_time = any(table.kind in ("history", "spectrum") for table in tables)
@@ -95,7 +82,7 @@ class Predictor:
         return not self.reason
 
     def at(self, values: Sequence[float]) -> Scene:
-        """The scene with these values of the parameters.
+        """The scene with these values of the parameters, with its output as written.
 
         Raises
         ------
@@ -108,7 +95,7 @@ class Predictor:
         return scene
 
     def __call__(self, values: Sequence[float]) -> Predicted:
-        """One run of the scene, or what stands for it.
+        """Predictions by one run of the scene, by its modes or by its backbone.
 
         Raises
         ------
@@ -116,7 +103,9 @@ class Predictor:
         """
         scene, solution = self.at(values), None
         if self.runs_in_time:
-            solution = self._solved(scene)
+            plain = scene.undifferentiated
+            unkept = {**dict.fromkeys(_NO_FIELDS, False), "check_sensitivities": "none"}
+            solution = self._solved(plain.model_copy(update={"output": plain.output.model_copy(update=unkept)}))
         curves = {table.path: self._static(table, scene) for table in self.tables}
         predicted = np.empty(size_of(self.tables))
         slopes = np.empty((len(predicted), len(self._parameters)))
@@ -124,12 +113,12 @@ class Predictor:
             if solution is None or table.kind not in ("history", "spectrum"):
                 predicted[place] = curves[table.path][column.quantity]
                 continue
-            own = self._series(getattr(solution, _table_of(column)), column, solution)
+            own = self._series(getattr(solution, column.of.table), column, solution)
             predicted[place] = self._of_series(table, column, own, solution)
-            for i, moved in enumerate(self._changes(solution, column) if self.exact else ()):
-                slopes[place, i] = self._slope(table, column, moved, solution)
+            if self.exact:
+                slopes[place] = self._slopes(table, column, solution)
         if not np.isfinite(predicted).all():
-            raise SolverError("the run has no numbers at some of the data")
+            raise SolverError("the run has no finite values at some of the data")
         flagged = tuple(self._flagged(solution)) if solution is not None and self.exact else ()
         return Predicted(tuple(map(float, values)), predicted, slopes if self.exact else None, flagged, solution)
 
@@ -176,12 +165,11 @@ class Predictor:
             return history.force
         if isinstance(history, InterfaceHistory):
             return history.normal_resultant() if column.axis is None else history.force()[:, column.axis]
-        field = column.quantity.removesuffix(FILTERED).replace("srs", "acceleration")
-        motion = getattr(history, field)
+        motion = getattr(history, column.of.motion)
         if motion is None:
             raise InputError.of(HEADING, f"sensor.{column.owner}", f"it has no acceleration ({history.remark})")
         chosen = self.scene.sensor[column.owner].filter
-        if column.quantity.endswith(FILTERED) and chosen is not None:
+        if column.of.filtered and chosen is not None:
             motion = low_pass(motion, chosen, uniform_step(solution.time))
         return np.asarray(motion[:, column.axis])
 
@@ -191,9 +179,7 @@ class Predictor:
         known = {d.name: d for d in solution.sensitivities.derivatives}
         for names in self._parameters:
             # stored as the change for the scale of the parameter
-            parts = [
-                self._series(getattr(known[n], _table_of(column)), column, solution) / known[n].scale for n in names
-            ]
+            parts = [self._series(getattr(known[n], column.of.table), column, solution) / known[n].scale for n in names]
             yield np.sum(parts, axis=0)
 
     def _of_series(self, table: MeasuredTable, column: Column, series: Array, solution: Solution) -> Array:
@@ -205,30 +191,29 @@ class Predictor:
     def _spectrum(self, table: MeasuredTable, column: Column, motion: Array, solution: Solution) -> ShockSpectrum:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
-        # the mean of all: the difference of two instants late in a run has fewer digits
-        step = float(solution.time[-1] - solution.time[0]) / (len(solution.time) - 1)
-        return shock_response_spectrum(motion, step, table.along, 10.0 if request is None else request.quality)
+        quality = 10.0 if request is None else request.quality
+        return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality)
 
-    def _slope(self, table: MeasuredTable, column: Column, moved: Array, solution: Solution) -> Array:
-        """Derivative of the data of a column, from that of its series (n_time,)."""
+    def _slopes(self, table: MeasuredTable, column: Column, solution: Solution) -> Array:
+        """Derivatives (n, n_parameter) of the data of a column."""
+        moved = list(self._changes(solution, column))
         if table.kind == "history":
-            return self._of_series(table, column, moved, solution)
-        history, changes = solution.sensors[column.owner], np.zeros((1, len(moved), 3))
-        changes[0, :, column.axis] = moved
+            return np.stack([self._of_series(table, column, series, solution) for series in moved], axis=1)
+        history, changes = solution.sensors[column.owner], np.zeros((len(moved), len(solution.time), 3))
+        changes[:, :, column.axis] = moved
         own = self._spectrum(table, column, np.asarray(history.acceleration), solution)
-        return np.asarray(spectrum_changes(own, history, solution.time, changes).acceleration[0, 0, :, column.axis])
+        return np.asarray(spectrum_changes(own, history, solution.time, changes).acceleration[:, 0, :, column.axis].T)
 
     def _flagged(self, solution: Solution) -> Iterator[str]:
         """Sentences on the derivatives of a run that are flagged."""
         known = solution.sensitivities
         assert known is not None
-        by_quantity = {q.quantity: q for q in known.quantities}
         for i, d in enumerate(known.derivatives):
             columns = [
                 column.name
                 for _, column, _ in columns_of(self.tables)
-                for key in _QUANTITIES.get(column.quantity.removesuffix(FILTERED), ())
-                if (q := by_quantity.get(f"{column.owner}.{key}")) is not None and q.flagged[i]
+                for flag in column.of.flags
+                if (q := known.by_quantity.get(f"{column.owner}.{flag.key}")) is not None and q.flagged[i]
             ]
             if columns:
                 listing = ", ".join(dict.fromkeys(columns))
@@ -239,8 +224,3 @@ def _events(known: Sensitivities, parameter: int) -> str:
     """Share of the instants, in per cent, at which much of a contact area changes its state."""
     events = np.any([share[parameter] > MANY for share in known.changing.values()], axis=0)
     return f"{100 * np.mean(events):.2g} %"
-
-
-def _table_of(column: Column) -> str:
-    """Field of a solution, and of its derivatives, that has the history of a column."""
-    return {"tension": "bolts", "force": "interfaces", "normal_force": "interfaces"}.get(column.quantity, "sensors")

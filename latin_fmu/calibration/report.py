@@ -1,4 +1,4 @@
-"""Result of a calibration: values with their intervals, what cannot be told apart, residuals; text and data.
+"""Result of a calibration: values with intervals, combinations that are not determined, residuals; text and data.
 
 With the residuals r of n data over their weights, the Jacobian J of the predictions over the weights by the p free
 parameters, and S the standard deviations of the data over their weights,
@@ -6,10 +6,10 @@ parameters, and S the standard deviations of the data over their weights,
     s^2 = r^T r / (n - p),    S = max(s, error of the run),    A = (J^T J)^-1 J^T,    C = A S^2 A^T
 
 and a parameter is known to +- t sqrt(C_ii), t of the t distribution with n - p degrees of freedom at 95 %. The error
-of a run is not random. ``shift`` is what it may do at most: sum_j |A_ij| times the error of the data j.
+of a run is not random. ``shift`` is the largest change of a parameter by it: sum_j |A_ij| times the error of datum j.
 
 A combination of parameters, a right singular vector of J by the logarithms of the parameters, whose interval t s /
-(singular value) is above 1 is not known from the data.
+(singular value) is above 1 is not determined by the data.
 """
 
 from __future__ import annotations
@@ -25,45 +25,28 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from ..accuracy.estimate import estimate_error
+from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..results.estimates import ErrorEstimate
-from ..results.quantities_of_interest import (
-    ACCELERATION_PEAK,
-    BOLT_FORCE,
-    DISPLACEMENT_HISTORY,
-    FORCE_HISTORY,
-    SPECTRUM,
-    VELOCITY_HISTORY,
-)
 from ..results.sensitivities import PART, in_words
 from ..results.sentences import wrapped
 from ..results.solution import Solution
 from ..results.summary import aligned, finite, readable
-from ..scene.describe import field_at, unit_of
+from ..scene.describe import unit_at
 from ..scene.overrides import text_with_numbers
 from ..scene.schema import NAMED, Scene
-from .data import FILTERED, Column, MeasuredTable, columns_of
+from .data import Column, MeasuredTable, columns_of
 from .prediction import Names, Predicted, Predictor
 
 CONFIDENCE: Final = 0.95
 TOGETHER: Final = 0.95
-"""Correlation from which on two parameters are said to go together."""
+"""Correlation from which on two parameters are called correlated."""
 _ENTERS: Final = 0.2  # of the largest entry of a combination: smaller ones are left out of its words
 AT_BOUND: Final = 1e-4  # of the start
-_FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not random
+_FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not independent
 _FEW: Final = 20  # data for that
 _NEAR: Final = (1e-3, 0.3)  # change of parameters over their start in the check of flagged derivatives
-_ERROR_OF: Final = {
-    "displacement": DISPLACEMENT_HISTORY.key,
-    "velocity": VELOCITY_HISTORY.key,
-    "acceleration": ACCELERATION_PEAK.key,
-    "srs": SPECTRUM.key,
-    "force": FORCE_HISTORY.key,
-    "normal_force": FORCE_HISTORY.key,
-    "tension": BOLT_FORCE.key,
-}
-"""Quantity of the error estimate, by that of a column."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +73,7 @@ class FitParameter:
 
     def unit(self) -> str:
         """UDUNITS unit, in SI."""
-        keys = [int(part) if part.isdigit() else part for part in self.names[0].split(".")]
-        field = field_at(Scene, keys)
-        return "1" if field is None else unit_of(field) or "1"
+        return unit_at(Scene, self.names[0]) or "1"
 
 
 @dataclass(frozen=True)
@@ -142,9 +123,9 @@ class Calibration:
     Attributes
     ----------
     scene : with the fitted values. parameters, columns : as fitted. correlation : (p, p), NaN at a bound.
-    scatter : root mean square of the residuals over their weights, with n - p. combinations : sentences on what cannot
-    be told apart. runs : of the scene. converged : whether the fit came to rest. remarks : on derivatives, residuals,
-    errors.
+    scatter : root mean square of the residuals over their weights, with n - p. combinations : sentences on
+    combinations of parameters that the data do not determine. runs : of the scene. converged : within the runs allowed.
+    remarks : on derivatives, residuals, errors.
     """
 
     scene: Scene
@@ -174,10 +155,10 @@ class Calibration:
     @property
     def status(self) -> str:
         """How the fit ended."""
-        return "converged" if self.converged else "not at rest: the runs allowed (--max-runs) are done"
+        return "converged" if self.converged else "not converged within the runs allowed (--max-runs)"
 
     def lines(self) -> list[str]:
-        """Text: values, what cannot be told apart, residuals, remarks."""
+        """Text: values, combinations that are not determined, residuals, remarks."""
         count = sum(len(c.after) for c in self.columns)
         units = self.scene.unit_system
         head = (
@@ -240,14 +221,14 @@ class Calibration:
             "scatter": finite(self.scatter),
             "parameters": parameters,
             "correlation": [[finite(float(x)) for x in row] for row in self.correlation],
-            "not_told_apart": list(self.combinations),
+            "not_determined": list(self.combinations),
             "columns": columns,
             "warnings": list(self.remarks),
         }
 
 
 @dataclass(frozen=True)
-class Spread:
+class FitStatistics:
     """Statistics of a fit (module docstring).
 
     Attributes
@@ -306,7 +287,8 @@ class Spread:
         return made
 
     def directions(self, values: Array) -> list[tuple[float, Array]]:
-        """Relative interval and combination (p,) of relative changes, of each singular vector, the best known first."""
+        """Relative interval and combination (p,) of relative changes, of each singular vector, the smallest interval
+        first."""
         _, size, v = np.linalg.svd(self.slopes[:, self.free] * values[self.free], full_matrices=False)
         made = []
         for one, row in zip(size, v, strict=True):
@@ -316,11 +298,13 @@ class Spread:
         return made
 
 
-def combinations(spread: Spread, parameters: Sequence[FitParameter], values: Array, correlation: Array) -> list[str]:
-    """Sentences on what the data do not tell apart."""
+def combinations(
+    statistics: FitStatistics, parameters: Sequence[FitParameter], values: Array, correlation: Array
+) -> list[str]:
+    """Sentences on combinations of parameters that the data do not determine."""
     words, said, told = [p.words for p in parameters], list[str](), set[int]()
     scales = np.where(values != 0.0, np.abs(values), [p.scale for p in parameters])
-    directions = spread.directions(scales)
+    directions = statistics.directions(scales)
     for interval, combination in directions:
         if interval <= 1.0:
             continue
@@ -330,20 +314,20 @@ def combinations(spread: Spread, parameters: Sequence[FitParameter], values: Arr
         ]
         told |= set(entering)
         if len(entering) == 1:
-            said.append(f"not known from these data {much}: {words[entering[0]]}")
+            said.append(f"not determined by these data {much}: {words[entering[0]]}")
             continue
         changes = combination[entering] / combination[entering[0]] * 100 * PART
         listing = ", ".join(f"{c:+.2g} % {words[i]}" for c, i in zip(changes, entering, strict=True))
-        said.append(f"cannot be told apart {much}: {listing} together leave the data as they are within their scatter")
+        said.append(f"not determined {much}: {listing} together leave the data as they are within their scatter")
     for i in range(len(words)):
         for j in range(i):
             if abs(correlation[i, j]) > TOGETHER and not {i, j} <= told:
                 sense = "more of one with less of the other" if correlation[i, j] < 0 else "more of both"
-                said.append(f"{words[j]} and {words[i]} go together (correlation {correlation[i, j]:+.3f}): {sense}")
+                said.append(f"{words[j]} and {words[i]} are correlated ({correlation[i, j]:+.3f}): {sense}")
     if said and math.isfinite(directions[0][0]) and len(words) > 1:
         best = directions[0][1] / directions[0][1][np.argmax(np.abs(directions[0][1]))]
         powers = " ".join(f"({w})^{x:.2g}" for w, x in zip(words, best, strict=True) if abs(x) > _ENTERS)
-        said.append(f"best known: {powers}, to +-{100 * directions[0][0]:.2g} %")
+        said.append(f"best determined: {powers}, to +-{100 * directions[0][0]:.2g} %")
     return said
 
 
@@ -371,31 +355,35 @@ def calibration_of(
     bound = [_bound(p, v) for p, v in zip(parameters, best.values, strict=True)]
     measured = np.concatenate([c.column.values for c in columns])
     floor = np.concatenate([np.full(len(c.after), c.floor) for c in columns]) / weights
-    spread = Spread(
+    statistics = FitStatistics(
         slopes / weights[:, None], (best.predicted - measured) / weights, floor, np.array([not b for b in bound])
     )
-    covariance = spread.covariance()
+    covariance = statistics.covariance()
     sizes = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(sizes, sizes)
     fitted = [
         FittedParameter(p, float(v), float(half), float(shift), b)
         for p, v, half, shift, b in zip(
-            parameters, values, spread.quantile * sizes, spread.shifts(), bound, strict=True
+            parameters, values, statistics.quantile * sizes, statistics.shifts(), bound, strict=True
         )
     ]
     if predictor.reason:
         remarks.append(f"derivatives by secants: {predictor.reason}")
-        remarks += [] if converged else ["the secants were not made anew at the end: intervals are rough"]
+        remarks += (
+            []
+            if converged
+            else ["the secants were not made anew at the end: intervals are rough, give more --max-runs"]
+        )
     remarks += _on_derivatives(best, done, weights, scale)
-    remarks += _on_residuals(columns, spread)
+    remarks += _on_residuals(columns, statistics)
     return Calibration(
         scene=predictor.at(best.values),
         parameters=tuple(fitted),
         columns=tuple(columns),
         correlation=correlation,
-        scatter=spread.scatter,
-        combinations=tuple(combinations(spread, parameters, values, correlation)),
+        scatter=statistics.scatter,
+        combinations=tuple(combinations(statistics, parameters, values, correlation)),
         runs=runs,
         converged=converged,
         remarks=tuple(remarks),
@@ -412,7 +400,7 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
     try:
         made = estimate_error(scene, solution)
     except LatinError as error:
-        remarks.append(f"no estimate of the error of the run: {str(error).splitlines()[-1].strip()}")
+        remarks.append(f"no estimate of the error of the run: {message_of(error)}")
         return None
     remarks += [f"error of the run: {text}" for text in made.remarks]
     return made
@@ -420,10 +408,10 @@ def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEst
 
 def _error_of(estimate: ErrorEstimate, column: Column) -> tuple[float, bool]:
     """Estimated relative error of a column, and whether it is one of its root mean square."""
-    key = _ERROR_OF[column.quantity.removesuffix(FILTERED)]
-    known = {q.quantity: q for q in estimate.quantities}
-    found = known.get(f"{column.owner}.{key}")
-    return (math.nan if found is None else found.error), key.endswith("_history")
+    if (of := column.of.error) is None:
+        return math.nan, True
+    found = estimate.by_quantity.get(f"{column.owner}.{of.key}")
+    return (math.nan if found is None else found.error), of.key.endswith("_history")
 
 
 def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, scale: Array) -> list[str]:
@@ -439,12 +427,15 @@ def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, 
             # trapezoidal rule along the step
             off = change - 0.5 * (a.slopes + b.slopes) @ step / weights
             share = float(np.linalg.norm(off) / np.linalg.norm(change))
-            return [*said, f"the derivatives predict the change of the data between two runs to {100 * share:.2g} %"]
+            return [
+                *said,
+                f"the derivatives predict the change of the data between two runs with an error of {100 * share:.2g} %",
+            ]
     return said
 
 
-def _on_residuals(columns: Sequence[ColumnFit], spread: Spread) -> list[str]:
-    """Remarks on residuals that are not random, or larger than their standard deviations."""
+def _on_residuals(columns: Sequence[ColumnFit], statistics: FitStatistics) -> list[str]:
+    """Remarks on residuals that are not independent, or larger than their standard deviations."""
     said = []
     for c in columns:
         r = c.after - c.column.values
@@ -454,10 +445,10 @@ def _on_residuals(columns: Sequence[ColumnFit], spread: Spread) -> list[str]:
                 # variance of the mean of an autoregressive process of first order
                 wider = math.sqrt((1.0 + following) / (1.0 - min(following, 0.99)))
                 said.append(
-                    f"residuals of {c.column.name} follow each other (correlation {following:.2f} from one to the "
-                    "next): the scene does not follow the data, or the scatter is no noise; intervals should be some "
+                    f"residuals of {c.column.name} are correlated ({following:.2f} from one to the next): the scene "
+                    "does not follow the data, or the noise is not independent; intervals should be some "
                     f"{wider:.1f} times as wide"
                 )
-    if all(c.column.sd is not None for c in columns) and spread.scatter > 2.0:
-        said.append(f"residuals are {spread.scatter:.1f} times the standard deviations given")
+    if all(c.column.sd is not None for c in columns) and statistics.scatter > 2.0:
+        said.append(f"residuals are {statistics.scatter:.1f} times the standard deviations given")
     return said

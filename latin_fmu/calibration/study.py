@@ -2,10 +2,10 @@
 
     minimise  sum_i ((y_i(p) - d_i) / w_i)^2,    low <= p <= high
 
-d the data, y what the scene predicts of them, w their standard deviations. The method is the trust region of
+d the data, y their predictions by the scene, w their standard deviations. The method is the trust region of
 ``scipy.optimize.least_squares`` on parameters over their start, with the derivatives of the run. Where there are none,
 a Jacobian of secants is made once, by a run a parameter, and updated after each run (Broyden); at the end it is made
-anew, and the fit goes on where it is not at rest then.
+anew, and the fit goes on where it has not converged then.
 
 Columns without standard deviations are weighted in proportion to their values, see ``data.Column.scatter``. Where the
 residuals of several columns differ much then, each is weighted by its own, and the fit repeated from there.
@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..accuracy.runs import message_of
 from ..assembly.sensitivities import value_of
 from ..errors import InputError, LatinError, Problem, Problems, SceneError, shown
 from ..latin.outcome import Array
@@ -30,8 +31,7 @@ from ..reader import load_scene
 from ..scene.schema import Scene
 from .data import HEADING, MeasuredTable, columns_of, read_measured, size_of
 from .prediction import Predicted, Predictor
-from .report import AT_BOUND as _AT_BOUND
-from .report import Calibration, FitParameter, calibration_of
+from .report import AT_BOUND, Calibration, FitParameter, calibration_of
 
 _FORM: Final = "NAME[,NAME..][=START][:LOW:HIGH], e.g. interface.lap.friction_coefficient=0.2:0.05:0.8"
 _FIT: Final = re.compile(r"([^=:]+)(?:=([^:]*))?(?::([^:]*):([^:]*))?")
@@ -152,7 +152,7 @@ class LeastSquares:
         except LatinError as error:
             if not self.known:
                 raise
-            said = str(error).splitlines()[-1].strip()
+            said = message_of(error)
         else:
             said = f"residual {math.sqrt(float(np.mean(self.residuals(made) ** 2))):.4g}"
             self._since.append(made)
@@ -185,7 +185,7 @@ class LeastSquares:
     def slopes(self, z: Array) -> Array:
         """Derivatives (n, p) of the predictions by ``z``: of the run, or secants that fit the last runs."""
         here = self.at(z)
-        assert here is not None, "derivatives are asked for where a run has succeeded"
+        assert here is not None, "derivatives follow a run that has succeeded"
         if here.slopes is not None:
             return np.asarray(here.slopes * self.scale)
         if self._secants is None:
@@ -237,12 +237,12 @@ class LeastSquares:
                 )
                 z, converged = found.x, found.status > 0
                 best = self.best()
-                # derivatives of the run do not age: where the method rests the fit does
+                # derivatives of the run are exact at every step: where the method converges the fit does
                 if best.slopes is not None:
                     break
                 z = np.array(best.values) / self.scale
                 jacobian = self.renew(z) / self.weights[:, None]
-                free = (z > low + _AT_BOUND) & (z < high - _AT_BOUND)
+                free = (z > low + AT_BOUND) & (z < high - AT_BOUND)
                 # what a full step along the free parameters would still gain
                 gain = np.linalg.lstsq(jacobian[:, free], -self.residuals(best), rcond=None)[0]
                 if np.sum((jacobian[:, free] @ gain) ** 2) <= _AT_REST * np.mean(self.residuals(best) ** 2):
@@ -302,7 +302,7 @@ def calibrate(
     _check(tables, parameters, max_runs)
     predictor = Predictor(scene, tables, [p.names for p in parameters], mode, increments)
     if secants:
-        predictor.reason = "secants are asked for"
+        predictor.reason = "as requested"
     measured = np.concatenate([column.values for _, column, _ in columns_of(tables)])
     search = LeastSquares(predictor, parameters, measured, max_runs, log)
     search.weights = np.concatenate([scatter for table in tables for scatter in table.scatter()])

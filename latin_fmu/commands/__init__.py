@@ -163,8 +163,9 @@ class Progress(Waiting):
 
         ``iteration`` counts from 1 in the current window and ``error`` is its sqrt(eta); 0 in the march of derivatives.
         """
-        # windows of a run that was continued are done already, and derivatives begin anew: the rate counts from here
-        if self._state is None or (iteration == 0) != (self._state[2] == 0):
+        # windows of a run that was continued are done already; derivatives, and runs that check them, begin anew: the
+        # rate counts from here
+        if self._state is None or (iteration == 0) != (self._state[2] == 0) or done < self._state[0]:
             self._origin = (self._clock(), done)
         if total == 1 and self._first is None and 0.0 < error < math.inf:
             self._first = (self._clock(), math.log10(error))

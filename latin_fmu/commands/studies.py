@@ -75,7 +75,7 @@ examples:
   latin-fmu calibrate scene.toml shock.csv --fit interface.lap.friction_coefficient --fit bolt.m6.force=5e3:1e3:2e4
   latin-fmu calibrate scene.toml modes.csv ring_down.csv --fit bolt.left.force,bolt.right.force=12e3 --mode 1
 
-The first line of DATA.csv names its columns; the first one says what kind of data these are:
+The first line of DATA.csv names its columns; the first column gives the kind of data:
   time,tip.acceleration.x,m6.tension,lap.force.x           motions of sensors, forces of interfaces, tensions of bolts
   frequency,tip.srs.x                                      shock response spectrum of a sensor (maximax)
   mode,frequency                                           natural frequencies, elastic modes from 1
@@ -87,7 +87,7 @@ where left out, LOW and HIGH a tenth and ten times the start.
 
 Writes the scene with the fitted values, OUT.toml, and OUT.png: data, before, after, residuals.
 
-exit codes: 0 the fit came to rest, 1 it did not within --max-runs (the best run is written), 2 bad input
+exit codes: 0 converged, 1 not within --max-runs (the best run is written), 2 bad input
 """
 _BUDGET, _QUICK, _RUNS = 120.0, 20.0, 20
 
@@ -131,7 +131,9 @@ def _register_sweep(add: AddParser) -> None:
     add_scene(parser)
     text = "a key and its values, from:to:count or value,value,...; may be repeated"
     option(parser, "--vary", "a.b.c=VALUES", text, action="append")
-    text = "instead: so many samples (8 or more) of the table [spread] of the scene, beside the bands to first order"
+    text = (
+        "in the place of --vary: number of samples (8 or more) of the table [spread]; bands beside those to first order"
+    )
     option(parser, "--samples", "N", text, int)
     option(parser, "--seed", "N", "with --samples: number of their sequence (default: 0)", int)
     text = "file of the study (default: <name of the scene file>_study.nc in the current folder)"
@@ -146,14 +148,20 @@ def _register_sweep(add: AddParser) -> None:
 
 
 def _register_calibrate(add: AddParser) -> None:
-    text = "fit parameters of a scene to measured data, with intervals, and say what the data do not tell apart"
+    text = (
+        "fit parameters of a scene to measured data, with intervals and the combinations that the data do not determine"
+    )
     parser = declare(add, "calibrate", text, _calibrate, _CALIBRATE_EXAMPLES)
     add_scene(parser)
     parser.add_argument("data", metavar="DATA.csv", type=Path, nargs="+", help="measured data; several may be given")
     text = "a number of the scene to fit; may be repeated"
     option(parser, "--fit", "NAME[=START][:LOW:HIGH]", text, action="append", required=True)
     option(parser, "--max-runs", "N", f"runs of the scene, at most (default: {_RUNS})", int, default=_RUNS)
-    switch(parser, "--no-estimate", "no estimate of the error of the last run, which else is a floor of the scatter")
+    switch(
+        parser,
+        "--no-estimate",
+        "no estimate of the error of the last run, which is otherwise a floor of the standard deviation",
+    )
     switch(parser, "--secants", "differences of runs in the place of derivatives")
     option(parser, "--mode", "N", "elastic mode of a backbone, from 1 (default: 1)", int, default=1)
     option(parser, "--increments", "N", "increments of load up to an amplitude of it (default: 2)", int, default=2)

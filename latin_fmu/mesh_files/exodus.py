@@ -51,7 +51,7 @@ def read_exodus(path: Path, where: str) -> MeshContent:
 
     problems = FileProblems(where)
     with netCDF4.Dataset(path) as data:
-        # a number that equals the fill value is one here
+        # a number equal to the fill value is data
         data.set_auto_mask(False)
         content = MeshContent(_points(data))
         blocks: list[tuple[str, Index]] = []  # type and connectivity; side sets count elements through all of them

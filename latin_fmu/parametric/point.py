@@ -44,9 +44,8 @@ from ..results.quantities_of_interest import (
 )
 from ..results.sensitivities import scalars_of
 from ..results.solution import Solution
-from ..results.spectra import spectrum_group
-from ..results.spread import PATH, linear_results, results_in
-from ..scene.describe import field_at, unit_of
+from ..results.spread import linear_results, results_in, spectrum_groups
+from ..scene.describe import unit_at
 from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
@@ -85,8 +84,7 @@ class Parameter:
     @property
     def unit(self) -> str | None:
         """UDUNITS unit of the key, None where the scene declares none."""
-        field = field_at(Scene, [int(part) if part.isdigit() else part for part in self.key.split(".")])
-        return None if field is None else unit_of(field)
+        return unit_at(Scene, self.key)
 
     def setting(self, number: int) -> str:
         """The setting of one value, as ``--set`` takes it."""
@@ -226,8 +224,8 @@ class Grid:
         return ", ".join(f"{p.key} = {text}" for p, text in zip(self.parameters, texts, strict=True))
 
     def scene(self, point: Index | None = None) -> Scene:
-        """Scene of a point without fields of the substructures, of which a study keeps nothing; the scene itself where
-        None.
+        """Scene of a point without fields of the substructures and derivatives, of which a study keeps nothing; the
+        scene itself where None.
 
         Raises
         ------
@@ -235,7 +233,7 @@ class Grid:
         """
         if point is None:
             return scene_from_dict(dict(self.tables), self.base_dir)
-        scene = scene_from_dict(with_settings(self.tables, self.settings(point)), self.base_dir)
+        scene = scene_from_dict(with_settings(self.tables, self.settings(point)), self.base_dir).undifferentiated
         output = scene.output.model_copy(update=dict.fromkeys(_NO_FIELDS, False))
         return scene.model_copy(update={"output": output})
 
@@ -511,10 +509,9 @@ def histories_of(solution: Solution) -> Record:
 def sample_of(scene: Scene, solution: Solution) -> Record:
     """Results of a run that have bands: ``scalars`` by quantity, ``results`` by path of their group and variable."""
     outcome = solution.outcome
-    groups = linear_results(outcome, outcome.time, scene.sensor)
-    groups |= {f"{PATH}sensors/{name}/spectrum": spectrum_group(s) for name, s in solution.spectra.items()}
+    groups = linear_results(outcome, outcome.time, scene.sensor) | spectrum_groups(solution.spectra)
     results = {path: results_in(group) for path, group in groups.items()}
-    return {"scalars": scalars_of(outcome, scene.sensor), "results": results}
+    return {"scalars": scalars_of(outcome, solution.spectra), "results": results}
 
 
 def _largest(vectors: Array) -> float:

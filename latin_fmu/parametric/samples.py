@@ -1,7 +1,7 @@
 """Samples of a scene whose parameters scatter, beside its bands to first order.
 
 The points are a scrambled Sobol sequence in the probabilities of the parameters (A.B. Owen, Scrambling Sobol' and
-Niederreiter-Xing points, J. Complexity 14 (1998) 466-489): 200 of them have the standard deviation of a sum of three
+Niederreiter-Xing points, J. Complexity 14 (1998) 466-489): 200 of them give the standard deviation of a sum of three
 normal parameters to 1 %, random ones to 5 %. The band of samples is their mean +- k standard deviations, with the k of
 the band to first order (``results.spread``): their quantiles at 95 % would be those of a few samples.
 """
@@ -19,25 +19,24 @@ from .. import api
 from ..accuracy.runs import Log
 from ..errors import InputError, SolverError
 from ..latin.outcome import Array
-from ..reader import read_tables, scene_from_dict
+from ..reader import scene_from_dict
 from ..results.dataset import datatree
 from ..results.files import write_groups
 from ..results.groups import StoredGroup, StoredVariable, in_units
-from ..results.sentences import wrapped
+from ..results.quantities_of_interest import in_words
+from ..results.sentences import named_lines
 from ..results.solution import Solution
-from ..results.spread import PATH, Bands, ResultBand, ends_of
+from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
 from ..results.summary import finite, percent, readable
-from ..scene.schema import Scene, with_settings
+from ..scene.schema import Scene
 from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
 from .point import CONVERGED, MOST_POINTS, SAMPLE, Grid, Parameter, Plan, Record
-from .study import dataset_of, solved_points
+from .study import dataset_of, solved_points, tables_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-SAMPLED: Final = "sampled"
-"""Part of the names of what samples have, beside the bands to first order."""
 _WORDS: Final = {
     "mean": "mean",
     "deviation": "standard deviation",
@@ -88,7 +87,7 @@ class SampledBands:
         """
         kept = [record[SAMPLE] for record in records if record["state"] == CONVERGED and SAMPLE in record]
         if len(kept) < 2:
-            raise SolverError(f"{len(kept)} samples have converged: no band")
+            raise SolverError(f"{len(kept)} samples have converged: a band takes 2 at least")
 
         def band(values: Sequence[Array | float], factor: Array) -> ResultBand:
             every = np.array(values, dtype=float)
@@ -119,9 +118,8 @@ class SampledBands:
             )
             if np.isfinite(ratio := self.ratio(q.quantity)):
                 text += f", to first order {percent(abs(ratio - 1.0))} {'wider' if ratio > 1.0 else 'narrower'}"
-            made.append((q.words, text + " (states change on the way)" * q.flagged))
-        width = max((len(name) for name, _ in made), default=0)
-        return [f"  {self.count} samples:", *(line for name, text in made for line in wrapped(name.ljust(width), text))]
+            made.append((in_words(q.quantity), text + " (states change on the way)" * q.flagged))
+        return [f"  {self.count} samples:", *named_lines(made)]
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """As ``Bands.report``, with ``samples``, their number, and of each quantity ``sampled_mean``, ``sampled_low``
@@ -168,7 +166,7 @@ def sample(
 
     Raises
     ------
-    InputError : no parameters that scatter, an absurd count. SceneError : no derivatives of this scene.
+    InputError : no parameters that scatter, a count or seed out of range. SceneError : no derivatives of this scene.
     SolverError : the run or all but one of the samples do not converge. ResultsError : the output cannot be written.
 
     Examples
@@ -179,12 +177,10 @@ def sample(
     >>> study.sizes["sample"], bands.count
     (8, 8)
     """
-    tables = scene.tables() if isinstance(scene, Scene) else read_tables(scene)
-    base_dir = scene.base_dir if isinstance(scene, Scene) else Path(scene).parent
-    tables = with_settings(tables, settings)
-    whole = scene_from_dict(tables, str(base_dir.resolve()))
+    tables, base_dir = tables_of(scene, settings)
+    whole = scene_from_dict(tables, base_dir)
     if not whole.spread:
-        what, remedy = "no parameters scatter", "name some in the table [spread]"
+        what, remedy = "the scene has no parameters that scatter", "name some in the table [spread]"
         raise InputError.of(_HEADING, "--samples", what, remedy=remedy)
     if not _FEWEST <= count <= MOST_POINTS:
         raise InputError.of(_HEADING, "--samples", "number of samples", str(count), f"{_FEWEST} to {MOST_POINTS}")
@@ -195,7 +191,7 @@ def sample(
         raise SolverError(f"no bands to first order: {solution.status}; {'; '.join(map(str, solution.warnings))}")
     output_table = dict(tables.get("output", {})) | {"sensitivities": []}
     plain = {key: value for key, value in tables.items() if key != "spread"} | {"output": output_table}
-    grid = Grid(plain, str(base_dir.resolve()), sample_values(whole.distributions, count, seed), True)
+    grid = Grid(plain, base_dir, sample_values(whole.distributions, count, seed), True)
     checked, records, done = solved_points(Plan(grid, max_cpu=max_cpu), output, jobs, scheduler, log)
     compared = SampledBands.of(solution.bands, records.values())
     groups = _groups(solution, compared, StoredGroup.of_dataset(dataset_of(grid, checked, records, False)))

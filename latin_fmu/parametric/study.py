@@ -191,12 +191,7 @@ def sweep(
     >>> study.sizes["interface.wall.gap"]
     2
     """
-    if isinstance(scene, Scene):
-        tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir
-    else:
-        tables, base_dir = read_tables(scene, settings), Path(scene).parent
-    # absolute, as workers may run in other folders
-    grid = Grid(tables, str(base_dir.resolve()), parameters_of(vary))
+    grid = Grid(*tables_of(scene, settings), parameters_of(vary))
     plan = Plan(grid, histories, guesses, max_cpu)
     checked, records, done = solved_points(plan, output, jobs, scheduler, log)
     study = dataset_of(grid, checked, records, histories)
@@ -204,6 +199,16 @@ def sweep(
         write_netcdf(xr.DataTree(study), output)
     done()
     return study
+
+
+def tables_of(scene: Scene | str | Path, settings: Sequence[str]) -> tuple[dict[str, Any], str]:
+    """Tables of a file, or of a scene, with settings, and the folder that its files are relative to."""
+    if isinstance(scene, Scene):
+        tables, base_dir = with_settings(scene.tables(), settings), scene.base_dir
+    else:
+        tables, base_dir = read_tables(scene, settings), Path(scene).parent
+    # absolute, as workers may run in other folders
+    return tables, str(base_dir.resolve())
 
 
 def solved_points(
@@ -214,7 +219,7 @@ def solved_points(
     grid = plan.grid
     checked = grid.check()
     _check_options(grid, jobs, scheduler, plan.histories)
-    _check_memory(checked, min(jobs, len(grid.order)))
+    _check_memory(checked.undifferentiated, min(jobs, len(grid.order)))
     # keys alone: values are in the names of the points, so that a study can be continued with more of them
     kept = f"histories {plan.histories}{f', {SAMPLE}' if grid.samples else ''}"
     digest = scene_digest(checked, [*(p.key for p in grid.parameters), kept])

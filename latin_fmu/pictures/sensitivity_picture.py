@@ -11,7 +11,9 @@ import xarray as xr
 from ..errors import Problem, ResultsError
 from ..latin.outcome import Array
 from ..results.groups import datasets_of, unit_of
+from ..results.quantities_of_interest import in_words as quantity_in_words
 from ..results.sensitivities import CHECKED, MANY, PART, in_words
+from ..results.spread import SAMPLED
 from ..results.summary import prefix_for
 from .style import BAD, DISTINCT, TimeAxis, styled
 
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
 _WIDTH, _ROW, _COLUMNS = 4.2, 0.24, 2  # inches
 _LEAST: Final = 1e-4  # relative change below which a quantity has no panel
 _MOST: Final = 4  # interfaces, sensors and bolts that are drawn, those with the largest values
-_SAMPLED: Final = "sampled"  # part of the names of ends of bands of samples
 
 
 @styled
@@ -60,8 +61,7 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
             elif secant[q, i]:
                 bar.set(facecolor="0.6")
         axis.axvline(0.0, color="0.4", linewidth=0.8)
-        owner, _, key = str(data["quantity"].values[q]).rpartition(".")
-        axis.set_title(f"{owner} {key.replace('_', ' ')}")
+        axis.set_title(quantity_in_words(str(data["quantity"].values[q])))
     notes = ["hatched: contact points change their state on the way"] * bool(flagged[shown].any())
     notes += [f"grey: by a run with {100 * CHECKED:g} % more"] * bool(secant[shown].any())
     if notes:
@@ -72,8 +72,8 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
 @styled
 def bands_figure(tree: xr.DataTree) -> Figure:
     """Normal forces of interfaces, motions of sensors, tensions of bolts and spectra with their bands at 95 %, those of
-    samples beside them where there are some. Instants at which states change are marked: bands are not to be trusted
-    there.
+    samples beside them where there are some. Instants at which states change are marked: bands to first order may
+    not hold there.
 
     Raises
     ------
@@ -158,6 +158,6 @@ def _draw_band(axis: Axes, curve: xr.DataArray, data: xr.Dataset, marks: Array) 
     axis.fill_between(x, ends["low"] / size, ends["high"] / size, color="0.80", linewidth=0, label="to first order")
     axis.plot(x, values / size, color=DISTINCT[0], label="run")
     for key, label in (("low", "samples"), ("high", None)):
-        if (name := f"{curve.name}_{_SAMPLED}_{key}") in data:
+        if (name := f"{curve.name}_{SAMPLED}_{key}") in data:
             axis.plot(x, data[name].sel(labels).values / size, "--", color=DISTINCT[1], linewidth=0.9, label=label)
     axis.set_ylabel(f"{str(curve.name).replace('_', ' ')} ({unit})")

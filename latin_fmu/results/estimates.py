@@ -14,7 +14,7 @@ from ..latin.outcome import Array
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import rows
-from .quantities_of_interest import FLOOR, definition_of
+from .quantities_of_interest import FLOOR, ByQuantity, definition_of
 from .summary import aligned, finite, percent, readable
 
 
@@ -68,7 +68,7 @@ _TEXTS: Final = rows(
 
 
 @dataclass(frozen=True)
-class ErrorEstimate:
+class ErrorEstimate(ByQuantity[QuantityEstimate]):
     """Estimated errors of all quantities of a run.
 
     Attributes
@@ -82,13 +82,6 @@ class ErrorEstimate:
     remarks: tuple[str, ...] = ()
     cpu: float = 0.0
     spectra: Mapping[str, Array] = field(default_factory=dict)
-
-    def __getitem__(self, quantity: str) -> QuantityEstimate:
-        """The estimate of one quantity (KeyError where there is none)."""
-        for estimate in self.quantities:
-            if estimate.quantity == quantity:
-                return estimate
-        raise KeyError(quantity)
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON."""

@@ -195,7 +195,7 @@ def describe_mesh(group: StoredGroup, cell_type: str, along: str = "time") -> No
         cell_type=cell_type,
     )
     nodes = (group.variables["cell_nodes"].values >= 0).sum(axis=1)
-    # the number of corners says the shape, of any degree
+    # the number of corners gives the shape of a cell of any degree
     shape = np.searchsorted(_FEWEST, _CORNERS[nodes]).astype(np.int8)
     group.variables["cell_shape"] = StoredVariable(("cell",), shape, dict(_SHAPES))
     group.variables["cell_nodes"].attrs.update(cf_role="volume_node_connectivity", start_index=np.int32(0))

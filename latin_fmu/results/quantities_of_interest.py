@@ -6,9 +6,10 @@ fresh solution give the same numbers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +135,43 @@ def definition_of(quantity: str) -> QuantityOfInterest:
     """
     key = quantity.rpartition(".")[2]
     return next(definition for definition in QUANTITIES_OF_INTEREST if definition.key == key)
+
+
+def in_words(quantity: str) -> str:
+    """Name of a quantity in words.
+
+    >>> in_words("crush.peak_force")
+    'crush peak force'
+    """
+    owner, _, key = quantity.rpartition(".")
+    return f"{owner} {key.replace('_', ' ')}"
+
+
+class Named(Protocol):
+    """Something of one quantity."""
+
+    @property
+    def quantity(self) -> str:
+        """Its name, ``owner.key``."""
+        ...
+
+
+Of = TypeVar("Of", bound=Named)
+
+
+class ByQuantity(Generic[Of]):
+    """Base of what has something, of type ``Of``, of each of its ``quantities``: ``made["crush.impulse"]``."""
+
+    quantities: Sequence[Of]
+
+    @cached_property
+    def by_quantity(self) -> dict[str, Of]:
+        """That of each quantity by its name."""
+        return {of.quantity: of for of in self.quantities}
+
+    def __getitem__(self, quantity: str) -> Of:
+        """That of one quantity (KeyError where there is none)."""
+        return self.by_quantity[quantity]
 
 
 CONTACT_SHARE = 0.01

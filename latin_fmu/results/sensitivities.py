@@ -17,8 +17,9 @@ force at its event by its height times the shift, which the steps resolve to som
 * slip, work of friction: where ``changing`` is above ``OFTEN`` in the mean over time,
 * sensors, bolts, forces of other interfaces: where more than ``SHARE`` of all change of force happens at events,
 * all of these but impulses and spectra: where the scalar, taken from histories that are moved along the derivatives for
-  ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. A peak that a later one overtakes, a
-  wave that arrives at another instant, slip that turns bend it without any change of state.
+  ``CHECKED`` of the parameter, is further than ``BENT`` from the linear change. Another
+  peak that becomes the largest, a wave that arrives at another instant and slip that turns bend it without any change
+  of state.
 
 A parameter by which more than ``GATHERED`` of the quantities are flagged has a run in which it is larger by ``CHECKED``
 (``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
@@ -37,7 +38,6 @@ from numpy.typing import NDArray
 
 from ..interface.laws import SEPARATION, SLIP, STICK
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, SensorHistory
-from ..scene.sensors import Sensor
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named, rows
@@ -52,6 +52,7 @@ from .quantities_of_interest import (
     IMPULSE,
     PEAK_FORCE,
     VELOCITY_PEAK,
+    ByQuantity,
     Force,
     InterfaceFields,
     definition_of,
@@ -61,8 +62,8 @@ from .quantities_of_interest import (
     slip_in_contact,
 )
 from .quantities_of_interest import SEPARATION as SEPARATION_INSTANT
-from .sensors import spectra_of
-from .sentences import wrapped
+from .quantities_of_interest import in_words as quantity_in_words
+from .sentences import named_lines
 from .spectra import RESPONSES, ShockSpectrum, spectrum_changes
 from .summary import finite
 
@@ -164,7 +165,7 @@ class QuantitySensitivity:
 
 
 @dataclass(frozen=True)
-class Sensitivities:
+class Sensitivities(ByQuantity[QuantitySensitivity]):
     """Derivatives of a run.
 
     Attributes
@@ -192,14 +193,15 @@ class Sensitivities:
 
     @staticmethod
     def of(
-        outcome: Outcome, derivatives: Sequence[HistoryChanges], requests: Mapping[str, Sensor] = MappingProxyType({})
+        outcome: Outcome,
+        derivatives: Sequence[HistoryChanges],
+        responses: Mapping[str, ShockSpectrum] = MappingProxyType({}),
     ) -> Sensitivities:
-        """Those of a finished run; ``requests`` : tables of its sensors, for their spectra."""
+        """Those of a finished run; ``responses`` : spectra of its sensors."""
         changing = {
             name: np.stack([_changing(h, d.interfaces[name], d.friction[name]) for d in derivatives])
             for name, h in outcome.interfaces.items()
         }
-        responses = spectra_of(outcome, requests)
         spectra = {
             name: spectrum_changes(
                 spectrum,
@@ -232,13 +234,6 @@ class Sensitivities:
     def is_secant(self, q: QuantitySensitivity) -> NDArray[np.bool_]:
         """Whether each change of a quantity is that of a run with a larger parameter."""
         return self.secants.get(q.quantity, np.zeros(len(q.changes), dtype=bool))
-
-    def __getitem__(self, quantity: str) -> QuantitySensitivity:
-        """The changes of one quantity (KeyError where there is none)."""
-        for known in self.quantities:
-            if known.quantity == quantity:
-                return known
-        raise KeyError(quantity)
 
     def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
         """Groups of the results file by path."""
@@ -289,7 +284,6 @@ class Sensitivities:
         """The three largest changes of each quantity for parameters larger by PART, one line a quantity."""
         made = []
         for q in self.quantities:
-            owner, _, key = q.quantity.rpartition(".")
             clauses = []
             for i in np.argsort(-np.abs(q.changes), kind="stable")[:_SAID]:
                 change, of = PART * float(q.changes[i]), self.derivatives[i]
@@ -299,16 +293,15 @@ class Sensitivities:
                 doubt = " (states change on the way)" if q.flagged[i] else ""
                 doubt = f" (by a run with {100 * CHECKED:g} %)" if self.is_secant(q)[i] else doubt
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
-            text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for 10 % more of any parameter"
-            made.append((f"{owner} {key.replace('_', ' ')}", text))
+            text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
+            made.append((quantity_in_words(q.quantity), text))
         checked = (
             f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}" if self.tried else "no"
         )
         if len(self.tried) < len(self.derivatives):
             checked += '; output.check_sensitivities = "all" checks every parameter by a run'
         made.append(("checked", checked))
-        width = max((len(name) for name, _ in made), default=0)
-        return [line for name, text in made for line in wrapped(name.ljust(width), text)]
+        return named_lines(made)
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON: per quantity its value, unit, and by parameter the change and whether it is
@@ -425,13 +418,12 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
     return made
 
 
-def scalars_of(outcome: Outcome, requests: Mapping[str, Sensor]) -> dict[str, float]:
-    """Scalar quantities of a run, ``owner.key``, those that it has; ``requests`` : tables of its sensors, for their
-    spectra."""
+def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
+    """Scalar quantities of a run, ``owner.key``, those that it has; ``spectra`` : of its sensors."""
     owned: list[tuple[str, Mapping[str, float | None]]] = [
         *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
         *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
-        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra_of(outcome, requests).items()),
+        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
     ]
     for name, bolt in outcome.bolts.items():
         owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
@@ -606,6 +598,6 @@ def _differences(
             continue
         changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
         largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
-        bent = ~(np.abs(far - changes) <= BENT * largest)  # none of a contact that is lost, too
+        bent = ~(np.abs(far - changes) <= BENT * largest)  # NaN, of a contact that is lost, counts as bent
         unit = _UNITS[key] if key in _UNITS else definition_of(f"{owner}.{key}").unit
         yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, bent)

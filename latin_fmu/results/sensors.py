@@ -185,12 +185,12 @@ def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[
     return None if values is None else largest_of(values, time)
 
 
-_TIGHT: Final = 0.1  # of the largest tension: below it it is the run that pulls the bolt, not its tightening
+_TIGHT: Final = 0.1  # of the largest tension: a bolt with less at the start is loaded by the run, not by tightening
 
 
 def share_lost(tension: Array) -> float | None:
     """Share of the tension (n_time,) of a bolt at the start that is lost at the end; < 0 where it has gained. None
-    where the bolt was never tight: what it has at the start is less than a tenth of what the run makes of it."""
+    where the bolt was never tight: its tension at the start is less than a tenth of the largest."""
     first = float(tension[0])
     return (first - float(tension[-1])) / first if first > _TIGHT * float(tension.max()) else None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -55,7 +55,7 @@ def sentences(
     Errors are relative estimates; ``at most`` where they are only a bound. Instants are those of the estimate where
     there is one, so that one instant has one value everywhere.
     """
-    errors = {} if estimate is None else {q.quantity: q for q in estimate.quantities}
+    errors = {} if estimate is None else estimate.by_quantity
     time = outcome.interface_time
     lines = [(name, _interface(h, time, units, errors)) for name, h in outcome.interfaces.items()]
     lines += [(f"bolt {name}", _bolt(h, units, errors)) for name, h in outcome.bolts.items()]
@@ -64,8 +64,13 @@ def sentences(
         more = [] if spectrum is None else [_spectrum(spectrum, units)]
         lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors) + more))
     lines += [(f"support {name}", _support(h, outcome.time, units)) for name, h in outcome.reactions.items()]
-    width = max((len(name) for name, _ in lines), default=0)
-    return [line for name, clauses in lines for line in wrapped(name.ljust(width), "; ".join(clauses))]
+    return named_lines([(name, "; ".join(clauses)) for name, clauses in lines])
+
+
+def named_lines(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Lines of texts behind their names, the texts below each other."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return [line for name, text in rows for line in wrapped(name.ljust(width), text)]
 
 
 def wrapped(name: str, text: str) -> list[str]:

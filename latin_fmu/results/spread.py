@@ -23,16 +23,20 @@ from ..scene.spread import Distribution
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup, StoredVariable
 from .quantities import AXES, BOLT, INTERFACE, LABELS, named, rows
+from .quantities_of_interest import ByQuantity
+from .quantities_of_interest import in_words as quantity_in_words
 from .sensitivities import Sensitivities, in_words
-from .sensors import sensor_group, spectra_of
-from .sentences import wrapped
-from .spectra import spectrum_group
+from .sensors import sensor_group
+from .sentences import named_lines
+from .spectra import ShockSpectrum, spectrum_group
 from .summary import finite, percent, readable
 
 LEVEL: Final = 0.95
 """Probability of a band."""
 PATH: Final = "/spread/"
 """Of the groups of bands in a file."""
+SAMPLED: Final = "sampled"
+"""Part of the names of what samples have, beside the bands to first order."""
 UNIFORM: Final = -1.2
 """Excess kurtosis of a uniform distribution."""
 _NORMAL: Final = 1e-5  # excess kurtosis above which a sum counts as normal
@@ -64,17 +68,17 @@ class ResultBand:
 
     @property
     def half(self) -> Array:
-        """Half its width, of the unit of the result."""
+        """Half width of the band, in the unit of the result."""
         return self.factor * self.deviation
 
     @property
     def low(self) -> Array:
-        """Lower end of it."""
+        """Lower end of the band."""
         return np.asarray(self.mean - self.half)
 
     @property
     def high(self) -> Array:
-        """Upper end of it."""
+        """Upper end of the band."""
         return np.asarray(self.mean + self.half)
 
 
@@ -96,7 +100,7 @@ class Scatter:
         return list(self.distributions.values())
 
     def parts(self, changes: Array) -> Array:
-        """What each parameter makes of the standard deviation, (n, ...), from derivatives (n_derivative, ...)."""
+        """q_i s_i of each parameter, (n, ...), from derivatives (n_derivative, ...)."""
         weights = np.array([d.deviation for d in self._all]) / self.scales
         return np.asarray(changes[self.places] * weights.reshape(-1, *[1] * (changes.ndim - 1)))
 
@@ -123,12 +127,6 @@ class QuantityBand:
     shares: Array
     flagged: bool
 
-    @property
-    def words(self) -> str:
-        """Name of the quantity in words."""
-        owner, _, key = self.quantity.rpartition(".")
-        return f"{owner} {key.replace('_', ' ')}"
-
     def text(self, label: str) -> str:
         """Value and band with their unit, ``label``."""
         half, shift = float(self.band.half), float(self.band.mean) - self.value
@@ -142,7 +140,7 @@ class QuantityBand:
 
 
 @dataclass(frozen=True)
-class Bands:
+class Bands(ByQuantity[QuantityBand]):
     """Bands of a run (module docstring).
 
     Attributes
@@ -164,8 +162,9 @@ class Bands:
         known: Sensitivities,
         distributions: Mapping[str, Distribution],
         requests: Mapping[str, Sensor],
+        spectra: Mapping[str, ShockSpectrum],
     ) -> Bands:
-        """Bands of a run from its derivatives; ``requests`` : tables of its sensors."""
+        """Bands of a run from its derivatives; ``requests``, ``spectra`` : tables and spectra of its sensors."""
         names = [d.name for d in known.derivatives]
         places = [names.index(name) for name in distributions]
         scatter = Scatter(distributions, places, np.array([known.derivatives[i].scale for i in places]))
@@ -175,30 +174,19 @@ class Bands:
             shares = squares / (squares.sum() or 1.0)
             flagged = bool((q.flagged[places] & (shares > _COUNTS)).any())
             quantities.append(QuantityBand(q.quantity, q.unit, q.value, band, shares, flagged))
-        histories = linear_results(outcome, outcome.time, requests)
+        linear = linear_results(outcome, outcome.time, requests)
         changed = [linear_results(d, outcome.time, requests) for d in known.derivatives]
+        changes = {
+            path: {name: np.stack([results_in(other[path])[name] for other in changed]) for name in results_in(group)}
+            for path, group in linear.items()
+        }
+        changes |= {path: results_in(group) for path, group in spectrum_groups(known.spectra).items()}
+        histories = linear | spectrum_groups(spectra)
         bands = {
-            path: {
-                name: scatter.band(values, np.stack([results_in(other[path])[name] for other in changed]))
-                for name, values in results_in(group).items()
-            }
+            path: {name: scatter.band(values, changes[path][name]) for name, values in results_in(group).items()}
             for path, group in histories.items()
         }
-        for sensor, spectrum in spectra_of(outcome, requests).items():
-            path = f"{PATH}sensors/{sensor}/spectrum"
-            histories[path] = spectrum_group(spectrum)
-            bands[path] = {
-                name: scatter.band(values, getattr(known.spectra[sensor], name))
-                for name, values in results_in(histories[path]).items()
-            }
         return Bands(scatter, quantities, histories, bands, len(places) == len(names))
-
-    def __getitem__(self, quantity: str) -> QuantityBand:
-        """The band of one quantity (KeyError where there is none)."""
-        for known in self.quantities:
-            if known.quantity == quantity:
-                return known
-        raise KeyError(quantity)
 
     def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
         """Groups of the results file by path."""
@@ -226,11 +214,10 @@ class Bands:
         }
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
-        """One line a quantity: value, band, the parameter that makes most of it."""
-        made = [(q.words, self._text(q, units)) for q in self.quantities]
-        width = max((len(name) for name, _ in made), default=0)
+        """One line a quantity: value, band, the parameter with the largest share of its variance."""
+        made = [(quantity_in_words(q.quantity), self._text(q, units)) for q in self.quantities]
         head = f"  at {100 * LEVEL:g} %, to first order in {len(self.scatter.distributions)} parameters that scatter:"
-        return [head, *(line for name, text in made for line in wrapped(name.ljust(width), text))]
+        return [head, *named_lines(made)]
 
     def _text(self, q: QuantityBand, units: UnitSystem) -> str:
         text = q.text(units.label(q.unit))
@@ -293,6 +280,11 @@ def linear_results(of: _Histories, time: Array, requests: Mapping[str, Sensor]) 
         group = StoredGroup.of([(BOLT["force"], bolt.force)], named(LABELS, {"time": time}))
         groups[f"{PATH}bolts/{name}"] = group
     return groups
+
+
+def spectrum_groups(spectra: Mapping[str, ShockSpectrum]) -> dict[str, StoredGroup]:
+    """Spectra of sensors, or their derivatives, by path of their group."""
+    return {f"{PATH}sensors/{name}/spectrum": spectrum_group(spectrum) for name, spectrum in spectra.items()}
 
 
 def results_in(group: StoredGroup) -> dict[str, Array]:

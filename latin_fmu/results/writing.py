@@ -159,11 +159,11 @@ def _is_alive(process: int) -> bool:
     if os.name != "posix":
         return True
     try:
-        # signal 0 is not sent: it asks whether the process is there
+        # signal 0 checks that the process exists, and sends nothing
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    # no permission to signal it: there it is
+    # no permission to signal it: it exists
     except (OSError, OverflowError):
         return True
     return True

@@ -175,6 +175,12 @@ def _one_item(kind: re.Match[str]) -> str:
     return f"list {kind[2]}" if kind[2] else kind[4]
 
 
+def unit_at(root: type[BaseModel], path: str) -> str | None:
+    """UDUNITS unit of the key under a dotted path, a number in it an item of a list; None where none is declared."""
+    field = field_at(root, [int(part) if part.isdecimal() else part for part in path.split(".")])
+    return None if field is None else unit_of(field)
+
+
 def validation_problems(root: type[BaseModel], error: ValidationError, raw: Any) -> list[Problem]:
     """One problem per wrong field; `raw` is what was validated."""
     problems = [_problem(root, detail, raw) for detail in error.errors(include_url=False)]

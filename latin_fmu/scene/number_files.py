@@ -147,7 +147,7 @@ def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
 def _text(base_dir: Path, name: str) -> str:
     try:
         path = base_dir / name
-        # a pipe would be waited for without end
+        # reading a pipe may never return
         if path.exists() and not path.is_file():
             raise refusal("not a regular file", value=name, allowed="a file, no device, pipe or folder")
         if path.stat().st_size > MAX_FILE_BYTES:

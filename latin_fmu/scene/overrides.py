@@ -117,13 +117,36 @@ def _store(here: Any, key: str, value: Any, where: str) -> Problem | None:
     return Problem(where, "this is not a table", shown(here))
 
 
-def _index(items: list[Any], key: str) -> int | None:
+def _index(items: Sequence[Any], key: str) -> int | None:
     # isascii: other scripts have digits, too; ten digits are no item of a list
     return int(key) if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(items) else None
 
 
 def _no_item(where: str, items: list[Any]) -> Problem:
     return Problem(where, "no such item of the list", None, f"0 to {len(items) - 1}")
+
+
+def number_at(data: Mapping[str, Any], path: str) -> float | None:
+    """The number under the path of a key in the data of a scene, ``a.b.c``; None where there is none.
+
+    >>> number_at({"load": {"pull": {"traction": [0.0, 2]}}}, "load.pull.traction.1")
+    2.0
+    """
+    here: object = data
+    for key in path.split("."):
+        if isinstance(here, Mapping):
+            here = here.get(key)
+        elif isinstance(here, list | tuple) and (index := _index(here, key)) is not None:
+            here = here[index]
+        else:
+            return None
+    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
+
+
+def no_number(where: str, path: str | None = None) -> Problem:
+    """The problem where ``number_at`` finds none; ``path`` : what is looked for, where it is not in ``where``."""
+    allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
+    return Problem(where, "no number under this name", path, allowed, "write the key in full")
 
 
 def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection[str]) -> str | None:
@@ -140,7 +163,7 @@ def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection
             return None
         wanted = with_value(wanted, path, number, named)
     made = "".join(lines)
-    # a text or comment may look like the key: what is read decides
+    # a text or comment may look like the key: the new text is read and compared
     return made if tomllib.loads(made) == wanted else None
 
 

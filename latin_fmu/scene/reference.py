@@ -76,7 +76,8 @@ Temperature    A change of temperature strains a free body by alpha times it. Th
                tightened before it acts: their tension follows from the unlike expansions of bolt and parts. Stresses
                are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
                free expansion does the work. Moduli do not depend on temperature.
-Thread         A perfect interface on faces of bolt and nut, matching or not, bonds a thread.
+Thread         A perfect interface on faces of bolt and nut, matching or not, bonds a thread; in a tapped hole, on the
+               threaded part of the shank and the wall of the hole. A part of the shank stays free for the cut.
 Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides:
                points that are closed at the start of an instant are held along the face in it, at zero pressure too,
                and contact_status is stick wherever there is a traction.

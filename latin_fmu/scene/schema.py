@@ -17,12 +17,12 @@ from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problem
 from .laws import TimeLaw, base_dir_of, units_in
 from .materials import MaterialTable, material_problems
 from .number_files import QUANTITIES, UNITS, si_unit
-from .overrides import apply_overrides, with_value
+from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
-from .spread import Distribution, SpreadTable, number_at, spread_problems
+from .spread import Distribution, SpreadTable, spread_problems
 from .substructures import (
     Bolt,
     Gravity,
@@ -341,6 +341,12 @@ class Scene(SceneTable):
     def differentiated(self) -> tuple[str, ...]:
         """Numbers that results are differentiated by: those of ``output.sensitivities``, then those that scatter."""
         return tuple(dict.fromkeys((*self.output.sensitivities, *self.spread)))
+
+    @property
+    def undifferentiated(self) -> Self:
+        """The scene for a run without derivatives by parameters, and without bands."""
+        output = self.output.model_copy(update={"sensitivities": ()})
+        return self.model_copy(update={"output": output, "spread": {}})
 
     @property
     def distributions(self) -> dict[str, Distribution]:

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator
 
 from ..errors import Problem
 from .fields import Real, Text, refusal
+from .overrides import no_number, number_at
 from .raw_scene import number
 
 _PER_CENT: Final = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*%\s*")
@@ -25,7 +26,7 @@ def _check_spread(written: Any) -> Any:
     else:
         fits = (number({"of": written}, "of") or 0.0) > 0.0
     if not fits:
-        raise refusal("no spread", value=written, allowed=_FORM)
+        raise refusal("not a spread", value=written, allowed=_FORM)
     return tuple(map(float, written)) if isinstance(written, list | tuple) else written
 
 
@@ -71,32 +72,14 @@ class Distribution:
         )
 
 
-def number_at(tables: Mapping[str, Any], name: str) -> float | None:
-    """The number under a dotted name in the tables of a scene; None where there is none.
-
-    >>> number_at({"load": {"pull": {"traction": [0.0, 2]}}}, "load.pull.traction.1")
-    2.0
-    """
-    here: object = tables
-    for key in name.split("."):
-        if isinstance(here, Mapping):
-            here = here.get(key)
-        elif isinstance(here, list | tuple) and key.isdigit() and int(key) < len(here):
-            here = here[int(key)]
-        else:
-            return None
-    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
-
-
 def spread_problems(spread: Mapping[str, Any], tables: Mapping[str, Any]) -> Iterator[Problem]:
     """What is wrong with a spread in a scene of these tables."""
     for name, written in spread.items():
         where, value = f"spread.{name}", number_at(tables, name)
         if value is None:
-            allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-            yield Problem(where, "no number under this name", None, allowed, "write the key in full")
+            yield no_number(where)
         elif isinstance(written, tuple) and not written[0] <= value <= written[1]:
             ends = f"{written[0]:g} to {written[1]:g}"
             yield Problem(where, "the value of the scene is not in its range", f"{value:g}", ends)
         elif Distribution.of(value, written).deviation == 0.0:
-            yield Problem(where, "a share of 0 is 0", str(written), "a standard deviation, or a range")
+            yield Problem(where, "a share of a value of 0 is 0", str(written), "a standard deviation, or a range")

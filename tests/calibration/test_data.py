@@ -51,7 +51,7 @@ def test_all_problems_of_the_rows_come_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("speed,side.velocity.x\n1,1\n", "the first column is not known"),
+        ("speed,side.velocity.x\n1,1\n", "unknown first column"),
         ("time,side.srs.x\n1e-6,1\n", "no such column"),
         ("frequency,side.velocity.x\n1e3,1\n", "SENSOR.srs.x"),
         ("frequency,side.srs.x\n1e8,1\n", "Nyquist"),
@@ -161,7 +161,9 @@ def test_the_command_writes_scene_and_figure(tmp_path: Path, capsys: pytest.Capt
     out = capsys.readouterr()
     assert "95 % interval" in out.out
     assert not out.err
-    assert latin_fmu.load_scene(tmp_path / "b.toml").time.step == 0.6e-6
+    made = latin_fmu.load_scene(tmp_path / "b.toml")
+    assert made.time.step == 0.6e-6
+    assert made.output == latin_fmu.load_scene(scene).output  # with all that the runs of the fit do not keep
 
 
 def test_the_command_does_not_replace_its_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

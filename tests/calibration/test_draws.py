@@ -1,4 +1,4 @@
-"""Synthetic data with noise of 2 %: intervals have the truth, and are as wide as the data make them."""
+"""Synthetic data with noise of 2 %: intervals contain the true values, and are as wide as the data make them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ BOLTED = (
 @pytest.mark.parametrize(
     ("case", "draws"), [(CRUSHING, DRAWS), (SHEAR, DRAWS), (BOLTED, 2)], ids=["crush", "shear", "bolt"]
 )
-def test_intervals_have_the_truth(tmp_path: Path, case: tuple, draws: int) -> None:  # type: ignore[type-arg]
+def test_intervals_contain_the_true_values(tmp_path: Path, case: tuple, draws: int) -> None:  # type: ignore[type-arg]
     """Friction and what presses: in at least 17 of 20 draws each, with at most 12 runs, at most twice as wide as the
     data allow with a known deviation."""
     model, settings, header, parameters = case

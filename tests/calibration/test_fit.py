@@ -1,4 +1,4 @@
-"""Fits of parameters: truth, intervals, secants, what cannot be told apart."""
+"""Fits of parameters: truth, intervals, secants, what the data do not determine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 import latin_fmu
 from latin_fmu.calibration.data import read_measured
 from latin_fmu.calibration.prediction import Predicted, Predictor
-from latin_fmu.calibration.report import Calibration, FitParameter, Spread, combinations
+from latin_fmu.calibration.report import Calibration, FitParameter, FitStatistics, combinations
 from latin_fmu.calibration.study import LeastSquares
 from latin_fmu.errors import SolverError
 from tests.scenes import MODELS
@@ -77,7 +77,7 @@ def test_secants_end_where_derivatives_do(tmp_path: Path) -> None:
     """Values to a tenth of the interval, intervals to a fifth."""
     exact, secants = fitted(tmp_path, 1), fitted(tmp_path, 1, secants=True)
     assert secants.runs <= 14
-    assert "secants are asked for" in secants.remarks[0]
+    assert "derivatives by secants: as requested" in secants.remarks[0]
     for a, b in zip(exact.parameters, secants.parameters, strict=True):
         assert b.value == pytest.approx(a.value, abs=0.2 * a.half)
         assert b.half == pytest.approx(a.half, rel=0.2)
@@ -97,6 +97,16 @@ def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -
         more, less = (predictor(tuple(np.array(TRUTH) + s * step)).predicted for s in (1, -1))
         difference = (more - less) / (2.0 * step[i])
         np.testing.assert_allclose(slopes[:, i], difference, atol=0.02 * np.abs(difference).max())
+
+
+def test_parameters_that_scatter_are_not_differentiated_in_a_fit(tmp_path: Path) -> None:
+    scene = crushing().replace("spread", {PRESSURE: "5 %"})
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", np.ones((2, 2)) * 1e-6)
+    predictor = Predictor(scene, read_measured([data], scene), [(FRICTION,)], 1, 2)
+    predictor.reason = "secants are asked for"
+    run = predictor((0.1,)).solution
+    assert run is not None
+    assert run.sensitivities is None
 
 
 def test_a_filtered_motion_and_tied_names(tmp_path: Path) -> None:
@@ -157,6 +167,15 @@ def test_the_error_of_the_run_is_a_floor(tmp_path: Path) -> None:
     assert all(np.isfinite(column.error) for column in made.columns)
 
 
+def test_frequencies_beside_a_history_have_no_error_of_the_run(tmp_path: Path) -> None:
+    modulus = "material.steel.young_modulus"
+    modes = write(tmp_path / "m.csv", "mode,frequency", np.array([[1, 2e4], [2, 2e4]]))
+    time, exact = histories()
+    data = write(tmp_path / "d.csv", f"time,{COLUMNS[2]}", np.column_stack([time, exact[:, 2]]))
+    made = latin_fmu.calibrate(crushing(), [data, modes], modulus, max_runs=2)
+    assert [np.isfinite(column.error) for column in made.columns] == [True, False]
+
+
 def test_runs_end_with_the_number_allowed(tmp_path: Path) -> None:
     made = fitted(tmp_path, max_runs=3)
     assert made.runs == 3
@@ -173,17 +192,17 @@ def test_intervals_are_those_of_a_line() -> None:
     y = 2.0 * x + 1.0 + 0.1 * rng.standard_normal(12)
     line, covariance = np.polyfit(x, y, 1, cov=True)
     slopes = np.stack([x, np.ones(12)], axis=1)
-    spread = Spread(slopes, slopes @ line - y, np.zeros(12), np.ones(2, dtype=bool))
-    np.testing.assert_allclose(spread.covariance(), covariance, rtol=1e-9)
-    assert spread.quantile == pytest.approx(2.2281, abs=1e-4)
-    assert not spread.shifts().any()
+    statistics = FitStatistics(slopes, slopes @ line - y, np.zeros(12), np.ones(2, dtype=bool))
+    np.testing.assert_allclose(statistics.covariance(), covariance, rtol=1e-9)
+    assert statistics.quantile == pytest.approx(2.2281, abs=1e-4)
+    assert not statistics.shifts().any()
 
 
 def test_a_floor_above_the_scatter_takes_its_place() -> None:
     slopes = np.ones((10, 1))
-    spread = Spread(slopes, np.tile([0.1, -0.1], 5), np.full(10, 0.5), np.ones(1, dtype=bool))
-    assert spread.covariance()[0, 0] == pytest.approx(0.5**2 / 10)
-    assert spread.shifts()[0] == pytest.approx(0.5)
+    statistics = FitStatistics(slopes, np.tile([0.1, -0.1], 5), np.full(10, 0.5), np.ones(1, dtype=bool))
+    assert statistics.covariance()[0, 0] == pytest.approx(0.5**2 / 10)
+    assert statistics.shifts()[0] == pytest.approx(0.5)
 
 
 def parameters() -> list[FitParameter]:
@@ -195,24 +214,24 @@ def test_a_product_is_told_as_what_is_known() -> None:
     rng = np.random.default_rng(1)
     slope = rng.standard_normal(50)
     slopes = np.stack([slope, slope + 1e-4 * rng.standard_normal(50)], axis=1)
-    spread = Spread(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
-    sizes = np.sqrt(np.diag(spread.covariance()))
-    said = combinations(spread, parameters(), np.ones(2), spread.covariance() / np.outer(sizes, sizes))
-    assert said[0].startswith("cannot be told apart")
+    statistics = FitStatistics(slopes, 0.02 * rng.standard_normal(50), np.zeros(50), np.ones(2, dtype=bool))
+    sizes = np.sqrt(np.diag(statistics.covariance()))
+    said = combinations(statistics, parameters(), np.ones(2), statistics.covariance() / np.outer(sizes, sizes))
+    assert said[0].startswith("not determined (+-")
     assert "+10 % friction coefficient of a, -10 % force of b" in said[0] or (
         "+10 % force of b, -10 % friction coefficient of a" in said[0]
     )
-    assert "best known: (friction coefficient of a)^1 (force of b)^1" in said[-1]
+    assert "best determined: (friction coefficient of a)^1 (force of b)^1" in said[-1]
 
 
 def test_a_parameter_without_effect_is_not_known() -> None:
     rng = np.random.default_rng(1)
     slopes = np.stack([rng.standard_normal(20), np.zeros(20)], axis=1)
-    spread = Spread(slopes, 0.02 * rng.standard_normal(20), np.zeros(20), np.ones(2, dtype=bool))
-    assert np.isinf(spread.covariance()[1, 1])
-    assert np.isfinite(spread.covariance()[0, 0])
-    said = combinations(spread, parameters(), np.ones(2), np.eye(2))
-    assert said[0] == "not known from these data at all: force of b"
+    statistics = FitStatistics(slopes, 0.02 * rng.standard_normal(20), np.zeros(20), np.ones(2, dtype=bool))
+    assert np.isinf(statistics.covariance()[1, 1])
+    assert np.isfinite(statistics.covariance()[0, 0])
+    said = combinations(statistics, parameters(), np.ones(2), np.eye(2))
+    assert said[0] == "not determined by these data at all: force of b"
 
 
 # -- the search -------------------------------------------------------------------------------------------------------

@@ -278,7 +278,7 @@ def changed() -> Callable[..., Driven]:
 
 @pytest.fixture
 def answers(tractions: Callable[..., Array]) -> Callable[..., None]:
-    """Check the velocities W that a propagator answers with to tractions of one instant, relative to the largest:
+    """Check the velocities W that a propagator has under tractions of one instant, relative to the largest:
     W - W_0 = D q; with dashpots k in parallel Y q, Y = (1 + D k)^-1 D, where ``commit`` of q - k W ends with W too."""
 
     def check(propagator: Any, limit: float) -> None:

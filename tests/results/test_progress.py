@@ -64,6 +64,17 @@ def test_derivatives_begin_anew(clock: Clock, run: Progress) -> None:
     assert run.line() == "derivatives: 20 % (40 of 200 instants), about 8 s left"
 
 
+def test_a_run_that_checks_derivatives_begins_anew(clock: Clock, run: Progress) -> None:
+    for done in (0, 100):
+        run.update(done, 100, 1, 0.5)
+        clock.now += 50.0
+    for done in (0, 20):
+        run.update(done, 100, 1, 0.5)
+        clock.now += 2.0
+    clock.now -= 2.0
+    assert run.line() == "20 % (20 of 100 windows), iteration 1, sqrt(eta) 5.0e-01, about 8 s left"
+
+
 def test_a_short_run_leaves_no_line(clock: Clock) -> None:
     progress = Progress(1e-3, stream=io.StringIO(), clock=clock)
     progress.update(0, 1, 1, 0.5)

@@ -517,6 +517,24 @@ def test_cut_on_an_interface_is_refused() -> None:
         check(scene_from_dict(data))
     data["boundary"]["side"]["components"] = ["x"]  # a plane of symmetry through the axis
     assert solve(scene_from_dict(data)).bolts["b"].force == pytest.approx(PRELOAD)
+    del data["boundary"]["side"]
+    data["interface"] = {"thread": {"sides": ["bar.xmin", "ground"], "behaviour": "perfect"}}
+    with pytest.raises(SceneError, match="3 of the 9 nodes of the cut of bar are of interfaces: thread"):
+        check(scene_from_dict(data))
+
+
+def test_what_leaves_no_section_is_named() -> None:
+    """An interface along the whole shank comes first, with its stretch, then held ends; a thread at one end leaves
+    sections for the cut."""
+    data = bar(["zmin"], {"force": PRELOAD})
+    data["interface"] = {"thread": {"sides": ["bar.xmin", "ground"], "behaviour": "perfect"}}
+    with pytest.raises(SceneError) as error:
+        check(scene_from_dict(data))
+    text = str(error.value)
+    assert "interface thread from 0 to 0.05 m, held nodes from 0 to 0 m, bar from 0 to 0.05 m along the axis" in text
+    assert "the threaded faces alone" in text
+    data["interface"]["thread"]["sides"][0] = "bar.zmax"
+    assert any(line.startswith("  bolt b:") for line in check(scene_from_dict(data)))
 
 
 def test_force_that_is_not_reached() -> None:

@@ -491,7 +491,8 @@ def test_progress_of_derivatives_goes_to_the_last_instant() -> None:
             del error
             calls.append((done, total, iteration))
 
-    latin_fmu.solve(scene_of(BOUNCE).replace("output.sensitivities", list(BOUNCE[2])), progress=Sink())
+    scene = scene_of(BOUNCE).replace("output.check_sensitivities", "none")
+    latin_fmu.solve(scene.replace("output.sensitivities", list(BOUNCE[2])), progress=Sink())
     run = [call for call in calls if call[2] > 0]
     assert calls[: len(run)] == run
     assert [done for done, _, _ in calls[len(run) :]][-1] == 220

@@ -11,8 +11,10 @@ import pytest
 from scipy import stats
 
 import latin_fmu
+from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.cli import main
 from latin_fmu.errors import InputError, ResultsError, SceneError, SolverError
+from latin_fmu.parametric.point import Grid, parameters_of
 from latin_fmu.parametric.samples import sample_values
 from latin_fmu.pictures.sensitivity_picture import bands_figure
 from latin_fmu.results.spread import Scatter, coverage
@@ -143,6 +145,14 @@ def test_other_parameters_are_differentiated_beside_those_that_scatter() -> None
         assert float(solution.bands[q.quantity].band.half) == pytest.approx(float(q.band.half), rel=1e-6, abs=1e-30)
 
 
+def test_coarser_runs_and_points_of_a_study_are_not_differentiated() -> None:
+    scene = crushing(*SPREAD, 'output.sensitivities=["interface.crush.friction_coefficient"]')
+    assert len(scene.differentiated) == 2
+    grid = Grid(scene.tables(), str(scene.base_dir), parameters_of(["time.step=0.3e-6,0.6e-6"]))
+    for plain in (scene.undifferentiated, at_resolution(scene, Resolution(mesh=0.5, time=0.5)), grid.scene((0,))):
+        assert not plain.differentiated
+
+
 def test_results_without_bands_have_no_figure_of_them() -> None:
     with pytest.raises(ResultsError, match="no bands"):
         bands_figure(solved().to_datatree())
@@ -152,13 +162,14 @@ def test_results_without_bands_have_no_figure_of_them() -> None:
     ("setting", "words"),
     [
         ("spread.load.press.pressur=5 %", "no number under this name"),
+        ("spread.substructure.upper.initial_velocity.\u00b2=5 %", "no number under this name"),
         ("spread.load.press.pressure=five", 'standard deviation > 0, a share of the value such as "5 %"'),
-        ("spread.load.press.pressure=-1.0", "no spread"),
-        ("spread.load.press.pressure=[3.0, 1.0]", "no spread"),
+        ("spread.load.press.pressure=-1.0", "not a spread"),
+        ("spread.load.press.pressure=[3.0, 1.0]", "not a spread"),
         ("spread.load.press.pressure=[1.0, 2.0]", "not in its range"),
-        ("spread.load.press.pressure=true", "no spread"),
+        ("spread.load.press.pressure=true", "not a spread"),
         ("spread=3", "must be a table"),
-        ("spread.substructure.upper.initial_velocity.0=5 %", "a share of 0 is 0"),
+        ("spread.substructure.upper.initial_velocity.0=5 %", "a share of a value of 0 is 0"),
     ],
 )
 def test_spreads_that_are_none_are_refused(setting: str, words: str) -> None:
@@ -234,7 +245,7 @@ def test_samples_that_do_not_count_are_none() -> None:
 
 
 def test_samples_without_a_spread_or_a_band_are_refused() -> None:
-    with pytest.raises(InputError, match="no parameters scatter"):
+    with pytest.raises(InputError, match="no parameters that scatter"):
         compared(16)
     with pytest.raises(InputError, match="number of samples"):
         compared(2, *SPREAD)
