@@ -66,7 +66,8 @@ class RefinementSequence:
     Attributes
     ----------
     scene : in short windows, with the tolerance to use: a tenth of it after a run for which it did not suffice.
-    log : called with a line of text after each run. limit : CPU seconds of all runs, at which the last one is stopped.
+    log : called with a line of text after each run. limit : CPU seconds of all runs, at which the last one is stopped;
+        the run that is chosen is repeated with its output beyond them.
     seconds : those of all runs so far.
     solution : of the last run ``with_output``.
     """
@@ -120,12 +121,15 @@ class RefinementSequence:
             scene = at_resolution(self.scene, resolution)
             run, solution = self._solve(scene, resolution)
             self._runs[resolution] = run
-            if self._finest is None or _fineness(resolution) >= _fineness(self._finest[0]):
+            # a run stopped at the limit answers nothing: the one before it may be the result
+            if solution.complete and (self._finest is None or _fineness(resolution) >= _fineness(self._finest[0])):
                 self._finest = resolution, scene.output, solution
         return self._runs[resolution]
 
-    def with_output(self, resolution: Resolution, output: Output) -> MeasuredRun:
+    def with_output(self, resolution: Resolution, output: Output, limited: bool = True) -> MeasuredRun:
         """The run with the requested output, stored as ``solution``; the finest run serves where it has that output.
+
+        limited : whether the run stops at the limit.
 
         Raises
         ------
@@ -138,7 +142,7 @@ class RefinementSequence:
         if more or more_fields:
             scene = scene.model_copy(update={"output": output})
         if self._finest is None or self._finest[:2] != (resolution, scene.output):
-            run, solution = self._solve(scene, resolution, ", with its output")
+            run, solution = self._solve(scene, resolution, ", with its output", limited)
             self._finest = resolution, scene.output, solution
             if resolution not in self._runs:
                 self._runs[resolution] = run
@@ -146,9 +150,11 @@ class RefinementSequence:
         self.solution = self._finest[2]
         return self._runs[resolution]
 
-    def _solve(self, scene: Scene, resolution: Resolution, note: str = "") -> tuple[MeasuredRun, Solution]:
+    def _solve(
+        self, scene: Scene, resolution: Resolution, note: str = "", limited: bool = True
+    ) -> tuple[MeasuredRun, Solution]:
         while True:
-            left = None if self.limit is None else max(self.limit - self.seconds, 0.0)
+            left = None if self.limit is None or not limited else max(self.limit - self.seconds, 0.0)
             tolerance = self.scene.solver.tolerance
             scene = scene.model_copy(update={"solver": with_tolerance(scene, tolerance)})
             run, solution = solved(self.scene, scene, resolution, max_cpu=left)
@@ -264,7 +270,8 @@ def choose(scene: Scene, target: float, limit: float, log: Callable[[str], None]
 
     Parameters
     ----------
-    limit : CPU seconds of all runs together; a run that is predicted to exceed them does not begin.
+    limit : CPU seconds of all runs together; a run that is predicted to exceed them does not begin, and one that does
+        is stopped. The chosen run is repeated with the scene's output where it needs more, beyond the limit if need be.
     log : called with lines of text about runs, predicted and used time.
 
     Raises
@@ -439,7 +446,8 @@ class _Search:
 
     def _choice(self, factor: float, estimate: QuantityEstimate, sentence: str, reached: bool) -> Choice:
         at = self.sequence.at(factor)
-        run = self.sequence.with_output(at, self.scene.output)
+        # the estimate holds for the whole run: stopped at the limit it would be another answer
+        run = self.sequence.with_output(at, self.scene.output, limited=False)
         solution = self.sequence.solution
         if solution is not None:
             estimates = tuple(self.sequence.estimate(factor, quantity) for quantity in run.quantities.values)

@@ -90,7 +90,7 @@ def register(add: AddParser) -> None:
     text = (
         f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
         f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
-        f"--accuracy: of all runs of the search together, {_SEARCH:g} by default"
+        f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always finished"
     )
     add_max_cpu(parser, text)
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import pytest
 
-from latin_fmu.accuracy.adaptive_resolution import Choice, choose
+from latin_fmu.accuracy.adaptive_resolution import Choice, _Search, choose
 from latin_fmu.accuracy.quantities import measure_solution
+from latin_fmu.accuracy.runs import Resolution
 from latin_fmu.accuracy.study import Reference, declared
 
 from .known_answers import shipped
@@ -72,4 +73,24 @@ def test_what_has_no_order_is_not_promised() -> None:
     assert not choice.reached
     assert "cannot be guaranteed" in choice.sentence
     assert choice.error > 0.01
+    assert true <= choice.error
+
+
+def test_a_run_stopped_at_the_limit_is_not_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A finer run takes longer than predicted and is stopped: the answer is the run before it, whole."""
+    predicted = _Search._too_large
+
+    def optimistic(search: _Search, at: Resolution) -> str:
+        if at.mesh > 2.0:
+            search.sequence.limit = search.sequence.seconds + 0.2
+            return ""
+        return predicted(search, at)
+
+    monkeypatch.setattr(_Search, "_too_large", optimistic)
+    choice, true, _ = chosen("two_specimen_crushing", "crush.first_contact", 0.01)
+    assert not choice.reached
+    assert "stopped by its limit" in choice.sentence
+    assert choice.solution is not None
+    assert choice.solution.complete
+    assert choice.resolution.mesh < 2.0
     assert true <= choice.error
