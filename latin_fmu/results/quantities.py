@@ -251,6 +251,10 @@ BOLT: Final = rows(
     },
 )
 """Of a ``BoltHistory``."""
+BOLT_END: Final = rows(
+    "end_force | N | | tension at the end | mean over the last periods where it still oscillates, else the last value"
+)
+"""What follows from such a history and the instants of the run."""
 
 ENERGY: Final = rows(
     """

@@ -93,6 +93,8 @@ APART, NOTHING = 0.1, 0.01
 PART: Final = 0.1
 """Change of a parameter, over its value, that the sentences are for."""
 _SAID, _SMALL = 3, 1e-3
+DOUBT: Final = " (uncertain: contact states or instants of peaks change)"
+"""Behind a flagged quantity: its derivative does not hold for large changes."""
 _AXES: Final = {"0": "x", "1": "y", "2": "z"}
 SLIP_DISTANCE: Final = "slip"
 """Key of the distance that the points have slipped at the end of the run, mean over the area."""
@@ -290,7 +292,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                 if change == 0.0 or abs(change) < _SMALL * abs(q.value):
                     continue
                 much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
-                doubt = " (states change on the way)" if q.flagged[i] else ""
+                doubt = DOUBT if q.flagged[i] else ""
                 doubt = f" (by a run with {100 * CHECKED:g} % more)" if self.is_secant(q)[i] else doubt
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
