@@ -37,17 +37,19 @@ from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
-    BOLT_FORCE,
+    ACCELERATION_PEAK_RAW,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
     FORCE_HISTORY,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     SPECTRUM,
     VELOCITY_HISTORY,
-    VELOCITY_PEAK,
+    VELOCITY_PEAK_RAW,
     QuantityOfInterest,
+    RunScalar,
 )
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
 from ..scene.schema import Scene
@@ -80,7 +82,7 @@ class Measurable:
 
     owner: str
     unit: str
-    flags: tuple[QuantityOfInterest, ...] = ()
+    flags: tuple[RunScalar, ...] = ()
     error: QuantityOfInterest | None = None
     motion: str = ""
     filtered: bool = False
@@ -91,22 +93,22 @@ class Measurable:
         return f"{self.owner}s"
 
 
-def _motions(name: str, flags: tuple[QuantityOfInterest, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
+def _motions(name: str, flags: tuple[RunScalar, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
     """A motion of a sensor by its name, and behind the filter."""
     own = Measurable("sensor", str(SENSOR[name].unit), flags, error, name)
     return {name: own, FILTERED[name].name: replace(own, filtered=True)}
 
 
-_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK,), ACCELERATION_PEAK)
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK_RAW,), ACCELERATION_PEAK)
 _RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE, IMPULSE), FORCE_HISTORY)
 MEASURABLE: Final = {
     **_motions("displacement", (DISPLACEMENT, DISPLACEMENT_PEAK), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_PEAK,), VELOCITY_HISTORY),
+    **_motions("velocity", (VELOCITY_PEAK_RAW,), VELOCITY_HISTORY),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
     "normal_force": _RESULTANT,
-    "tension": Measurable("bolt", "N", (BOLT_FORCE,), BOLT_FORCE),
+    "tension": Measurable("bolt", "N", (LARGEST_BOLT_FORCE,), LARGEST_BOLT_FORCE),
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }

@@ -14,13 +14,13 @@ from ..scene.units import SI, UnitSystem
 from .estimates import ErrorEstimate, QuantityEstimate, error_text
 from .quantities_of_interest import (
     ACCELERATION_PEAK,
-    BOLT_FORCE,
     CONTACT_SHARE,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
     FLOOR,
     FRICTION_WORK,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     PEAK_FORCE_RAW,
     SEPARATION,
@@ -230,8 +230,8 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
         clauses.append(f"still oscillates at the end: mean {last} over the {end.periods} ({lost}), {span}")
     else:
         clauses.append(f"{last} at the end ({lost})")
-    text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, BOLT_FORCE)} during the run"
-    clauses.append(f"{text}, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
+    text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, LARGEST_BOLT_FORCE)}"
+    clauses.append(f"{text} during the run, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
         clauses.append(f"yields by {readable(plastic, units.label('m'), 3)}")
     return clauses

@@ -295,7 +295,7 @@ def test_study_over_the_force_of_a_bolt(influence: Array) -> None:
     """A parametric study keeps the forces of the bolts: that of the other one is linear in the one that varies."""
     bolts = {"left": {"force": 1000.0}, "right": {"shortening": 10e-6, "order": 2}}
     study = sweep(scene_from_dict(frame(bolts)), {"bolt.left.force": [1000.0, 3000.0]})
-    forces = study["bolt_force"].transpose(..., "bolt").sel(bolt=["left", "right"]).values
+    forces = study["last_bolt_force"].transpose(..., "bolt").sel(bolt=["left", "right"]).values
     left = np.array([1000.0, 3000.0])
     shortenings = np.array([left / influence[0, 0], [10e-6, 10e-6]])
     assert forces == pytest.approx((influence @ shortenings).T, rel=1e-5)
