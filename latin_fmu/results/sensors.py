@@ -147,29 +147,32 @@ def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
         along = named(LABELS, {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)})
         attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
         attrs |= {} if bolt.target is None else {"target_force": bolt.target}
+        attrs |= {} if bolt.thread is None else {"thread": bolt.thread}
         stored = [*columns(BOLT, bolt), *named(BOLT_END, {"end_force": ends[name].mean})]
         groups[f"/bolts/{name}"] = StoredGroup.of(stored, along, attrs)
     return groups
 
 
 def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
-    """Table of the bolts: tension when tightened, at the start, smallest and largest, mean stress, shortening."""
-    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "mean stress", "shortening"
+    """Table of the bolts: tension when tightened, at the start, smallest and largest, largest stress and the section
+    that it is of, shortening."""
+    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "stress", "over", "shortening"
     rows: list[tuple[str, ...]] = [head]
     for name, bolt in outcome.bolts.items():
         forces = bolt.tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
-        stress, shortening = forces[-1] / bolt.area, readable(bolt.shortening, units.label("m"))
+        stress, shortening = forces[-1] / bolt.stress_area, readable(bolt.shortening, units.label("m"))
         tensions = (readable(force, units.label("N")) for force in forces)
-        numbers = (*tensions, readable(stress, units.label("Pa")), shortening)
+        numbers = (*tensions, readable(stress, units.label("Pa")), bolt.thread or "mesh", shortening)
         rows.append((name, bolt.substructure, str(bolt.order), *numbers))
     return aligned(rows) if len(rows) > 1 else []
 
 
 def bolt_report(outcome: Outcome) -> dict[str, Any]:
     """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
-    (m2), ``shortening`` (m), ``tightening_force`` (N, when the bolts of each order were tight), and ``first``,
-    ``smallest``, ``largest`` and ``last`` tension of the run, N; ``end`` : ``mean``, ``low`` and ``high``, N, from
-    ``begin``, s, ``half_periods`` (``TensionEnd``)."""
+    (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``largest_stress`` (Pa, over the
+    tensile stress area of the thread, else over the section), ``shortening`` (m), ``tightening_force`` (N, when the
+    bolts of each order were tight), and ``first``, ``smallest``, ``largest`` and ``last`` tension of the run, N;
+    ``end`` : ``mean``, ``low`` and ``high``, N, from ``begin``, s, ``half_periods`` (``TensionEnd``)."""
     ends = bolt_ends(outcome)
     return {
         name: {
@@ -177,6 +180,9 @@ def bolt_report(outcome: Outcome) -> dict[str, Any]:
             "order": bolt.order,
             "target_force": bolt.target,
             "section_area": finite(bolt.area),
+            "thread": bolt.thread,
+            "thread_area": finite(bolt.thread_area),
+            "largest_stress": finite(float(bolt.force.max()) / bolt.stress_area),
             "shortening": finite(bolt.shortening),
             "tightening_force": [finite(force) for force in bolt.tightening],
             "first": finite(float(bolt.force[0])),

@@ -231,7 +231,9 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     else:
         clauses.append(f"{last} at the end ({lost})")
     text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, LARGEST_BOLT_FORCE)}"
-    clauses.append(f"{text} during the run, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
+    section = "its meshed section" if bolt.thread is None else f"the stress area of {bolt.thread}"
+    stress = readable(high / bolt.stress_area, units.label("Pa"), 3)
+    clauses.append(f"{text} during the run, at most {stress} over {section}")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
         clauses.append(f"yields by {readable(plastic, units.label('m'), 3)}")
     return clauses
