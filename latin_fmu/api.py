@@ -458,7 +458,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance, ends),
+            *run_remarks(problem, histories, time, balance, ends, recorder.largest_stresses(time)),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
@@ -482,7 +482,7 @@ def _thinning(recorder: Recorder) -> list[str]:
 def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
     """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
     the substructures of this process."""
-    request = problem.output
+    request = replace(problem.output, watch=True)
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)

@@ -111,7 +111,7 @@ class MaterialTable(SceneTable):
     yield_stress: Annotated[
         Real | None,
         about(
-            "largest stress of a bolt, at which one with `hardening` yields; bodies beyond it get a remark", "Pa", gt=0
+            "largest stress of a bolt, at which one with `hardening` yields; a body beyond it gets a remark", "Pa", gt=0
         ),
     ] = None
 
