@@ -296,7 +296,9 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
         last = float(dataset["end_force"])
-        end = "" if share_lost(tension, last) is None else " at the end"
+        # the mean of the last periods where it oscillates
+        words = " at the end" if last == tension[-1] else " by the mean at the end"
+        end = "" if share_lost(tension, last) is None else words
         curves[f"{name}: {loss_text(tension, last)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
