@@ -551,13 +551,11 @@ class _Section:
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
-        places = body.mesh.nodes[nodes]
-        centre = places.mean(axis=0)
         return BoltCut(
             self._name,
             self._bolt,
             axis,
-            centre,
+            body.mesh.nodes[nodes].mean(axis=0),
             self._area(facets),
             nodes,
             beyond,

@@ -130,6 +130,57 @@ class LargestStress(NamedTuple):
     above: int
 
 
+class LargestStresses:
+    """Largest von Mises stresses of the bodies with a yield stress, at 500 instants at most.
+
+    Attributes
+    ----------
+    tables : (n_time, 3) by body: stress, Pa, its element, number of elements above the yield stress; 0 at instants that
+        are not looked at. every : at every so many.
+    """
+
+    def __init__(self, info: Mapping[str, SubstructureInfo], n_time: int) -> None:
+        self._info = {name: of for name, of in info.items() if of.yield_stress is not None}
+        self.tables = {name: np.zeros((n_time, 3)) for name in self._info}
+        self.every = -(-n_time // _WATCHED)
+
+    def keep(
+        self,
+        assembly: Assembly,
+        places: Mapping[str, tuple[int, int]],
+        image: Image,
+        at: tuple[Probes | None, int],
+        now: slice,
+    ) -> None:
+        """Look at those of the instants ``now`` whose fields can be read; ``places`` : class and member of the bodies,
+        ``at`` : probes of all nodes, and first row of the image's output."""
+        whole, row = at
+        instants, rows = _read(whole, now, row, self.every)
+        for name, info in self._info.items() if instants else ():
+            # not in the run, or in another process
+            if info.stress is None or info.yield_stress is None or name not in places:
+                continue
+            c, member = places[name]
+            if whole is None:
+                moved: Any = [full_displacement(assembly.propagators[c], member)]
+            else:
+                moved = whole.fields(image, c, member, 0, rows, instants)
+            stress = np.stack([info.stress(u) for u in moved])
+            if info.unstrained is not None:
+                stress = stress + info.unstrained(assembly.time[instants])
+            size = von_mises(stress)
+            above = (size > info.yield_stress).sum(axis=1)
+            self.tables[name][instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
+
+    def of(self, time: Array) -> dict[str, LargestStress]:
+        """The largest ones of the run by body; ``time`` (n_time,) of its instants, s."""
+        made = {}
+        for name, table in self.tables.items():
+            i = int(np.argmax(table[: len(time), 0]))
+            made[name] = LargestStress(float(table[i, 0]), float(time[i]), int(table[i, 1]), int(table[i, 2]))
+        return made
+
+
 class Recorder:
     """Histories of interfaces (always) and substructures (as requested).
 
@@ -161,9 +212,8 @@ class Recorder:
         if request.energy:
             terms = {c: np.zeros((n_time, len(TERMS), len(p.members))) for c, p in enumerate(assembly.propagators)}
             self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
-        watched = [name for name, of in substructures.items() if request.watch and of.yield_stress is not None]
-        self._series["von_mises"] = {name: np.zeros((n_time, 3)) for name in watched}
-        self._watch_every = -(-n_time // _WATCHED)
+        self.stresses = LargestStresses(substructures if request.watch else {}, n_time)
+        self._series["von_mises"] = self.stresses.tables
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self._probes: Probes | None = None
         self._whole: Probes | None = None  # those of all nodes, where they are kept at every instant
@@ -201,43 +251,14 @@ class Recorder:
         self.n_kept += n
         if self._stored.wanted:
             self._stored.keep(assembly, image, self._whole, now, row)
-        self._watch(assembly, image, now, row)
-
-    def _watch(self, assembly: Assembly, image: Image, now: slice, row: int) -> None:
-        """Keep largest von Mises stress, its element, and how many are above the yield stress, of the bodies with one,
-        at those of the instants ``now`` that are looked at."""
-        instants, rows = _read(self._whole, now, row, self._watch_every)
-        for name, kept in self._series["von_mises"].items() if instants else ():
-            info = self._info[name]
-            # not in the run, or in another process
-            if info.stress is None or info.yield_stress is None or name not in self._places:
-                continue
-            c, member = self._places[name]
-            if self._whole is None:
-                moved: Any = [full_displacement(assembly.propagators[c], member)]
-            else:
-                moved = self._whole.fields(image, c, member, 0, rows, instants)
-            stress = np.stack([info.stress(u) for u in moved])
-            if info.unstrained is not None:
-                stress = stress + info.unstrained(assembly.time[instants])
-            size = von_mises(stress)
-            above = (size > info.yield_stress).sum(axis=1)
-            kept[instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
-
-    def largest_stresses(self, time: Array) -> dict[str, LargestStress]:
-        """Those of the bodies with a yield stress over the kept instants, by name; ``time`` (n_time,), s."""
-        made = {}
-        for name, kept in self.series("von_mises").items():
-            i = int(np.argmax(kept[:, 0]))
-            made[name] = LargestStress(float(kept[i, 0]), float(time[i]), int(kept[i, 1]), int(kept[i, 2]))
-        return made
+        self.stresses.keep(assembly, self._places, image, (self._whole, row), now)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
         steps = []
         if self._whole is None:
             steps += [self.request.every] if self._stored.wanted else []
-            steps += [self._watch_every] if self._series["von_mises"] else []
+            steps += [self.stresses.every] if self.stresses.tables else []
         # more than there are: nothing has to be read between two calls
         many = self.rows.every * len(self.rows.table)
         return min((every - (self.n_kept - 1) % every for every in steps), default=many)
