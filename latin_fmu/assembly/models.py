@@ -294,8 +294,8 @@ def _obstacle(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUni
 
 
 def _remedy(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], lands: bool) -> str:
-    """The advice on a time scheme that does not suit: for landings generalized_alpha, after what is in its way; else the
-    automatic choice."""
+    """The advice on a time scheme that does not suit: for landings generalized_alpha, after what is in its way,
+    else the automatic choice."""
     if not lands:
         return f'choose time.scheme = "{_suited_scheme(scene, bodies, units)[0].name}"'
     first = _obstacle(scene, bodies, units)[1]
