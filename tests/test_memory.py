@@ -94,7 +94,7 @@ def test_limits_of_control_groups(tmp_path: Path) -> None:
 
 
 def test_what_other_processes_take_is_not_free(tmp_path, capsys, monkeypatch):
-    """A scene that fits in the machine and not in what is free is refused with both numbers, and keeps its propagator."""
+    """A scene that fits in the machine and not in what is free is refused, with both numbers."""
     table = tmp_path / "meminfo"
     table.write_text("MemTotal: 24000000 kB\nMemFree: 9000000 kB\nMemAvailable:   15000000 kB\n")
     assert free_memory(table) == 15_360_000_000
