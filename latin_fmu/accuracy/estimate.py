@@ -394,6 +394,10 @@ def estimate_error(
         if log is not None:
             log(f"error estimate: {text}")
         left = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
+        # several processes have run for unlike times: each coarser run stops all of them before the same instant
+        if left == 0.0 and processes is None:
+            remarks.append(f"no coarser run ({text}): the limit of CPU time leaves no time for it; give a higher one")
+            continue
         try:
             progress = shares.of(resolution)
             run = run_at(lean, resolution, progress=progress, processes=processes, stream=stream, max_cpu=left)
