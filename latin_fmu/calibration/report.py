@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from ..accuracy.estimate import estimate_error
+from ..accuracy.estimate import band_remarks, estimate_error
 from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
@@ -344,7 +344,8 @@ def calibration_of(
     remarks: list[str] = []
     columns, estimated = list[ColumnFit](), None
     if estimate and predictor.runs_in_time and best.solution is not None:
-        estimated = _estimated(predictor.at(best.values), best.solution, remarks)
+        measured_columns = [column for _, column, _ in columns_of(predictor.tables)]
+        estimated = _estimated(predictor.at(best.values), best.solution, measured_columns, remarks)
     for table, column, place in columns_of(predictor.tables):
         error, of_rms = (math.nan, True) if estimated is None else _error_of(estimated, column)
         columns.append(ColumnFit(table, column, done[0].predicted[place], best.predicted[place], error, of_rms))
@@ -393,14 +394,18 @@ def _bound(p: FitParameter, value: float) -> str:
     return "lower" if value <= p.low + near else "upper" if value >= p.high - near else ""
 
 
-def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEstimate | None:
-    """Estimated error of the last run; why there is none goes to the remarks."""
+def _estimated(scene: Scene, solution: Solution, columns: Sequence[Column], remarks: list[str]) -> ErrorEstimate | None:
+    """Estimated error of the last run; why there is none, and its remarks but for those on sensors without a motion in
+    ``columns`` that they are about, go to the remarks."""
     try:
         made = estimate_error(scene, solution)
     except LatinError as error:
         remarks.append(f"no estimate of the error of the run: {message_of(error)}")
         return None
-    remarks += [f"error of the run: {text}" for text in made.remarks]
+    every = band_remarks(scene, solution, list(solution.sensors))
+    measured = {c.owner for c in columns if c.of.motion in ("velocity", "acceleration") and not c.of.filtered}
+    own = [*(text for text in made.remarks if text not in every), *band_remarks(scene, solution, sorted(measured))]
+    remarks += [f"error of the run: {text}" for text in own]
     return made
 
 

@@ -127,6 +127,7 @@ class LeastSquares:
         self.scale = np.array([p.scale for p in parameters])
         self.known: dict[tuple[float, ...], Predicted | None] = {}
         self.weights = np.ones(len(data))
+        self._reason = ""  # for secants, once it was said
         self._secants: Array | None = None  # by the parameters over their scale
         self._since: list[Predicted] = []  # runs that the secants do not contain yet
 
@@ -156,12 +157,18 @@ class LeastSquares:
         else:
             said = f"residual {math.sqrt(float(np.mean(self.residuals(made) ** 2))):.4g}"
             self._since.append(made)
+            if self._predictor.reason != self._reason:
+                self._reason = self._predictor.reason
+                self._say(f"secants in the place of derivatives, with more runs: {self._reason}")
         self.known[values] = made
-        if self._log is not None:
-            text = ", ".join(f"{p.words} {v:.6g}" for p, v in zip(self._parameters, values, strict=True))
-            self._log(f"run {len(self.known)}: {text}: {said}")
+        text = ", ".join(f"{p.words} {v:.6g}" for p, v in zip(self._parameters, values, strict=True))
+        self._say(f"run {len(self.known)}: {text}: {said}")
         self._let_go()
         return made
+
+    def _say(self, text: str) -> None:
+        if self._log is not None:
+            self._log(text)
 
     def _let_go(self) -> None:
         """Keep the results of the best run alone: those of a run may be large."""
