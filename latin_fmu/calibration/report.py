@@ -46,6 +46,7 @@ _ENTERS: Final = 0.2  # of the largest entry of a combination: smaller ones are 
 AT_BOUND: Final = 1e-4  # of the start
 _FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not independent
 _FEW: Final = 20  # data for that
+_LEFT: Final = 0.5  # residual over the data, root mean squares, from which on a scene does not follow them
 _NEAR: Final = (1e-3, 0.3)  # change of parameters over their start in the check of flagged derivatives
 
 
@@ -442,6 +443,11 @@ def _on_residuals(columns: Sequence[ColumnFit], statistics: FitStatistics) -> li
     said = []
     for c in columns:
         r = c.after - c.column.values
+        if (left := c.rms(c.after) / (float(np.sqrt(np.mean(c.column.values**2))) or math.inf)) > _LEFT:
+            said.append(
+                f"the scene does not follow {c.column.name}: {100 * left:.2g} % of the data are left; check unit, "
+                "sign, axis and times of the data, and the parameters"
+            )
         if c.table.kind == "history" and len(r) >= _FEW and (total := float(r @ r)) > 0.0:
             following = float(r[1:] @ r[:-1]) / total
             if following > _FOLLOWING:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -58,7 +58,10 @@ def _numbers(text: str, given: Sequence[str | None], problems: Problems) -> list
     made: list[float | None] = []
     for word in given:
         try:
-            made.append(None if word is None else float(word))
+            value = None if word is None else float(word)
+            if value is not None and math.isnan(value):
+                raise ValueError
+            made.append(value)
         except ValueError:
             problems.add("--fit", "not a number", word or "nothing", _FORM, f"in {text}")
             made.append(None)
@@ -305,7 +308,7 @@ def calibrate(
     scene = scene if isinstance(scene, Scene) else load_scene(scene, settings)
     parameters = parameters_of([fit] if isinstance(fit, str) else fit, scene)
     tables = read_measured([data] if isinstance(data, str | Path) else data, scene)
-    _check(tables, parameters, max_runs)
+    _check(tables, parameters, {"--max-runs": max_runs, "--mode": mode, "--increments": increments})
     predictor = Predictor(scene, tables, [p.names for p in parameters], mode, increments)
     if secants:
         predictor.reason = "as requested"
@@ -320,13 +323,16 @@ def calibrate(
     return calibration_of(predictor, parameters, search.weights, last, search.done, len(search.known), wanted)
 
 
-def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], max_runs: int) -> None:
+def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], counts: Mapping[str, int]) -> None:
     problems = []
     if (n := size_of(tables)) <= len(parameters):
         what, remedy = "too few data", "give more rows, or fit fewer parameters"
         problems.append(Problem(tables[0].path, what, str(n), f"more than the {len(parameters)} parameters", remedy))
-    if not 2 <= max_runs <= _MOST_RUNS:
-        problems.append(Problem("--max-runs", "out of range", str(max_runs), f"2 to {_MOST_RUNS}"))
+    for option, count in counts.items():
+        # a secant needs a second run
+        least = 2 if option == "--max-runs" else 1
+        if not least <= count <= _MOST_RUNS:
+            problems.append(Problem(option, "out of range", str(count), f"{least} to {_MOST_RUNS}"))
     if problems:
         raise InputError(problems, HEADING)
 

@@ -135,6 +135,15 @@ def test_remarks_on_the_error_of_the_run_are_those_on_the_data(tmp_path: Path) -
     assert len(said[1]) == len(said[0]) + 1
 
 
+def test_data_that_a_scene_does_not_follow_are_told(tmp_path: Path) -> None:
+    """Of the other sign: the friction at its bound leaves twice the data."""
+    time, data = histories()[0], noisy(None)[:, 1]
+    for sign, told in ((1.0, False), (-1.0, True)):
+        path = write(tmp_path / "d.csv", "time,side.displacement.z", np.column_stack([time, sign * data]))
+        made = latin_fmu.calibrate(crushing(), path, f"{FRICTION}=0.1", max_runs=2, estimate=False)
+        assert any("the scene does not follow side.displacement.z: 2e+02 % of" in text for text in made.remarks) == told
+
+
 def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -> None:
     """To 2 % of the largest: points that begin to slip within the difference, and maxima that change their place."""
     scene = crushing().replace("solver.tolerance", 1e-9).replace("solver.force_tolerance", 1e-9)
