@@ -37,7 +37,7 @@ from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
-    ACCELERATION_PEAK_RAW,
+    ACCELERATION_UNFILTERED,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
@@ -47,9 +47,8 @@ from ..results.quantities_of_interest import (
     PEAK_FORCE,
     SPECTRUM,
     VELOCITY_HISTORY,
-    VELOCITY_PEAK_RAW,
+    VELOCITY_UNFILTERED,
     QuantityOfInterest,
-    RunScalar,
 )
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
 from ..scene.schema import Scene
@@ -82,7 +81,7 @@ class Measurable:
 
     owner: str
     unit: str
-    flags: tuple[RunScalar, ...] = ()
+    flags: tuple[str, ...] = ()
     error: QuantityOfInterest | None = None
     motion: str = ""
     filtered: bool = False
@@ -93,22 +92,22 @@ class Measurable:
         return f"{self.owner}s"
 
 
-def _motions(name: str, flags: tuple[RunScalar, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
+def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
     """A motion of a sensor by its name, and behind the filter."""
     own = Measurable("sensor", str(SENSOR[name].unit), flags, error, name)
     return {name: own, FILTERED[name].name: replace(own, filtered=True)}
 
 
-_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK_RAW,), ACCELERATION_PEAK)
-_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE, IMPULSE), FORCE_HISTORY)
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED.key,), ACCELERATION_PEAK)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
 MEASURABLE: Final = {
-    **_motions("displacement", (DISPLACEMENT, DISPLACEMENT_PEAK), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_PEAK_RAW,), VELOCITY_HISTORY),
+    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
+    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_HISTORY),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
     "normal_force": _RESULTANT,
-    "tension": Measurable("bolt", "N", (LARGEST_BOLT_FORCE,), LARGEST_BOLT_FORCE),
+    "tension": Measurable("bolt", "N", (LARGEST_BOLT_FORCE.key,), LARGEST_BOLT_FORCE),
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }
@@ -192,6 +191,9 @@ def read_measured(paths: Sequence[str | Path], scene: Scene) -> list[MeasuredTab
     """
     owners = {"sensor": list(scene.sensor), "bolt": list(scene.bolt), "interface": list(scene.joints)}
     problems, made = Problems(), []
+    files = [Path(path).resolve() for path in paths]
+    for path in dict.fromkeys(path for path, file in zip(paths, files, strict=True) if files.count(file) > 1):
+        problems.add(str(path), "the file is given twice: its data would count twice")
     for path in paths:
         reader = _Reader(str(path), scene, owners)
         table = reader.read()
@@ -253,6 +255,12 @@ class _Reader:
         if self.problems:
             return None
         self._limits(kind, names, table, [number for number, _ in rows])
+        for i, name in enumerate(names[1:], 1):
+            if name in parts and name + _SD not in names and not table[:, i].any():
+                remedy = f"add {name}{_SD}, or remove the column"
+                self._say(
+                    "every value is 0, and no standard deviation is given", self._header_line, value=name, remedy=remedy
+                )
         # rows of one abscissa keep their order
         order = np.argsort(table[:, 0], kind="stable")
         by_name: Mapping[str, Array] = {name: table[order, i] for i, name in enumerate(names)}

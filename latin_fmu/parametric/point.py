@@ -35,7 +35,7 @@ from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
 from ..results.quantities_of_interest import (
-    ACCELERATION_PEAK_RAW,
+    ACCELERATION_UNFILTERED,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
     FORCE_HISTORY,
@@ -43,7 +43,7 @@ from ..results.quantities_of_interest import (
     LARGEST_SLIP,
     LAST_BOLT_FORCE,
     QUANTITIES_OF_INTEREST,
-    VELOCITY_PEAK_RAW,
+    VELOCITY_UNFILTERED,
     InterfaceFields,
     RunScalar,
     first_contact_time,
@@ -188,6 +188,9 @@ def _set_problems(parameters: Sequence[Parameter]) -> Iterator[Problem]:
         texts = [repr(value) for value in p.values]
         if not texts:
             yield Problem(f"--vary {p.key}", "no values", allowed=_FORM)
+        for value in p.values:
+            if isinstance(value, float) and not math.isfinite(value):
+                yield Problem(f"--vary {p.key}", "not a finite number", repr(value), _FORM)
         for text in dict.fromkeys(t for t in texts if texts.count(t) > 1):
             yield Problem(f"--vary {p.key}", "the value is given twice", text)
 
@@ -355,7 +358,7 @@ QUANTITIES: Final = (
     Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
     _named(LARGEST_SLIP, "interface"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
-    *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_PEAK_RAW, ACCELERATION_PEAK_RAW)),
+    *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_UNFILTERED, ACCELERATION_UNFILTERED)),
     Quantity("peak_reaction", "boundary", "N", "largest force of a support on its body"),
     *(_named(of, "bolt") for of in (LAST_BOLT_FORCE, LARGEST_BOLT_FORCE)),
     Quantity("energy", "energy_term", "J", "term of the energy balance at the end"),

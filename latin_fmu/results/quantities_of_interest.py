@@ -144,8 +144,8 @@ _WITHOUT_ERROR: Final = tuple(
         slip | m | distance that the points have slid in contact at the end of the run, mean over the area
         largest_slip | m | largest distance that a point has slid in contact at an instant
         largest_force | N | largest resultant of an interface that cannot open
-        velocity_peak_raw | m s-1 | largest velocity of a sensor of all instants, without a band
-        acceleration_peak_raw | m s-2 | largest acceleration of a sensor of all instants, without a band
+        velocity_peak_unfiltered | m s-1 | largest unfiltered velocity of a sensor
+        acceleration_peak_unfiltered | m s-2 | largest unfiltered acceleration of a sensor
         spectrum_peak | m s-2 | largest value of the maximax spectrum of a sensor
         last_bolt_force | N | tension of a bolt at the last instant
         friction_dissipation | J | energy that friction dissipates in all interfaces
@@ -156,8 +156,8 @@ _WITHOUT_ERROR: Final = tuple(
     SLIP_DISTANCE,
     LARGEST_SLIP,
     LARGEST_FORCE,
-    VELOCITY_PEAK_RAW,
-    ACCELERATION_PEAK_RAW,
+    VELOCITY_UNFILTERED,
+    ACCELERATION_UNFILTERED,
     SPECTRUM_PEAK,
     LAST_BOLT_FORCE,
     FRICTION_ENERGY,

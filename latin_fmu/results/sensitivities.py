@@ -42,7 +42,7 @@ from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named, rows
 from .quantities_of_interest import (
-    ACCELERATION_PEAK_RAW,
+    ACCELERATION_UNFILTERED,
     CONTACT_SHARE,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
@@ -58,7 +58,7 @@ from .quantities_of_interest import (
     RUN_SCALARS,
     SLIP_DISTANCE,
     SPECTRUM_PEAK,
-    VELOCITY_PEAK_RAW,
+    VELOCITY_UNFILTERED,
     ByQuantity,
     Force,
     InterfaceFields,
@@ -402,8 +402,8 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
         DISPLACEMENT_PEAK.key: None if size[0] is None else float(size[0].max()),
     }
     if history.acceleration is not None:
-        made[VELOCITY_PEAK_RAW.key] = None if size[1] is None else float(size[1].max())
-        made[ACCELERATION_PEAK_RAW.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
+        made[VELOCITY_UNFILTERED.key] = None if size[1] is None else float(size[1].max())
+        made[ACCELERATION_UNFILTERED.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
     return made
 
 

@@ -35,7 +35,7 @@ def test_a_scalar_of_a_study_is_that_of_derivatives_and_estimates() -> None:
     assert {(q.unit, q.long_name) for q in shared.values()} == {
         (RUN_SCALARS[name].unit, RUN_SCALARS[name].long_name) for name in shared
     }
-    assert {"displacement_peak", "acceleration_peak_raw", "largest_slip", "peak_force"} <= shared.keys()
+    assert {"displacement_peak", "acceleration_peak_unfiltered", "largest_slip", "peak_force"} <= shared.keys()
     # behind a filter in the estimate: not the values of a study
     assert not {"velocity_peak", "acceleration_peak", "bolt_force"} & shared.keys()
     force = np.array([4e3, 5e3, 3e3])
