@@ -209,8 +209,7 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings = Timings()
-    start = clock.process_time()
+    timings, start = Timings(), clock.process_time()
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
