@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,13 @@ import pytest
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.fem.elasticity import von_mises
+from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.results.solution import Solution
 
 PULL, TURN, END = 100e6, 1e-4, 2e-4  # Pa, s, s
 
 
-def rod(yield_stress: float | None, **other: Any) -> Solution:
+def rod(yield_stress: float | None, checkpoint: Checkpoint | None = None, **other: Any) -> Solution:
     """A rod that is free to contract, pulled at its end by a stress that rises to 100 MPa and falls again."""
     steel = {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}
     box = {"size": [0.01, 0.01, 0.1], "elements": [1, 1, 10], "origin": [0.0, 0.0, 0.0]}
@@ -29,7 +31,7 @@ def rod(yield_stress: float | None, **other: Any) -> Solution:
         "sensor": {"tip": {"face": "rod.zmax"}},
         "time": {"end": END, "step": 1e-6},
     }
-    return solve(scene_from_dict(data | other))
+    return solve(scene_from_dict(data | other), checkpoint=checkpoint)
 
 
 def told(solution: Solution) -> list[str]:
@@ -79,6 +81,15 @@ def test_waves_are_seen_when_they_are_largest(stored: bool) -> None:
     assert f"at {known.time[i]:.4g} s, mean of the element at [0.005, 0.005, {place:.4g}]" in text
     assert f"in {(stress[i] > 80e6).sum()} of 10 elements" in text
     assert (watched.sensors["tip"].displacement == known.sensors["tip"].displacement).all()
+
+
+def test_a_continued_run_tells_what_was_before(tmp_path: Path) -> None:
+    """Stopped at 0.16 ms, after the largest stress at 0.12 ms."""
+    calls = iter(range(10**6))
+    stopped = rod(80e6, Checkpoint(tmp_path / "rod.ckpt", every=1, stop=lambda: next(calls) >= 160))
+    assert not stopped.complete
+    assert stopped.time[-1] > 1.25e-4
+    assert told(rod(80e6, Checkpoint(tmp_path / "rod.ckpt", resume=True, log=lambda _: None))) == told(rod(80e6))
 
 
 def test_von_mises_of_known_stresses() -> None:
