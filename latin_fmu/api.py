@@ -187,10 +187,11 @@ def solve(
     fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
     processes : over which the substructures are distributed; all of them call this function with the same scene, and
         have the whole solution at its end.
-    max_cpu : CPU time that the run may take, its set-up included, s. A run that reaches it stops before its next
-        instant, not converged: ``Solution.interrupted`` says so, the results until then are kept, and a ``checkpoint``
-        is written, from which it can be continued. On several processes: of each of them; all stop before the same
-        instant.
+    max_cpu : CPU time that the run may take, its set-up, derivatives and the runs that check them included, s. A run
+        that reaches it stops before its next instant, not converged: ``Solution.interrupted`` says so, the results
+        until then are kept, and a ``checkpoint`` is written, from which it can be continued. Where it is reached after
+        the run, derivatives, or their checks, are left out, with a remark. On several processes: of each of them; all
+        stop before the same instant.
 
     Raises
     ------
@@ -255,7 +256,8 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress)
+    limit = _CpuLimit(max_cpu, start)
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
     return Solution(
         outcome,
         scene.text(),
@@ -269,12 +271,30 @@ def solve(
     )
 
 
+@dataclass(frozen=True)
+class _CpuLimit:
+    """Limit of CPU time of a run: ``seconds`` from ``begin`` of ``process_time`` on; None for no limit."""
+
+    seconds: float | None
+    begin: float
+
+    @property
+    def left(self) -> float | None:
+        """CPU seconds that are left; None for no limit."""
+        return None if self.seconds is None else max(self.begin + self.seconds - clock.process_time(), 0.0)
+
+    def sentence(self, what: str) -> str:
+        """That the limit leaves no time, and what a higher one gives."""
+        return f"the limit of {self.seconds:g} s of CPU time leaves no time for them; a higher limit gives {what}"
+
+
 def _derivatives(
     scene: Scene,
     outcome: Outcome,
     tangent: Tangents | None,
     ended: tuple[SolverReadyProblem, Recorder],
     progress: ProgressSink | None,
+    limit: _CpuLimit,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
     """Derivatives of a run by parameters, and bands from those that scatter. None, and a remark, where they cannot be
     computed: the results of the run do not depend on them."""
@@ -282,15 +302,26 @@ def _derivatives(
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
     spectra = spectra_of(outcome, scene.sensor)
-    shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
+
+    def check() -> None:
+        if limit.left == 0.0:
+            raise SolverError(limit.sentence("the derivatives and the bands" if scene.spread else "the derivatives"))
+
+    def shown(done: int, total: int) -> None:
+        if done < total:
+            check()
+        if progress is not None:
+            progress.update(done, total, 0, 0.0)
+
     if outcome.converged and outcome.complete:
         try:
+            check()
             with one_thread():
                 made = Sensitivities.of(outcome, tangent.march(*ended, shown), spectra)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made, progress)
+        made, missing = _checked(scene, made, progress, limit, outcome.timings.march)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -301,27 +332,36 @@ def _derivatives(
     return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
+def _checked(
+    scene: Scene, made: Sensitivities, progress: ProgressSink | None, limit: _CpuLimit, march: float
+) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
-    that have none."""
+    that have none; ``march`` : CPU seconds of the march of the run, which one that checks takes at least."""
     plain = scene.undifferentiated
-    runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
+    runs, missing, kept = list[dict[str, float] | None](), dict[str, list[str]](), KeptOperators()
     every = scene.output.check_sensitivities == "all"
     for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
         if not (every or share > GATHERED):
             runs.append(None)
             continue
-        why, run = "its value is 0", None
+        why, run, left = "its value is 0", None, limit.left
         if d.value != 0.0:
             try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
-                run = scalars_of(other.outcome, other.spectra) if other.converged else None
-                why = other.status
+                stopped = left is not None and left <= march
+                if not stopped:
+                    more = plain.replace(d.name, (1.0 + CHECKED) * d.value)
+                    other = solve(more, kept=kept, progress=progress, max_cpu=left)
+                    stopped, why = bool(other.interrupted), other.status
+                    run = scalars_of(other.outcome, other.spectra) if other.converged else None
+                why = limit.sentence("their checks") if stopped else why
             except LatinError as error:
                 why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
         runs.append(run)
-        missing += [] if run is not None else [f"the derivatives by {d.name} are not checked: {why}"]
-    return made.checked(runs), missing
+        if run is None:
+            missing.setdefault(why, []).append(d.name)
+    return made.checked(runs), [
+        f"the derivatives by {', '.join(names)} are not checked: {why}" for why, names in missing.items()
+    ]
 
 
 def _made(

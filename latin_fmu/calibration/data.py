@@ -191,6 +191,9 @@ def read_measured(paths: Sequence[str | Path], scene: Scene) -> list[MeasuredTab
     """
     owners = {"sensor": list(scene.sensor), "bolt": list(scene.bolt), "interface": list(scene.joints)}
     problems, made = Problems(), []
+    files = [Path(path).resolve() for path in paths]
+    for path in dict.fromkeys(path for path, file in zip(paths, files, strict=True) if files.count(file) > 1):
+        problems.add(str(path), "the file is given twice: its data would count twice")
     for path in paths:
         reader = _Reader(str(path), scene, owners)
         table = reader.read()
@@ -252,6 +255,12 @@ class _Reader:
         if self.problems:
             return None
         self._limits(kind, names, table, [number for number, _ in rows])
+        for i, name in enumerate(names[1:], 1):
+            if name in parts and name + _SD not in names and not table[:, i].any():
+                remedy = f"add {name}{_SD}, or remove the column"
+                self._say(
+                    "every value is 0, and no standard deviation is given", self._header_line, value=name, remedy=remedy
+                )
         # rows of one abscissa keep their order
         order = np.argsort(table[:, 0], kind="stable")
         by_name: Mapping[str, Array] = {name: table[order, i] for i, name in enumerate(names)}

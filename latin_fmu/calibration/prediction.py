@@ -131,7 +131,7 @@ class Predictor:
             # other problems would come again without derivatives
             if not wanted or any(problem.where != _KEY for problem in error.problems):
                 raise
-            self.reason = "; ".join(f"{p.value or 'derivatives'}: {p.what}" for p in error.problems)
+            self.reason = "; ".join(f"{p.value}: {p.what}" if p.value else p.what for p in error.problems)
             return self._solved(scene)
         if not solution.converged:
             raise SolverError(f"the run did not converge: {solution.status}")

@@ -90,8 +90,9 @@ def register(add: AddParser) -> None:
     )
     option(parser, "--accuracy", "1%", text)
     text = (
-        f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
-        f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
+        f"CPU seconds that the run may take, with its derivatives, their checks and its error estimate; one that "
+        f"reaches them stops (exit code {LIMITED}): results so far are written and marked, and a checkpoint to go on "
+        "from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
         f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always finished"
     )
     add_max_cpu(parser, text)

@@ -184,6 +184,9 @@ def _set_problems(parameters: Sequence[Parameter]) -> Iterator[Problem]:
         texts = [repr(value) for value in p.values]
         if not texts:
             yield Problem(f"--vary {p.key}", "no values", allowed=_FORM)
+        for value in p.values:
+            if isinstance(value, float) and not math.isfinite(value):
+                yield Problem(f"--vary {p.key}", "not a finite number", repr(value), _FORM)
         for text in dict.fromkeys(t for t in texts if texts.count(t) > 1):
             yield Problem(f"--vary {p.key}", "the value is given twice", text)
 

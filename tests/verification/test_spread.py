@@ -354,6 +354,16 @@ def test_the_command_samples_and_says_both_bands(tmp_path: Path, capsys: pytest.
     assert "either values or samples" in capsys.readouterr().err
 
 
+def test_samples_that_fail_are_counted() -> None:
+    """Friction of 0.1 with a standard deviation of 0.5: half of the samples are below 0, which no scene allows."""
+    bands, study = latin_fmu.sample(crushing("spread.interface.crush.friction_coefficient=0.5", "time.end=6e-6"), 8)
+    failed = int((study["state"].values != 0).sum())
+    assert 0 < failed < 7
+    assert (bands.count, bands.left_out) == (8 - failed, failed)
+    assert bands.lines()[0].startswith(f"  {8 - failed} samples; {failed} more failed or did not converge")
+    assert bands.report()["left_out"] == failed
+
+
 @pytest.mark.slow
 def test_bands_to_first_order_are_those_of_200_samples() -> None:
     """Pressure, friction and modulus scatter by 5 %: the numbers of docs/spread.md."""
