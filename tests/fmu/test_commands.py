@@ -98,6 +98,36 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
     assert 0.5 * size < 1e6 * float(told[1]) < 2.0 * size
 
 
+@pytest.mark.parametrize("python", [[], ["--python"]])
+def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, capsys, python):
+    """Laws of the scene act in the FMU; an input does when it is set; without both there is a warning."""
+    target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"
+    unmoved = ["load.push.law=input", "load.press.law=input"]
+    nothing = "nothing has acted: every input has stayed 0, and nothing else loads or moves a body"
+    for settings, at_making, started, at_running in (
+        ([], ["load.press.value = 0.25", "acts in the FMU as in the scene: load push (half_sine)\n"], [], ""),
+        (
+            ["load.press.law={type='constant'}"],
+            ["scene: load press (constant), load push (half_sine) (--inputs press makes an input of a load)"],
+            [],
+            "",
+        ),
+        (unmoved, ["load.press.value = 0, load.push.value = 0", "the FMU stays at rest"], [], nothing),
+        (unmoved, ["the FMU stays at rest"], ["--start", "load.press.value=0.1"], ""),
+        (unmoved, ["the FMU stays at rest"], ["--start", "mode=1"], nothing),
+        (unmoved, ["the FMU stays at rest"], ["--start", "mode=1", "--start", "historyFile=time,press;0,0;1e-6,1"], ""),
+        (["load={}"], ["warning: nothing loads or moves a body in this FMU"], [], "nothing loads or moves a body"),
+    ):
+        changes = [word for setting in settings for word in ("--set", setting)]
+        made = ["fmu", str(scene_file), "-o", str(target), "--reference", "none", *python, *changes]
+        assert cli.main(made) == 0
+        said = capsys.readouterr().out
+        assert all(text in said for text in at_making), said
+        assert cli.main(["simulate", str(target), "--stop", "1e-6", "-o", str(out), *started]) == 0
+        warned = [line for line in capsys.readouterr().err.splitlines() if "warning of the FMU" in line]
+        assert [at_running in line for line in warned] == [True] * bool(at_running), (settings, started, warned)
+
+
 def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, capsys):
     target = tmp_path / "blocks.fmu"
     assert cli.main(["fmu", str(scene_file), "-o", str(target), "--python"]) == 0
