@@ -43,7 +43,7 @@ from .propagator import SubstructureModel
 from .propagator.base import full_displacement
 from .remarks import Remark, remarks_of
 from .results.quantities_of_interest import slip_in_contact
-from .results.summary import percent
+from .results.summary import percent, readable
 from .scene.units import SI, UnitSystem
 
 LARGEST_ROTATION = 2.0  # degrees
@@ -57,6 +57,7 @@ _CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the e
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
 SUNK, OPEN = 0.01, 0.01
 """Share of the shortening of a bolt or of the elastic approach, and of the largest energy, likewise."""
+_IMPACT = 0.1  # of the largest force of an interface, of points that close in one step
 _PRECISION = 1e-12  # of sizes and displacements: round-off of a gap
 
 
@@ -67,12 +68,15 @@ def run_remarks(
     balance: Mapping[str, Resultants],
     ends: Mapping[str, BodyEnd],
 ) -> list[Remark]:
-    """Remarks on drift, slip, rotations, strains, faces that never touch, and resultants; ``time`` (n_time,) of the
-    instants of the run, s; ``ends`` from ``body_ends``."""
+    """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, and resultants.
+
+    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``.
+    """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
     return [
         *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", moved),
+        *remarks_of("scheme", impact_remarks(problem, histories, time)),
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
     ]
@@ -156,6 +160,50 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
     change = (moved[:, last] - moved[:, first])[there]
     length = np.einsum("ei,ei->e", edge, edge)
     return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))  # (u . e) / e^2
+
+
+def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:
+    """A sentence on the interface with the hardest impact that the time scheme was not chosen for.
+
+    Points of area A that close in a step with the relative velocity v along N press each other like bars, with
+    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground); from ``_IMPACT`` of the largest
+    force of the interface on they make the noise of the scheme.
+    """
+    found = [
+        (size, name, words)
+        for i, unit in enumerate(problem.assembly.interfaces)
+        if unit.name in problem.unforeseen
+        for size, name, words in [_impact(problem, i, histories[unit.name], time)]
+        if size > _IMPACT
+    ]
+    if not found:
+        return []
+    _, name, words = max(found)
+    more = f" (and {len(found) - 1} more interfaces)" if len(found) > 1 else ""
+    reason = problem.scheme.partition(" (")[2].partition(":")[0].removesuffix(")")
+    before = f", and the time scheme was chosen before the run because {reason}" if reason else ""
+    return [f"interface {name}{more} {words}{before}: {problem.unforeseen[name]}"]
+
+
+def _impact(problem: SolverReadyProblem, i: int, history: InterfaceHistory, time: Array) -> tuple[float, str, str]:
+    """Largest force of points that close in a step of interface ``i`` over the largest of all, its name, and words."""
+    status, assembly = np.asarray(history.contact_status), problem.assembly
+    largest = float(history.normal_resultant().max(initial=0.0))
+    if len(status) < 2 or not largest > 0.0:
+        return 0.0, history.name, ""
+    jump = history.velocity[:-1, 0] - history.velocity[:-1, 1]
+    closing = np.einsum("tpc,pc->tp", jump, history.normals).clip(min=0.0)
+    closing = np.where((status[:-1] == SEPARATION) & (status[1:] != SEPARATION), closing, 0.0)
+    # along N
+    z = [assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1)]
+    both = z[0] if assembly.interfaces[i].against_ground else z[0] * z[1] / np.maximum(z[0] + z[1], 1e-300)
+    force = closing @ (history.areas * both)
+    at = int(np.argmax(force))
+    hit = closing[at] > 0.5 * closing[at].max()
+    speed = readable(float(closing[at].max()), problem.unit_system.label("m s-1"), 3)
+    when = readable(float(time[:: problem.output.interfaces_every][at]), "s", 3)
+    share = 100 * history.areas[hit].sum() / history.areas.sum()
+    return float(force[at]) / largest, history.name, f"closes by an impact at {when} ({share:.0f} % of it at {speed})"
 
 
 def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:

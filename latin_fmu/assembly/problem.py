@@ -36,7 +36,17 @@ from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
 from .conditions import Conditions, RigidConditions, rigid_model, total
 from .initial_state import InitialState, TightBolts, field_tractions
-from .models import ContactLayer, Kept, KeptOperators, ModelClass, chosen_scheme, contact_layers, load_terms, store_of
+from .models import (
+    ContactLayer,
+    Kept,
+    KeptOperators,
+    ModelClass,
+    chosen_scheme,
+    contact_layers,
+    load_terms,
+    store_of,
+    unforeseen_landings,
+)
 from .propagator_choice import divided, made_propagators
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
@@ -155,6 +165,8 @@ class SolverReadyProblem:
     """Elastic approach of both bodies under a mean pressure, by interface, m Pa-1."""
     untouched: Untouched | None = None
     """What is left out of the run, None where nothing is."""
+    unforeseen: Mapping[str, str] = field(default_factory=dict)
+    """By interface: what an impact means that the time scheme was not chosen for (``models.unforeseen_landings``)."""
 
     @property
     def choices(self) -> dict[str, str]:
@@ -362,6 +374,7 @@ class DiscretisedProblem:
             ],
             flexibility(self.bodies, units, layout),
             self.untouched,
+            unforeseen_landings(scene, self.bodies, units, scheme, self.dt),
         )
 
     def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:

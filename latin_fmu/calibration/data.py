@@ -37,6 +37,7 @@ from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
+    ACCELERATION_UNFILTERED,
     BOLT_FORCE,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
@@ -46,7 +47,7 @@ from ..results.quantities_of_interest import (
     PEAK_FORCE,
     SPECTRUM,
     VELOCITY_HISTORY,
-    VELOCITY_PEAK,
+    VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
@@ -80,7 +81,7 @@ class Measurable:
 
     owner: str
     unit: str
-    flags: tuple[QuantityOfInterest, ...] = ()
+    flags: tuple[str, ...] = ()
     error: QuantityOfInterest | None = None
     motion: str = ""
     filtered: bool = False
@@ -91,22 +92,22 @@ class Measurable:
         return f"{self.owner}s"
 
 
-def _motions(name: str, flags: tuple[QuantityOfInterest, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
+def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
     """A motion of a sensor by its name, and behind the filter."""
     own = Measurable("sensor", str(SENSOR[name].unit), flags, error, name)
     return {name: own, FILTERED[name].name: replace(own, filtered=True)}
 
 
-_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK,), ACCELERATION_PEAK)
-_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE, IMPULSE), FORCE_HISTORY)
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED,), ACCELERATION_PEAK)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
 MEASURABLE: Final = {
-    **_motions("displacement", (DISPLACEMENT, DISPLACEMENT_PEAK), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_PEAK,), VELOCITY_HISTORY),
+    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
+    **_motions("velocity", (VELOCITY_UNFILTERED,), VELOCITY_HISTORY),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
     "normal_force": _RESULTANT,
-    "tension": Measurable("bolt", "N", (BOLT_FORCE,), BOLT_FORCE),
+    "tension": Measurable("bolt", "N", (BOLT_FORCE.key,), BOLT_FORCE),
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }

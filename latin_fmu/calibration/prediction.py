@@ -213,7 +213,7 @@ class Predictor:
                 column.name
                 for _, column, _ in columns_of(self.tables)
                 for flag in column.of.flags
-                if (q := known.by_quantity.get(f"{column.owner}.{flag.key}")) is not None and q.flagged[i]
+                if (q := known.by_quantity.get(f"{column.owner}.{flag}")) is not None and q.flagged[i]
             ]
             if columns:
                 listing = ", ".join(dict.fromkeys(columns))

@@ -72,7 +72,9 @@ def register(add: AddParser) -> None:
     text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
     switch(parser, "--details", text)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
-    text = "also draw forces, contact states, sensors and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
+    text = (
+        "also draw forces, contact states, sensors, spectra and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
+    )
     option(parser, "--figure", "FIGURE", text, output_file)
     text = (
         "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "

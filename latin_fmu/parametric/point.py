@@ -34,9 +34,13 @@ from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
+from ..results.quantities import SENSOR
 from ..results.quantities_of_interest import (
+    ACCELERATION_UNFILTERED,
+    DISPLACEMENT_PEAK,
     FORCE_HISTORY,
     QUANTITIES_OF_INTEREST,
+    VELOCITY_UNFILTERED,
     InterfaceFields,
     first_contact_time,
     largest_slip_share,
@@ -335,6 +339,12 @@ class Quantity:
     long_name: str
 
 
+_PEAKS: Final = {
+    "displacement": (DISPLACEMENT_PEAK.key, "largest displacement"),
+    "velocity": (VELOCITY_UNFILTERED, "largest unfiltered velocity"),
+    "acceleration": (ACCELERATION_UNFILTERED, "largest unfiltered acceleration"),
+}
+"""Key and name of the largest magnitude of each motion of a sensor."""
 _OF_INTERFACE: Final = tuple(
     Quantity(q.key, "interface", q.unit, q.long_name)
     for q in QUANTITIES_OF_INTEREST
@@ -345,9 +355,10 @@ QUANTITIES: Final = (
     Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
     Quantity("largest_slip", "interface", "m", "largest distance that the sides have slid while in contact"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
-    Quantity("peak_displacement", "sensor", "m", "largest displacement of a sensor"),
-    Quantity("peak_velocity", "sensor", "m s-1", "largest velocity of a sensor"),
-    Quantity("peak_acceleration", "sensor", "m s-2", "largest acceleration of a sensor"),
+    *(
+        Quantity(key, "sensor", str(SENSOR[motion].unit), f"{words} of a sensor")
+        for motion, (key, words) in _PEAKS.items()
+    ),
     Quantity("peak_reaction", "boundary", "N", "largest force of a support on its body"),
     Quantity("bolt_force", "bolt", "N", "tension of a bolt at the end"),
     Quantity("largest_bolt_force", "bolt", "N", "largest tension of a bolt"),
@@ -469,10 +480,9 @@ def quantities_of(scene: Scene, solution: Solution) -> Record:
         for key, value in _of_interface(scene, history, time, outcome.interfaces_every == 1).items():
             values.setdefault(key, {})[name] = value
     for name, sensor in solution.sensors.items():
-        for key in ("displacement", "velocity", "acceleration"):
-            motion = getattr(sensor, key)
-            if motion is not None:
-                values.setdefault(f"peak_{key}", {})[name] = _largest(motion)
+        for motion, (key, _) in _PEAKS.items():
+            if (history := getattr(sensor, motion)) is not None:
+                values.setdefault(key, {})[name] = _largest(history)
     for name, reaction in solution.reactions.items():
         values.setdefault("peak_reaction", {})[name] = _largest(reaction.force)
     for name, bolt in solution.bolts.items():

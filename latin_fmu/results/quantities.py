@@ -209,14 +209,14 @@ NODES: Final = _places("node_", "node", "the node, reference configuration", "no
 SENSOR: Final = rows(
     """
     displacement | m     | time component | displacement of the sensor
-    velocity     | m s-1 | time component | velocity of the sensor
-    acceleration | m s-2 | time component | acceleration of the sensor | acceleration of the time scheme; where the \
-        scheme weights forces of two instants, that of about a tenth of a step earlier
+    velocity     | m s-1 | time component | unfiltered velocity of the sensor
+    acceleration | m s-2 | time component | unfiltered acceleration of the sensor | acceleration of the time scheme; \
+        where the scheme weights forces of two instants, that of about a tenth of a step earlier
     """
 )
 """Of a ``SensorHistory``."""
 FILTERED: Final = {
-    name: replace(row, name=f"{name}_filtered", meaning=f"{row.meaning}, low pass", comment=None)
+    name: replace(row, name=f"{name}_filtered", meaning=f"{name} of the sensor behind its filter", comment=None)
     for name, row in SENSOR.items()
 }
 """Motions of a sensor behind its filter."""

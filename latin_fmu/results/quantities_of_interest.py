@@ -127,6 +127,12 @@ of the iteration, kind of change."""
 ) = QUANTITIES_OF_INTEREST
 
 
+VELOCITY_UNFILTERED: Final = f"{VELOCITY_PEAK.key}_unfiltered"
+"""Key of the largest velocity of a sensor of all instants, m s-1, without the band of estimates."""
+ACCELERATION_UNFILTERED: Final = f"{ACCELERATION_PEAK.key}_unfiltered"
+"""Key of the largest acceleration of all instants, m s-2, likewise; behind a front it grows as the mesh is refined."""
+
+
 def definition_of(quantity: str) -> QuantityOfInterest:
     """Definition of the quantity ``owner.key``.
 

@@ -42,7 +42,7 @@ from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named, rows
 from .quantities_of_interest import (
-    ACCELERATION_PEAK,
+    ACCELERATION_UNFILTERED,
     BOLT_FORCE,
     CONTACT_SHARE,
     DISPLACEMENT,
@@ -51,7 +51,7 @@ from .quantities_of_interest import (
     FRICTION_WORK,
     IMPULSE,
     PEAK_FORCE,
-    VELOCITY_PEAK,
+    VELOCITY_UNFILTERED,
     ByQuantity,
     Force,
     InterfaceFields,
@@ -114,6 +114,8 @@ _UNITS: Final = {
     LARGEST_FORCE: "N",
     SPECTRUM_PEAK: "m s-2",
     LAST_BOLT_FORCE: "N",
+    VELOCITY_UNFILTERED: "m s-1",
+    ACCELERATION_UNFILTERED: "m s-2",
 }
 
 
@@ -413,8 +415,8 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
         DISPLACEMENT_PEAK.key: None if size[0] is None else float(size[0].max()),
     }
     if history.acceleration is not None:
-        made[VELOCITY_PEAK.key] = None if size[1] is None else float(size[1].max())
-        made[ACCELERATION_PEAK.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
+        made[VELOCITY_UNFILTERED] = None if size[1] is None else float(size[1].max())
+        made[ACCELERATION_UNFILTERED] = float(np.linalg.norm(history.acceleration, axis=1).max())
     return made
 
 

@@ -203,9 +203,17 @@ def loss_text(tension: Array) -> str:
     return "nothing lost" if abs(lost) < FLOOR else f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
 
 
+_LARGEST: Final = {
+    "displacement": "largest_displacement",
+    "velocity": "largest_unfiltered_velocity",
+    "acceleration": "largest_unfiltered_acceleration",
+}
+"""Keys of the largest magnitudes over time."""
+
+
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
-    rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in SENSOR), "at")]
+    rows: list[tuple[str, ...]] = [("sensor", "on", *(name.replace("_", " ") for name in _LARGEST.values()), "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
@@ -231,12 +239,12 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
 
 def sensor_report(outcome: Outcome) -> dict[str, Any]:
     """Per sensor ``substructure``, ``face`` (None of a point), ``point`` (m) and ``largest_displacement`` (m),
-    ``largest_velocity`` (m s-1), ``largest_acceleration`` (m s-2), None in quasi-static runs: largest magnitudes over
-    time."""
+    ``largest_unfiltered_velocity`` (m s-1), ``largest_unfiltered_acceleration`` (m s-2), None in quasi-static runs:
+    largest magnitudes over time. Estimates have those in a band, ``velocity_peak`` and ``acceleration_peak``."""
     return {
         name: {"substructure": history.substructure, "face": history.face, "point": [float(x) for x in history.point]}
         | {
-            f"largest_{motion}": None if pair is None else finite(pair[0])
+            _LARGEST[motion]: None if pair is None else finite(pair[0])
             for motion, row in SENSOR.items()
             for pair in [_largest(history, row, outcome.time)]
         }
