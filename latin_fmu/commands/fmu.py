@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -311,6 +312,10 @@ def _simulate(arguments: argparse.Namespace) -> int:
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
     # 0 and none: that of the FMU
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
+    if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] > 0.0):
+        which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
+        what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
+        say(f"latin-fmu: warning: {what}; are its times in s?")
     rows: list[Sequence[float]] = []
     limited = False
 
@@ -368,7 +373,7 @@ def _pair(text: str) -> tuple[str, Any]:
 def read_columns(path: Path) -> dict[str, list[float]]:
     """Columns of a CSV file by name; ``time`` among them.
 
-    Raises InputError where it cannot be read, holds no numbers, or has no increasing times.
+    Raises InputError where it cannot be read, holds no finite numbers, or has no increasing times.
     """
     problem = Problem(str(path), "not a table of numbers", None, "a header, then one row per time")
     try:
@@ -381,6 +386,13 @@ def read_columns(path: Path) -> dict[str, list[float]]:
         columns = {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(names)}
     except (OSError, ValueError, IndexError, csv.Error):  # of the text nothing is quoted
         raise InputError([problem], "the inputs cannot be read") from None
+    for name, column in columns.items():
+        for value in column:
+            if not math.isfinite(value):
+                problem = Problem(
+                    str(path), f"no finite number in column {name}", f"{value:g}", remedy="remove the row"
+                )
+                raise InputError([problem], "the inputs cannot be read")
     times = columns.get("time", [])
     if len(times) < 1 or any(b <= a for a, b in pairwise(times)):
         problem = Problem(str(path), "needs a column 'time' that increases strictly")

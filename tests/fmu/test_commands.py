@@ -143,9 +143,26 @@ def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, caps
         (["{fmu}", "--start", "x=1"], "no variable of this name"),
         (["{fmu}", "--start", "x"], "NAME=VALUE"),
         (["{fmu}", "--input", "nowhere.csv"], "nowhere.csv"),
+        (["{fmu}", "--input", "{inf}"], "no finite number in column load.press.value (value: inf)"),
     ],
 )
 def test_bad_arguments(fmus, tmp_path, arguments, words, capsys):
-    given = [a.replace("{fmu}", str(fmus["2"])) for a in arguments]
+    infinite = tmp_path / "inf.csv"
+    infinite.write_text("time,load.press.value\n0,inf\n1,1\n")
+    given = [a.replace("{fmu}", str(fmus["2"])).replace("{inf}", str(infinite)) for a in arguments]
     assert cli.main(["simulate", *given, "-o", str(tmp_path / "o.csv")]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [((1, 2), "begins after the simulation"), ((-2, -1), "ends before the simulation"), ((0, 1), "")],
+)
+def test_inputs_at_other_times_than_those_of_the_simulation_are_told(fmus, tmp_path, times, words, capsys):
+    table = tmp_path / "in.csv"
+    table.write_text(f"time,load.press.value\n{times[0]},1\n{times[1]},2\n")
+    asked = ["simulate", str(fmus["2"]), "--input", str(table), "--stop", "1e-6", "-o", str(tmp_path / "o.csv")]
+    assert cli.main(asked) == 0
+    said = capsys.readouterr().err
+    assert ("warning: the table of inputs" in said) == bool(words)
+    assert words in said
