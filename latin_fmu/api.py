@@ -209,8 +209,7 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings = Timings()
-    limit = _CpuLimit(max_cpu, clock.process_time())
+    timings, limit = Timings(), _CpuLimit(max_cpu, clock.process_time())
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
@@ -497,7 +496,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance, ends),
+            *run_remarks(problem, histories, time, balance, ends, recorder.stresses.of(time)),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
@@ -521,7 +520,7 @@ def _thinning(recorder: Recorder) -> list[str]:
 def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
     """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
     the substructures of this process."""
-    request = problem.output
+    request = replace(problem.output, watch=True)
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)

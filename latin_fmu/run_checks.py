@@ -37,7 +37,7 @@ from .assembly.problem import SolverReadyProblem
 from .interface.laws import SEPARATION, bonds
 from .latin.assembly import Array, Assembly
 from .latin.outcome import InterfaceHistory, Resultants
-from .latin.recorder import SubstructureInfo
+from .latin.recorder import LargestStress, SubstructureInfo
 from .latin.status import Account
 from .propagator import SubstructureModel
 from .propagator.base import full_displacement
@@ -67,10 +67,12 @@ def run_remarks(
     time: Array,
     balance: Mapping[str, Resultants],
     ends: Mapping[str, BodyEnd],
+    stresses: Mapping[str, LargestStress],
 ) -> list[Remark]:
-    """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, and resultants.
+    """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, resultants, and bodies
+    beyond their yield stress.
 
-    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``.
+    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``. ``stresses`` : of the run.
     """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
     return [
@@ -79,6 +81,7 @@ def run_remarks(
         *remarks_of("scheme", impact_remarks(problem, histories, time)),
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
+        *remarks_of("yield", yield_remarks(problem, stresses)),
     ]
 
 
@@ -160,6 +163,24 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
     change = (moved[:, last] - moved[:, first])[there]
     length = np.einsum("ei,ei->e", edge, edge)
     return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))  # (u . e) / e^2
+
+
+def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
+    """Sentences on bodies whose von Mises stress has exceeded the yield stress of their material."""
+    remarks, units = [], problem.unit_system
+    for name, of in stresses.items():
+        info = problem.info[name]
+        if info.yield_stress is None or not of.stress > info.yield_stress:
+            continue
+        cell = np.asarray(info.cells)[of.element]
+        at = ", ".join(f"{x:.4g}" for x in info.nodes[cell[cell >= 0]].mean(axis=0))
+        remarks.append(
+            f"substructure {name} is beyond its yield stress: a von Mises stress of {of.stress:.4g} {units['Pa']} or "
+            f"more (yield_stress {info.yield_stress:.4g} {units['Pa']}) at {of.time:.4g} s, mean of the element at "
+            f"[{at}], in {of.above} of {len(info.cells)} elements; the model is elastic: beyond yield its stresses and "
+            "forces are too large and nothing stays bent; lower the loads, or take the results there for an estimate"
+        )
+    return remarks
 
 
 def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:

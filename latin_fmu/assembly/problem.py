@@ -258,11 +258,14 @@ class DiscretisedProblem:
         """Meshes for the recorder; ``shortening`` of the bolts, m."""
         stress, made = self.scene.output.stress, {}
         for n, b in self.bodies.items():
-            opened = self.opened(n, shortening) if stress else None
+            limit = None if b.rigid else b.shape.material.yield_stress
+            wanted = stress or limit is not None
+            opened = self.opened(n, shortening) if wanted else None
             recover = None if opened is None else OpenedStress(opened, b.shape.elasticity)
-            plain = b.shape.stress if stress and not b.rigid else None
+            plain = b.shape.stress if wanted and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
-            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, self._unstrained(b, stress))
+            unstrained = self._unstrained(b, wanted)
+            made[n] = SubstructureInfo(b.mesh.nodes, cells, types, recover or plain, unstrained, limit)
         return made
 
     def _unstrained(self, body: Body, yielding: bool = False) -> Callable[[Array], Array] | None:

@@ -38,12 +38,12 @@ from ..results.quantities import AXES, FILTERED, SENSOR
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
     ACCELERATION_UNFILTERED,
-    BOLT_FORCE,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
     FORCE_HISTORY,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     SPECTRUM,
     VELOCITY_HISTORY,
@@ -98,16 +98,16 @@ def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> di
     return {name: own, FILTERED[name].name: replace(own, filtered=True)}
 
 
-_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED,), ACCELERATION_PEAK)
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED.key,), ACCELERATION_PEAK)
 _RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
 MEASURABLE: Final = {
     **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_UNFILTERED,), VELOCITY_HISTORY),
+    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_HISTORY),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
     "normal_force": _RESULTANT,
-    "tension": Measurable("bolt", "N", (BOLT_FORCE.key,), BOLT_FORCE),
+    "tension": Measurable("bolt", "N", (LARGEST_BOLT_FORCE.key,), LARGEST_BOLT_FORCE),
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }

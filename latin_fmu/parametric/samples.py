@@ -24,6 +24,7 @@ from ..results.dataset import datatree
 from ..results.files import write_groups
 from ..results.groups import StoredGroup, StoredVariable, in_units
 from ..results.quantities_of_interest import in_words
+from ..results.sensitivities import DOUBT
 from ..results.sentences import named_lines
 from ..results.solution import Solution
 from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
@@ -120,7 +121,7 @@ class SampledBands:
             )
             if np.isfinite(ratio := self.ratio(q.quantity)):
                 text += f", to first order {percent(abs(ratio - 1.0))} {'wider' if ratio > 1.0 else 'narrower'}"
-            made.append((in_words(q.quantity), text + " (states change on the way)" * q.flagged))
+            made.append((in_words(q.quantity), text + DOUBT * q.flagged))
         head = [f"  {self.count} samples:"]
         if self.left_out:
             what = (

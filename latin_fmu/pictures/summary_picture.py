@@ -349,8 +349,11 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     curves, unit, time = {}, "N", np.zeros(0)
     for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
-        end = "" if share_lost(tension) is None else " at the end"
-        curves[f"{name}: {loss_text(tension)}{end}"] = tension
+        last = float(dataset["end_force"])
+        # the mean of the last periods where it oscillates
+        words = " at the end" if last == tension[-1] else " by the mean at the end"
+        end = "" if share_lost(tension, last) is None else words
+        curves[f"{name}: {loss_text(tension, last)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
 
