@@ -209,7 +209,7 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings, start = Timings(), clock.process_time()
+    timings, limit = Timings(), _CpuLimit(max_cpu, clock.process_time())
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
@@ -224,7 +224,7 @@ def solve(
         )
         if stream is not None:
             check_folder(stream, least_output(prediction))
-        timings.setup = clock.process_time() - start
+        timings.setup = clock.process_time() - limit.begin
         left_out = problem.untouched
         names = [] if left_out is None else [*left_out.info]
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
@@ -240,7 +240,7 @@ def solve(
             leave_out = False
         elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
-        # its time counts as set-up: ``start`` stays
+        # its time counts as set-up: the limit begins where it did
         timings = Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
@@ -255,7 +255,6 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    limit = _CpuLimit(max_cpu, start)
     outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
     return Solution(
         outcome,

@@ -129,6 +129,18 @@ def test_a_scene_that_does_not_build_is_drawn_all_the_same() -> None:
     assert "bc: contact" in labels
 
 
+def test_labels_of_a_short_axis_do_not_touch() -> None:
+    """A bar of a tenth of its length in width."""
+    bar = Box(Material(2e11, 7800.0, 0.3, "steel"), (0.2, 0.02, 0.02), (4, 2, 2))
+    figure = assembly_figure(scene_from_dict(column({"a": bar}, {}, {"end": 2e-6, "step": 2e-7})), [])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    ticks = [t for t in figure.axes[0].texts if t.get_text().lstrip("-").replace(".", "").isdigit()]
+    boxes = [t.get_window_extent(canvas.get_renderer()) for t in ticks]
+    assert len(boxes) > 6
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
 @pytest.mark.parametrize("builds", [True, False])
 def test_contacts_that_are_found_are_in_the_legend(builds: bool) -> None:
     """Before any number of bonds, which have one entry; also in a scene that does not build."""
