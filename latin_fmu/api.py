@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
@@ -15,11 +15,13 @@ import numpy as np
 from .assembly.bolts import Yielding
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines
+from .assembly.copies import Marched, marched_beside
 from .assembly.free_bodies import loss_of_equilibrium
-from .assembly.models import KeptOperators
+from .assembly.models import Kept, KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.sensitivities import Tangents
+from .assembly.statics import Stage
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
@@ -47,6 +49,16 @@ from .scene.schema import Scene
 from .scene.units import UnitSystem
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
+_UNCHECKED: Final = (
+    "fields",
+    "stress",
+    "nodal_stress",
+    "principal_stress",
+    "strain",
+    "surfaces",
+    "reactions",
+    "energy",
+)
 _STREAMED: Final = (
     "long run: the results file holds all histories of the interfaces; forces, impulses, contact times and estimates "
     "shown here follow from every {}th instant"
@@ -290,7 +302,8 @@ def _derivatives(
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made, progress)
+        motion = tangent.motion(*ended)
+        made, missing = _checked(scene, made, outcome, motion, tangent.statics, progress)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -301,27 +314,68 @@ def _derivatives(
     return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
+def _checked(
+    scene: Scene,
+    made: Sensitivities,
+    outcome: Outcome,
+    motion: Stage,
+    statics: Kept | None,
+    progress: ProgressSink | None,
+) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
-    that have none."""
-    plain = scene.undifferentiated
-    runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
-    every = scene.output.check_sensitivities == "all"
-    for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
-        if not (every or share > GATHERED):
-            runs.append(None)
+    that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is used again."""
+    larger, why = _larger(scene, made)
+    runs: list[dict[str, float] | None] = [None] * len(made.derivatives)
+    known = {q.quantity: q.value for q in made.quantities}
+    steps, report = max(len(outcome.windows), 1), None if progress is None else progress.update
+    newton = sum(window.newton_steps for window in outcome.windows) / steps
+    together: list[tuple[Marched, Marched] | None] = [None] * len(larger)
+    # what cannot be computed together is run alone, and says why
+    with suppress(LatinError), computable(), one_thread():
+        together = marched_beside(motion, list(larger.values()), statics, newton, report)
+    for (i, other), marched in zip(larger.items(), together, strict=True):
+        if marched is not None:
+            more, same = (_scalars(scene, outcome, copy) for copy in marched)
+            runs[i] = {key: known[key] + more[key] - same[key] for key in known.keys() & more.keys() & same.keys()}
             continue
-        why, run = "its value is 0", None
-        if d.value != 0.0:
-            try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
-                run = scalars_of(other.outcome, other.spectra) if other.converged else None
-                why = other.status
-            except LatinError as error:
-                why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
-        runs.append(run)
-        missing += [] if run is not None else [f"the derivatives by {d.name} are not checked: {why}"]
+        kept = KeptOperators() if motion.problem.kept is None else motion.problem.kept.copy()
+        try:
+            solution = solve(other, kept=kept, progress=progress)
+        except LatinError as error:
+            why[i] = str(error.problems[0] if isinstance(error, InputError) else error)
+            continue
+        if solution.converged:
+            runs[i] = scalars_of(replace(solution.outcome, energy=outcome.energy), solution.spectra)
+        else:
+            why[i] = solution.status
+    missing = [f"the derivatives by {made.derivatives[i].name} are not checked: {why[i]}" for i in sorted(why)]
     return made.checked(runs), missing
+
+
+def _scalars(scene: Scene, outcome: Outcome, copy: Marched) -> dict[str, float]:
+    """Scalar quantities of a copy of a run with this outcome."""
+    ended = replace(outcome, interfaces=copy.interfaces, sensors=copy.sensors, bolts=copy.bolts)
+    return scalars_of(ended, spectra_of(ended, scene.sensor))
+
+
+def _larger(scene: Scene, made: Sensitivities) -> tuple[dict[int, Scene], dict[int, str]]:
+    """Scenes with a parameter larger by CHECKED that check derivatives, by its number, and why others have none."""
+    plain = scene.undifferentiated
+    unkept = plain.output.model_copy(update=dict.fromkeys(_UNCHECKED, False))
+    plain = plain.model_copy(update={"output": unkept})
+    larger, why = dict[int, Scene](), dict[int, str]()
+    every = scene.output.check_sensitivities == "all"
+    for i, (d, share) in enumerate(zip(made.derivatives, made.flagged_shares, strict=True)):
+        if not (every or share > GATHERED):
+            continue
+        if d.value == 0.0:
+            why[i] = "its value is 0"
+            continue
+        try:
+            larger[i] = plain.replace(d.name, (1.0 + CHECKED) * d.value)
+        except InputError as error:
+            why[i] = str(error.problems[0])
+    return larger, why
 
 
 def _made(

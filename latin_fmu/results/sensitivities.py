@@ -428,7 +428,8 @@ def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[s
     for name, bolt in outcome.bolts.items():
         owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
     if outcome.energy is not None:
-        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: float(outcome.energy[FRICTION_ENERGY][-1])}))
+        works = [own[FRICTION_WORK.key] for _, own in owned if FRICTION_WORK.key in own]
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: sum(work or 0.0 for work in works)}))
     pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
     return {quantity: value for quantity, value in pairs if value is not None}
 

@@ -113,7 +113,7 @@ def judged(scene: latin_fmu.Scene) -> Pairs | None:
     runs = list[dict[str, float] | None]()
     for d in made.derivatives:
         more = latin_fmu.solve(scene.replace(d.name, (1.0 + CHECKED) * d.value))
-        runs.append(scalars_of(more.outcome, scene.sensor) if more.converged else None)
+        runs.append(scalars_of(more.outcome, more.spectra) if more.converged else None)
     return _pairs(made, runs)
 
 

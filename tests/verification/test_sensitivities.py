@@ -11,7 +11,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu import api
+from latin_fmu.assembly import copies
 from latin_fmu.assembly.build import build
+from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
@@ -517,6 +519,59 @@ def test_the_table_of_flags_counts_what_runs_replace() -> None:
     np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
     assert 0 < pairs.left.sum() < pairs.off.sum()
     assert pairs.runs == len(usual.tried)
+
+
+@pytest.mark.parametrize("case", [MATERIALS, BOLTED], ids=["materials", "tightened bolt"])
+def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copies with the operators of the run share its classes, others have their own; friction and a bolt force change
+    the start, too."""
+    scene = scene_of((case[0], (*case[1], "output.check_sensitivities=all"), ()))
+    wanted = scene.replace("output.sensitivities", list(case[2]))
+    together, members = list[list[bool]](), list[list[int]]()
+    beside, march = api.marched_beside, copies.Run.all
+
+    def marched(*given: object) -> list[object]:
+        made = beside(*given)
+        together.append([pair is not None for pair in made])
+        return made
+
+    def counted(run: copies.Run) -> None:
+        members.append([len(p.members) for p in run.assembly.propagators])
+        march(run)
+
+    monkeypatch.setattr(api, "marched_beside", marched)
+    alone = latin_fmu.solve(wanted).sensitivities
+    # at this tolerance instants take Newton steps
+    monkeypatch.setattr(copies, "_LARGE", 0)
+    monkeypatch.setattr(copies, "_NEWTON", np.inf)
+    monkeypatch.setattr(copies.Run, "all", counted)
+    own = latin_fmu.solve(wanted).sensitivities
+    assert together == [[False] * 3, [True] * 3]
+    assert sum(members[-1]) == 4 * len(scene.substructure)
+    assert max(members[-1]) >= (4 if case is BOLTED else 3)
+    assert own.tried == alone.tried == tuple(wanted.output.sensitivities)
+    assert sum(alone.is_secant(q).sum() for q in alone.quantities) > 0
+    for first, second in zip(alone.quantities, own.quantities, strict=True):
+        np.testing.assert_array_equal(alone.is_secant(first), own.is_secant(second), err_msg=first.quantity)
+        limit = 1e-5 * np.maximum(np.abs(first.changes), abs(first.value))
+        assert (np.abs(first.changes - second.changes) <= limit).all(), first.quantity
+
+
+def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction changes none of them, the modulus of steel those of one of two bodies."""
+    solved, known = api.solver_ready, list[list[bool]]()
+
+    def ready(problem: DiscretisedProblem, *given: object) -> SolverReadyProblem:
+        before = [] if problem.kept is None else [id(p.operators) for p in problem.kept.propagators]
+        made = solved(problem, *given)
+        known.append([id(p.operators) in before for p in made.assembly.propagators])
+        return made
+
+    monkeypatch.setattr(api, "solver_ready", ready)
+    scene = scene_of((MATERIALS[0], (*MATERIALS[1], "output.check_sensitivities=all"), ()))
+    names = ["material.steel.young_modulus", "interface.crush.friction_coefficient"]
+    latin_fmu.solve(scene.replace("output.sensitivities", names))
+    assert known == [[False, False], [True, False], [True, True]]
 
 
 def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
