@@ -39,7 +39,7 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
-from .results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from .results.sensitivities import CHECKED, Sensitivities, scalars_of
 from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
@@ -322,8 +322,8 @@ def _checked(
     statics: Kept | None,
     progress: ProgressSink | None,
 ) -> tuple[Sensitivities, list[str]]:
-    """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
-    that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is used again."""
+    """Derivatives checked by runs, for every parameter or those by which a quantity is flagged, and remarks on those of
+    them that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is used again."""
     larger, why = _larger(scene, made)
     runs: list[dict[str, float] | None] = [None] * len(made.derivatives)
     known = {q.quantity: q.value for q in made.quantities}
@@ -365,8 +365,8 @@ def _larger(scene: Scene, made: Sensitivities) -> tuple[dict[int, Scene], dict[i
     plain = plain.model_copy(update={"output": unkept})
     larger, why = dict[int, Scene](), dict[int, str]()
     every = scene.output.check_sensitivities == "all"
-    for i, (d, share) in enumerate(zip(made.derivatives, made.flagged_shares, strict=True)):
-        if not (every or share > GATHERED):
+    for i, (d, flagged) in enumerate(zip(made.derivatives, made.flagged, strict=True)):
+        if not (every or flagged):
             continue
         if d.value == 0.0:
             why[i] = "its value is 0"

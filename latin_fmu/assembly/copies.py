@@ -39,7 +39,8 @@ from .statics import Stage
 
 MARK: Final = "|"
 """Between the number of a copy and a name."""
-_MOST: Final = 8  # copies at a time, that of the run included: more gain little, and take memory
+MOST: Final = 8
+"""Copies at a time, that of the run included: more gain little, and take memory."""
 _LARGE: Final = 3000
 """Unknowns of a body from which on the factor is most of what an instant reads. Then 4 copies cost 2.7 marches (blocks
 of 1,000 elements); 5 copies of blocks of 216 elements in three classes cost 5, no less than runs one by one."""
@@ -191,8 +192,8 @@ def marched_beside(
         return made
     copies = {i: copy for i, scene in enumerate(scenes) if (copy := _built(stage, scene, statics)) is not None}
     numbers = list(copies)
-    for first in range(0, len(numbers), _MOST - 1):
-        part = numbers[first : first + _MOST - 1]
+    for first in range(0, len(numbers), MOST - 1):
+        part = numbers[first : first + MOST - 1]
         run = _run(stage, [_Copy(stage.problem, stage.start), *(copies[i] for i in part)], progress)
         if run is not None:
             tables = run.recorder.interfaces(), run.recorder.sensors(run.assembly), run.recorder.bolt_histories()

@@ -21,7 +21,7 @@ force at its event by its height times the shift, which the steps resolve to som
   peak that becomes the largest, a wave that arrives at another instant and slip that turns bend it without any change
   of state.
 
-A parameter by which more than ``GATHERED`` of the quantities are flagged has a run in which it is larger by ``CHECKED``
+A parameter by which a quantity is flagged has a run in which it is larger by ``CHECKED``
 (``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
 further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 """
@@ -86,8 +86,6 @@ _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
 CHECKED: Final = 0.05
 """Change of a parameter, over its value, in the run that checks derivatives."""
-GATHERED: Final = 0.25
-"""Share of the quantities that are flagged by a parameter from which on a run checks it."""
 APART, NOTHING = 0.1, 0.01
 """Share of the secant and of the value of a quantity within which a derivative agrees with it."""
 PART: Final = 0.1
@@ -186,10 +184,10 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
     tried: tuple[str, ...] = ()
 
     @property
-    def flagged_shares(self) -> Array:
-        """Share (n,) of the quantities that are flagged, by parameter."""
-        flags = np.array([q.flagged for q in self.quantities]).reshape(-1, len(self.derivatives))
-        return np.asarray(flags.sum(axis=0) / max(len(flags), 1))
+    def flagged(self) -> NDArray[np.bool_]:
+        """Whether any quantity is flagged (n,), by parameter."""
+        flags = np.array([q.flagged for q in self.quantities], dtype=bool).reshape(-1, len(self.derivatives))
+        return np.asarray(flags.any(axis=0))
 
     @staticmethod
     def of(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import latin_fmu
 from latin_fmu.errors import LatinError
-from latin_fmu.results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from latin_fmu.results.sensitivities import CHECKED, Sensitivities, scalars_of
 from tests.scenes import MODELS
 
 from .solid_strangers import solid
@@ -121,7 +121,7 @@ def _pairs(made: Sensitivities, runs: list[dict[str, float] | None]) -> Pairs:
     none = np.zeros(len(runs), dtype=bool)
     without_flags = replace(made, quantities=[replace(q, flagged=none) for q in made.quantities])
     off = without_flags.checked(runs)
-    checked = made.flagged_shares > GATHERED
+    checked = made.flagged
     rows = [
         (q.quantity.rpartition(".")[2], off.is_secant(q)[i], q.flagged[i], checked[i])
         for q in made.quantities

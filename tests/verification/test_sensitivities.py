@@ -471,12 +471,15 @@ def test_a_secant_takes_the_place_of_a_change_that_is_flagged_or_contradicted() 
         assert checked.tried == CRUSHING[2][:1]
 
 
-def test_a_run_checks_the_parameters_by_which_many_are_flagged() -> None:
-    """Two of the seven quantities are flagged by the friction, above a quarter, none by the pressure."""
+def test_a_run_checks_the_parameters_by_which_a_quantity_is_flagged() -> None:
+    """Two of the seven quantities are flagged by the friction, none by the pressure."""
     plain = differentiated(CRUSHING).sensitivities
-    shares = [np.mean([q.flagged[i] for q in plain.quantities]) for i in range(2)]
-    np.testing.assert_allclose(plain.flagged_shares, shares)
-    assert shares == pytest.approx([2 / 7, 0.0])
+    assert [sum(int(q.flagged[i]) for q in plain.quantities) for i in range(2)] == [2, 0]
+    assert plain.flagged.tolist() == [True, False]
+    one = replace(
+        plain, quantities=[plain.quantities[0], replace(plain.quantities[1], flagged=np.array([False, True]))]
+    )
+    assert one.flagged.tolist() == [bool(plain.quantities[0].flagged[0]), True]
     checked = latin_fmu.solve(scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))).sensitivities
     assert checked.tried == CRUSHING[2][:1]
     for own, q in zip(plain.quantities, checked.quantities, strict=True):
@@ -517,7 +520,10 @@ def test_the_table_of_flags_counts_what_runs_replace() -> None:
     usual = latin_fmu.solve(wanted).sensitivities
     agreed = np.concatenate([usual.is_secant(q) | q.flagged for q in usual.quantities])
     np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
-    assert 0 < pairs.left.sum() < pairs.off.sum()
+    assert 0 < pairs.off.sum() < len(pairs.off)
+    held = np.array([[True, False, False], [True, True, False], [True, False, True], [False, False, False]]).T
+    made = sensitivity_flags.Pairs(np.full(4, "slip"), *held, parameters=1, runs=1)
+    assert made.left.tolist() == [True, False, False, False]
     assert pairs.runs == len(usual.tried)
 
 
