@@ -323,7 +323,7 @@ def _checked(
     progress: ProgressSink | None,
 ) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which a quantity is flagged, and remarks on those of
-    them that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is used again."""
+    them that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is taken."""
     larger, why = _larger(scene, made)
     runs: list[dict[str, float] | None] = [None] * len(made.derivatives)
     known = {q.quantity: q.value for q in made.quantities}

@@ -21,8 +21,8 @@ force at its event by its height times the shift, which the steps resolve to som
   peak that becomes the largest, a wave that arrives at another instant and slip that turns bend it without any change
   of state.
 
-A parameter by which a quantity is flagged has a run in which it is larger by ``CHECKED``
-(``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
+Every parameter has a run in which it is larger by ``CHECKED`` (``output.check_sensitivities``: none has, or those have
+by which a quantity is flagged): its secant takes the place of a change that is flagged, or
 further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 """
 
@@ -297,7 +297,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
             f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}" if self.tried else "no"
         )
         if len(self.tried) < len(self.derivatives):
-            checked += '; output.check_sensitivities = "all" checks every parameter by a run'
+            checked += '; output.check_sensitivities = "all" checks every parameter that has a value 5 % larger'
         made.append(("checked", checked))
         return named_lines(made)
 

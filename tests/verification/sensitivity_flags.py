@@ -6,7 +6,7 @@ Scenes are shipped models and, of the odd seeds, random solids (``solid_stranger
 parameters the first friction, load, velocity and bolt force of each, modulus and density of its first material. A
 change is off where it is so far from the secant of the run that ``output.check_sensitivities = "all"`` replaces it
 without a flag. Precision is the share of the flagged ones that are off, recall the share of those off that are flagged.
-Left are those off that have no flag and whose parameter has no run by default.
+Left are those off that have no flag and whose parameter has no run with "flagged".
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Pairs:
     """Pairs of quantity and parameter of a scene (n,): kind of the quantity, what holds for each, and how many of the
-    parameters have a run by default."""
+    parameters have a run with ``output.check_sensitivities = "flagged"``."""
 
     kinds: NDArray[np.str_]
     off: Mask
@@ -150,7 +150,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="1:44", help="FIRST:END")
     first, end = map(int, parser.parse_args().seeds.split(":"))
     kinds: dict[str, list[Pairs]] = {}
-    print("| scene | pairs | off | flagged | precision | recall | runs by default | left |\n" + "|---" * 8 + "|")  # noqa: T201
+    print("| scene | pairs | off | flagged | precision | recall | runs with flagged | left |\n" + "|---" * 8 + "|")  # noqa: T201
     with tempfile.TemporaryDirectory() as folder:
         for kind, name, scene in scenes(first, end, Path(folder)):
             try:

@@ -480,7 +480,9 @@ def test_a_run_checks_the_parameters_by_which_a_quantity_is_flagged() -> None:
         plain, quantities=[plain.quantities[0], replace(plain.quantities[1], flagged=np.array([False, True]))]
     )
     assert one.flagged.tolist() == [bool(plain.quantities[0].flagged[0]), True]
-    checked = latin_fmu.solve(scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))).sensitivities
+    scene = scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))
+    assert latin_fmu.solve(scene).sensitivities.tried == CRUSHING[2]
+    checked = latin_fmu.solve(scene.replace("output.check_sensitivities", "flagged")).sensitivities
     assert checked.tried == CRUSHING[2][:1]
     for own, q in zip(plain.quantities, checked.quantities, strict=True):
         assert q.changes[1] == own.changes[1]
@@ -510,14 +512,14 @@ def test_a_parameter_of_0_and_a_run_that_fails_keep_their_flags(monkeypatch: pyt
 
 
 def test_the_table_of_flags_counts_what_runs_replace() -> None:
-    """Off or flagged: the changes that ``check_sensitivities = "all"`` replaces; left: those of no run by default."""
+    """Off or flagged: the changes that are replaced by default; left: those of no run with "flagged"."""
     scene = scene_of(CRUSHING)
     pairs = sensitivity_flags.judged(scene)
     wanted = scene.replace("output.sensitivities", sensitivity_flags.parameters_of(scene))
     checked = latin_fmu.solve(wanted.replace("output.check_sensitivities", "all")).sensitivities
     replaced = np.concatenate([checked.is_secant(q) for q in checked.quantities])
     np.testing.assert_array_equal(pairs.off | pairs.flagged, replaced)
-    usual = latin_fmu.solve(wanted).sensitivities
+    usual = latin_fmu.solve(wanted.replace("output.check_sensitivities", "flagged")).sensitivities
     agreed = np.concatenate([usual.is_secant(q) | q.flagged for q in usual.quantities])
     np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
     assert 0 < pairs.off.sum() < len(pairs.off)
