@@ -199,10 +199,11 @@ def solve(
     fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
     processes : over which the substructures are distributed; all of them call this function with the same scene, and
         have the whole solution at its end.
-    max_cpu : CPU time that the run may take, its set-up included, s. A run that reaches it stops before its next
-        instant, not converged: ``Solution.interrupted`` says so, the results until then are kept, and a ``checkpoint``
-        is written, from which it can be continued. On several processes: of each of them; all stop before the same
-        instant.
+    max_cpu : CPU time that the run may take, its set-up, derivatives and the runs that check them included, s. A run
+        that reaches it stops before its next instant, not converged: ``Solution.interrupted`` says so, the results
+        until then are kept, and a ``checkpoint`` is written, from which it can be continued. Where it is reached after
+        the run, derivatives, or their checks, are left out, with a remark. On several processes: of each of them; all
+        stop before the same instant.
 
     Raises
     ------
@@ -220,8 +221,7 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings = Timings()
-    start = clock.process_time()
+    timings, limit = Timings(), _CpuLimit(max_cpu, clock.process_time())
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
@@ -236,7 +236,7 @@ def solve(
         )
         if stream is not None:
             check_folder(stream, least_output(prediction))
-        timings.setup = clock.process_time() - start
+        timings.setup = clock.process_time() - limit.begin
         left_out = problem.untouched
         names = [] if left_out is None else [*left_out.info]
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
@@ -252,7 +252,7 @@ def solve(
             leave_out = False
         elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
-        # its time counts as set-up: ``start`` stays
+        # its time counts as set-up: the limit begins where it did
         timings = Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
@@ -267,7 +267,7 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress)
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
     return Solution(
         outcome,
         scene.text(),
@@ -281,12 +281,30 @@ def solve(
     )
 
 
+@dataclass(frozen=True)
+class _CpuLimit:
+    """Limit of CPU time of a run: ``seconds`` from ``begin`` of ``process_time`` on; None for no limit."""
+
+    seconds: float | None
+    begin: float
+
+    @property
+    def left(self) -> float | None:
+        """CPU seconds that are left; None for no limit."""
+        return None if self.seconds is None else max(self.begin + self.seconds - clock.process_time(), 0.0)
+
+    def sentence(self, what: str) -> str:
+        """That the limit leaves no time, and what a higher one gives."""
+        return f"the limit of {self.seconds:g} s of CPU time leaves no time for them; a higher limit gives {what}"
+
+
 def _derivatives(
     scene: Scene,
     outcome: Outcome,
     tangent: Tangents | None,
     ended: tuple[SolverReadyProblem, Recorder],
     progress: ProgressSink | None,
+    limit: _CpuLimit,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
     """Derivatives of a run by parameters, and bands from those that scatter. None, and a remark, where they cannot be
     computed: the results of the run do not depend on them."""
@@ -294,16 +312,27 @@ def _derivatives(
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
     spectra = spectra_of(outcome, scene.sensor)
-    shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
+
+    def check() -> None:
+        if limit.left == 0.0:
+            raise SolverError(limit.sentence("the derivatives and the bands" if scene.spread else "the derivatives"))
+
+    def shown(done: int, total: int) -> None:
+        if done < total:
+            check()
+        if progress is not None:
+            progress.update(done, total, 0, 0.0)
+
     if outcome.converged and outcome.complete:
         try:
+            check()
             with one_thread():
                 made = Sensitivities.of(outcome, tangent.march(*ended, shown), spectra)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
         motion = tangent.motion(*ended)
-        made, missing = _checked(scene, made, outcome, motion, tangent.statics, progress)
+        made, missing = _checked(scene, made, outcome, (motion, tangent.statics), progress, limit)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -318,38 +347,47 @@ def _checked(
     scene: Scene,
     made: Sensitivities,
     outcome: Outcome,
-    motion: Stage,
-    statics: Kept | None,
+    ended: tuple[Stage, Kept | None],
     progress: ProgressSink | None,
+    limit: _CpuLimit,
 ) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which a quantity is flagged, and remarks on those of
-    them that have none. ``motion`` of the run, ``statics`` : operators of its static start; what is equal is taken."""
-    larger, why = _larger(scene, made)
+    them that have none. ``ended`` : motion of the run, and operators of its static start; what is equal is taken."""
+    (motion, statics), (larger, why) = ended, _larger(scene, made)
     runs: list[dict[str, float] | None] = [None] * len(made.derivatives)
     known = {q.quantity: q.value for q in made.quantities}
     steps, report = max(len(outcome.windows), 1), None if progress is None else progress.update
     newton = sum(window.newton_steps for window in outcome.windows) / steps
     together: list[tuple[Marched, Marched] | None] = [None] * len(larger)
+    march, left = outcome.timings.march, limit.left
     # what cannot be computed together is run alone, and says why
-    with suppress(LatinError), computable(), one_thread():
-        together = marched_beside(motion, list(larger.values()), statics, newton, report)
+    if left is None or left > (len(larger) + 1) * march:
+        with suppress(LatinError), computable(), one_thread():
+            together = marched_beside(motion, list(larger.values()), statics, newton, report)
     for (i, other), marched in zip(larger.items(), together, strict=True):
         if marched is not None:
             more, same = (_scalars(scene, outcome, copy) for copy in marched)
             runs[i] = {key: known[key] + more[key] - same[key] for key in known.keys() & more.keys() & same.keys()}
             continue
-        kept = KeptOperators() if motion.problem.kept is None else motion.problem.kept.copy()
+        kept, left = KeptOperators() if motion.problem.kept is None else motion.problem.kept.copy(), limit.left
+        if left is not None and left <= march:
+            why[i] = limit.sentence("their checks")
+            continue
         try:
-            solution = solve(other, kept=kept, progress=progress)
+            solution = solve(other, kept=kept, progress=progress, max_cpu=left)
         except LatinError as error:
             why[i] = str(error.problems[0] if isinstance(error, InputError) else error)
             continue
         if solution.converged:
             runs[i] = scalars_of(replace(solution.outcome, energy=outcome.energy), solution.spectra)
         else:
-            why[i] = solution.status
-    missing = [f"the derivatives by {made.derivatives[i].name} are not checked: {why[i]}" for i in sorted(why)]
-    return made.checked(runs), missing
+            why[i] = limit.sentence("their checks") if solution.interrupted else solution.status
+    missing = dict[str, list[str]]()
+    for i in sorted(why):
+        missing.setdefault(why[i], []).append(made.derivatives[i].name)
+    return made.checked(runs), [
+        f"the derivatives by {', '.join(names)} are not checked: {reason}" for reason, names in missing.items()
+    ]
 
 
 def _scalars(scene: Scene, outcome: Outcome, copy: Marched) -> dict[str, float]:
@@ -512,7 +550,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance, ends),
+            *run_remarks(problem, histories, time, balance, ends, recorder.stresses.of(time)),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
@@ -536,7 +574,7 @@ def _thinning(recorder: Recorder) -> list[str]:
 def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
     """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
     the substructures of this process."""
-    request = problem.output
+    request = replace(problem.output, watch=True)
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)
