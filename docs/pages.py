@@ -398,7 +398,7 @@ def _types(page: str) -> Iterator[str]:
             thing = getattr(import_module(".".join(path.relative_to(ROOT).with_suffix("").parts)), name)
             own = [one for one, what in vars(thing).items() if not one.startswith("_") and inspect.isfunction(what)]
             methods = f"Methods: {', '.join(f'`{one}`' for one in own)}." if own else ""
-            text = _doc((inspect.getdoc(thing) or "").split("\n\nExamples")[0])
+            text = _doc(_docstring(thing).split("\n\nExamples")[0])
             yield "\n\n".join(part for part in (f"### {name}", text, methods) if part)
     for body in bodies.values():
         for node, after in zip(body, [*body[1:], None], strict=True):
@@ -413,7 +413,7 @@ def _entry(module: str, name: str, thing: Any) -> str:
     """Signature and docstring of one name; of a class also its public methods and properties."""
     if not callable(thing):
         return f"### {name}\n\n`{module}.{name}` = `{thing!r}`"
-    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(inspect.getdoc(thing) or "")]
+    parts = [f"### {name}", f"```text\n{_signature(f'{module}.{name}', thing)}\n```", _doc(_docstring(thing))]
     if inspect.isclass(thing) and not issubclass(thing, Exception):
         for own, member in vars(thing).items():
             plain = member.__func__ if isinstance(member, (staticmethod, classmethod)) else member
@@ -469,6 +469,19 @@ def _separated(parameters: list[inspect.Parameter]) -> Iterator[str]:
         yield str(one)
 
 
+ABOVE = re.compile(r" \((?:\w+ in the )?module docstring\)")
+
+
+def _docstring(thing: Any) -> str:
+    """The docstring; behind its first paragraph that of the module, where it refers to it."""
+    first, gap, rest = (inspect.getdoc(thing) or "").partition("\n\n")
+    module = inspect.getmodule(thing)
+    if not ABOVE.search(first) or module is None:
+        return ABOVE.sub("", first + gap + rest)
+    above = inspect.cleandoc(module.__doc__ or "").partition("\n\n")[2]
+    return "\n\n".join(part for part in (ABOVE.sub("", first), above, ABOVE.sub("", rest)) if part)
+
+
 SECTIONS = ("Parameters", "Attributes", "Returns", "Raises", "Examples")
 NAMED = re.compile(r"(?:^|(?<=[.;] ))([A-Za-z_][\w, ]*?) : ")
 
@@ -487,7 +500,8 @@ def _doc(docstring: str) -> str:
         elif all(line.startswith("    ") for line in lines):
             parts.append(f"```text\n{inspect.cleandoc(text)}\n```")
         else:
-            parts.append(_paragraph(" ".join(text.split())))
+            points = re.split(r"\n(?=\d+\. )", text)  # of a numbered list
+            parts.append("\n".join(_paragraph(" ".join(point.split())) for point in points))
     return "\n\n".join(parts)
 
 

@@ -21,6 +21,7 @@ from latin_fmu.errors import InputError, Problem
 
 Columns = Mapping[str, Sequence[float]]
 _MOST_BYTES, _MOST_XML = 4_000_000_000, 200_000_000  # unpacked
+_WARNING = 1  # status of the FMI, 2 and 3
 _MOST_TIMES, _SMALL = 200, 100_000_000  # what is larger than this may be so many times as large as it is packed
 
 
@@ -96,9 +97,11 @@ class Drive:
     Attributes
     ----------
     outputs : names of the scalar outputs. complaint : last message of the FMU when a step was refused, else "".
+    warnings : messages that the FMU has logged as warnings.
     """
 
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
+        self.warnings: list[str] = []
         self._folder = ""
         self.description = described(path)
         if self.description.coSimulation is None:
@@ -136,21 +139,23 @@ class Drive:
             modelIdentifier=self.description.coSimulation.modelIdentifier,
         )
         if self.three:
-            fmu.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, text: self._keep_message(text))
+            fmu.instantiate(loggingOn=True, logMessage=lambda _e, status, _c, text: self._keep(status, text))
             return fmu
         from fmpy.fmi2 import defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
         functions = fmi2CallbackFunctions()
-        functions.logger = fmi2CallbackLoggerTYPE(lambda _e, _i, _s, _c, text: self._keep_message(text))
+        functions.logger = fmi2CallbackLoggerTYPE(lambda _e, _i, status, _c, text: self._keep(status, text))
         for name in ("allocateMemory", "freeMemory"):
             setattr(functions, name, getattr(defaultCallbacks, name))
         self._functions = functions  # the library keeps a pointer to it
         fmu.instantiate(callbacks=functions, loggingOn=True)
         return fmu
 
-    def _keep_message(self, text: bytes | str) -> None:
+    def _keep(self, status: int, text: bytes | str) -> None:
         # FMI 2: its texts are formats of printf
         self._message = (text.decode(errors="replace") if isinstance(text, bytes) else text).replace("%%", "%")
+        if status == _WARNING:
+            self.warnings.append(self._message)
 
     def set(self, name: str, value: Any) -> None:
         """Set a variable by name."""
@@ -261,7 +266,7 @@ class Integration:
 
     Attributes
     ----------
-    outputs : names of the outputs. complaint : why a run ended early, else "".
+    outputs : names of the outputs. complaint : why a run ended early, else "". warnings : none are kept.
     """
 
     def __init__(self, path: str | Path, start: Mapping[str, Any] | None = None, inputs: Columns | None = None) -> None:
@@ -274,7 +279,7 @@ class Integration:
         self._rest = {v.name: float(v.start or 0.0) for v in description.modelVariables if v.causality == "input"}
         self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
         self.stop_time, self.step_size, self._tolerance = _experiment(description)
-        self.complaint = ""
+        self.complaint, self.warnings = "", list[str]()
 
     def run(self, step: float, stop: float, over: Callable[[], bool] = lambda: False) -> Iterator[list[float]]:
         """Time and outputs every ``step``; ends early where the integrator cannot go on, and where ``over`` says so."""

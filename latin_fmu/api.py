@@ -187,10 +187,11 @@ def solve(
     fields : first guesses of windows of several instants; see ``latin.windows.WindowFields``.
     processes : over which the substructures are distributed; all of them call this function with the same scene, and
         have the whole solution at its end.
-    max_cpu : CPU time that the run may take, its set-up included, s. A run that reaches it stops before its next
-        instant, not converged: ``Solution.interrupted`` says so, the results until then are kept, and a ``checkpoint``
-        is written, from which it can be continued. On several processes: of each of them; all stop before the same
-        instant.
+    max_cpu : CPU time that the run may take, its set-up, derivatives and the runs that check them included, s. A run
+        that reaches it stops before its next instant, not converged: ``Solution.interrupted`` says so, the results
+        until then are kept, and a ``checkpoint`` is written, from which it can be continued. Where it is reached after
+        the run, derivatives, or their checks, are left out, with a remark. On several processes: of each of them; all
+        stop before the same instant.
 
     Raises
     ------
@@ -208,8 +209,7 @@ def solve(
     array([  0.,   0., 198.])
     """
     wall = clock.perf_counter()
-    timings = Timings()
-    start = clock.process_time()
+    timings, limit = Timings(), _CpuLimit(max_cpu, clock.process_time())
     if processes is not None and (observer, behaviours, checkpoint, stream, fields) != (None,) * 5:
         what = "observers, laws in Python, checkpoints, streams and given first guesses"
         raise ValueError(f"{what} take one process")
@@ -224,7 +224,7 @@ def solve(
         )
         if stream is not None:
             check_folder(stream, least_output(prediction))
-        timings.setup = clock.process_time() - start
+        timings.setup = clock.process_time() - limit.begin
         left_out = problem.untouched
         names = [] if left_out is None else [*left_out.info]
         digest = "" if checkpoint is None else scene_digest(scene, [*(behaviours or ()), *names])
@@ -240,7 +240,7 @@ def solve(
             leave_out = False
         elif not (yielding.tables and outcome.complete and yielding.goes_on(outcome.bolts)):
             break
-        # its time counts as set-up: ``start`` stays
+        # its time counts as set-up: the limit begins where it did
         timings = Timings()  # the run is void
         if checkpoint is not None:
             checkpoint.remove()
@@ -255,7 +255,7 @@ def solve(
     )
     if outcome.converged:
         timings.predicted = prediction.march
-    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress)
+    outcome, sensitivities, bands = _derivatives(scene, outcome, tangent, (problem, recorder), progress, limit)
     return Solution(
         outcome,
         scene.text(),
@@ -269,12 +269,30 @@ def solve(
     )
 
 
+@dataclass(frozen=True)
+class _CpuLimit:
+    """Limit of CPU time of a run: ``seconds`` from ``begin`` of ``process_time`` on; None for no limit."""
+
+    seconds: float | None
+    begin: float
+
+    @property
+    def left(self) -> float | None:
+        """CPU seconds that are left; None for no limit."""
+        return None if self.seconds is None else max(self.begin + self.seconds - clock.process_time(), 0.0)
+
+    def sentence(self, what: str) -> str:
+        """That the limit leaves no time, and what a higher one gives."""
+        return f"the limit of {self.seconds:g} s of CPU time leaves no time for them; a higher limit gives {what}"
+
+
 def _derivatives(
     scene: Scene,
     outcome: Outcome,
     tangent: Tangents | None,
     ended: tuple[SolverReadyProblem, Recorder],
     progress: ProgressSink | None,
+    limit: _CpuLimit,
 ) -> tuple[Outcome, Sensitivities | None, Bands | None]:
     """Derivatives of a run by parameters, and bands from those that scatter. None, and a remark, where they cannot be
     computed: the results of the run do not depend on them."""
@@ -282,15 +300,26 @@ def _derivatives(
         return outcome, None, None
     begin, made, lost = clock.process_time(), None, "the run has not converged to its end"
     spectra = spectra_of(outcome, scene.sensor)
-    shown = None if progress is None else lambda done, total: progress.update(done, total, 0, 0.0)
+
+    def check() -> None:
+        if limit.left == 0.0:
+            raise SolverError(limit.sentence("the derivatives and the bands" if scene.spread else "the derivatives"))
+
+    def shown(done: int, total: int) -> None:
+        if done < total:
+            check()
+        if progress is not None:
+            progress.update(done, total, 0, 0.0)
+
     if outcome.converged and outcome.complete:
         try:
+            check()
             with one_thread():
                 made = Sensitivities.of(outcome, tangent.march(*ended, shown), spectra)
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made, progress)
+        made, missing = _checked(scene, made, progress, limit, outcome.timings.march)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -301,27 +330,36 @@ def _derivatives(
     return outcome, made, Bands.of(outcome, made, scene.distributions, scene.sensor, spectra)
 
 
-def _checked(scene: Scene, made: Sensitivities, progress: ProgressSink | None) -> tuple[Sensitivities, list[str]]:
+def _checked(
+    scene: Scene, made: Sensitivities, progress: ProgressSink | None, limit: _CpuLimit, march: float
+) -> tuple[Sensitivities, list[str]]:
     """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
-    that have none."""
+    that have none; ``march`` : CPU seconds of the march of the run, which one that checks takes at least."""
     plain = scene.undifferentiated
-    runs, missing, kept = list[dict[str, float] | None](), list[str](), KeptOperators()
+    runs, missing, kept = list[dict[str, float] | None](), dict[str, list[str]](), KeptOperators()
     every = scene.output.check_sensitivities == "all"
     for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
         if not (every or share > GATHERED):
             runs.append(None)
             continue
-        why, run = "its value is 0", None
+        why, run, left = "its value is 0", None, limit.left
         if d.value != 0.0:
             try:
-                other = solve(plain.replace(d.name, (1.0 + CHECKED) * d.value), kept=kept, progress=progress)
-                run = scalars_of(other.outcome, other.spectra) if other.converged else None
-                why = other.status
+                stopped = left is not None and left <= march
+                if not stopped:
+                    more = plain.replace(d.name, (1.0 + CHECKED) * d.value)
+                    other = solve(more, kept=kept, progress=progress, max_cpu=left)
+                    stopped, why = bool(other.interrupted), other.status
+                    run = scalars_of(other.outcome, other.spectra) if other.converged else None
+                why = limit.sentence("their checks") if stopped else why
             except LatinError as error:
                 why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
         runs.append(run)
-        missing += [] if run is not None else [f"the derivatives by {d.name} are not checked: {why}"]
-    return made.checked(runs), missing
+        if run is None:
+            missing.setdefault(why, []).append(d.name)
+    return made.checked(runs), [
+        f"the derivatives by {', '.join(names)} are not checked: {why}" for why, names in missing.items()
+    ]
 
 
 def _made(
@@ -458,7 +496,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance, ends),
+            *run_remarks(problem, histories, time, balance, ends, recorder.stresses.of(time)),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,
@@ -482,7 +520,7 @@ def _thinning(recorder: Recorder) -> list[str]:
 def _recorder(problem: SolverReadyProblem, stream: Path | None, assembly: Assembly) -> Recorder:
     """The recorder of a run, with a temporary file where the histories of the interfaces are large; ``assembly`` : with
     the substructures of this process."""
-    request = problem.output
+    request = replace(problem.output, watch=True)
     every = request.interfaces_every
     rows = len(range(0, len(assembly.time), every))
     size = 8.0 * rows * InterfaceRows.width_of(assembly)

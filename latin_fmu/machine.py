@@ -75,13 +75,28 @@ def usable_cores() -> int:
         return os.cpu_count() or 1
 
 
-def memory_room() -> tuple[float, str]:
+def free_memory(table: Path = Path("/proc/meminfo")) -> int:
+    """Memory of the machine that new data can take, caches of files included, bytes; 0 where the system does not give
+    it (``MemAvailable`` of Linux)."""
+    with suppress(OSError, ValueError):
+        for line in table.read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    return 0
+
+
+def memory_room(now: bool = True) -> tuple[float, str]:
     """Bytes that this process may still take, and by which limit: the least of the memory of the machine, of the
-    control groups (version 1 and 2) and of RLIMIT_AS; 0 and an empty text where none is known."""
+    control groups (version 1 and 2) and of RLIMIT_AS; 0 and an empty text where none is known.
+
+    now : without what other processes of the machine take at present, where the system gives that.
+    """
     resident, mapped = _taken()
     rooms = [(float(limit - resident), text) for limit, text in group_limits() if limit > 0]
     if total := physical_memory():
         rooms.append((float(total - resident), "memory of the machine"))
+        if now and (free := free_memory()):
+            rooms.append((float(free), f"free now, of {total / 1e9:.3g} GB of this machine"))
     try:
         import resource
 

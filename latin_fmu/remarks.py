@@ -35,6 +35,7 @@ REMARKS: Final = MappingProxyType(
         "step": "a step of doubtful length",
         "torn": "a part in several pieces",
         "unjoined": "bodies without an interface",
+        "yield": "bodies beyond their yield stress",
     }
 )
 """Codes of remarks, and what each is about."""

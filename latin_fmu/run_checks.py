@@ -37,13 +37,13 @@ from .assembly.problem import SolverReadyProblem
 from .interface.laws import SEPARATION, bonds
 from .latin.assembly import Array, Assembly
 from .latin.outcome import InterfaceHistory, Resultants
-from .latin.recorder import SubstructureInfo
+from .latin.recorder import LargestStress, SubstructureInfo
 from .latin.status import Account
 from .propagator import SubstructureModel
 from .propagator.base import full_displacement
 from .remarks import Remark, remarks_of
 from .results.quantities_of_interest import slip_in_contact
-from .results.summary import percent
+from .results.summary import percent, readable
 from .scene.units import SI, UnitSystem
 
 LARGEST_ROTATION = 2.0  # degrees
@@ -51,12 +51,14 @@ LARGEST_TURN = 10.0
 """Rotation of a body, degrees, beyond which a run is not trustworthy."""
 LARGEST_STRAIN = 0.05
 _EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
+_NAMED = 4  # bodies beyond their yield stress that a sentence names beside the worst
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 _CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the elements, left where they cancel
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
 SUNK, OPEN = 0.01, 0.01
 """Share of the shortening of a bolt or of the elastic approach, and of the largest energy, likewise."""
+_IMPACT = 0.1  # of the largest force of an interface, of points that close in one step
 _PRECISION = 1e-12  # of sizes and displacements: round-off of a gap
 
 
@@ -66,15 +68,21 @@ def run_remarks(
     time: Array,
     balance: Mapping[str, Resultants],
     ends: Mapping[str, BodyEnd],
+    stresses: Mapping[str, LargestStress],
 ) -> list[Remark]:
-    """Remarks on drift, slip, rotations, strains, faces that never touch, and resultants; ``time`` (n_time,) of the
-    instants of the run, s; ``ends`` from ``body_ends``."""
+    """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, resultants, and bodies
+    beyond their yield stress.
+
+    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``. ``stresses`` : of the run.
+    """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
     return [
         *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", moved),
+        *remarks_of("scheme", impact_remarks(problem, histories, time)),
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
+        *remarks_of("yield", yield_remarks(problem, stresses)),
     ]
 
 
@@ -156,6 +164,73 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
     change = (moved[:, last] - moved[:, first])[there]
     length = np.einsum("ei,ei->e", edge, edge)
     return float(np.abs(np.einsum("ei,ei->e", edge, change) / length).max(initial=0.0))  # (u . e) / e^2
+
+
+def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
+    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material."""
+    pascal, limits = problem.unit_system.label("Pa"), {n: problem.info[n].yield_stress or np.inf for n in stresses}
+    over = sorted(
+        (n for n in stresses if stresses[n].stress > limits[n]), key=lambda n: -stresses[n].stress / limits[n]
+    )
+    if not over:
+        return []
+    first, *others = (f"{readable(stresses[n].stress, pascal)} at {readable(stresses[n].time, 's', 3)}" for n in over)
+    info, worst = problem.info[over[0]], stresses[over[0]]
+    cell = np.asarray(info.cells)[worst.element]
+    at = ", ".join(f"{x:.4g}" for x in info.nodes[cell[cell >= 0]].mean(axis=0))
+    more = [f"{name} ({words})" for name, words in zip(over[1:], others, strict=True)]
+    more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
+    return [
+        f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
+        f"{first} or more, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
+        + (f"; so are {', '.join(more)}" if more else "")
+        + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
+        "the loads, or take the results there for an estimate"
+    ]
+
+
+def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:
+    """A sentence on the interface with the hardest impact that the time scheme was not chosen for.
+
+    Points of area A that close in a step with the relative velocity v along N press each other like bars, with
+    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground); from ``_IMPACT`` of the largest
+    force of the interface on they make the noise of the scheme.
+    """
+    found = [
+        (size, name, words)
+        for i, unit in enumerate(problem.assembly.interfaces)
+        if unit.name in problem.unforeseen
+        for size, name, words in [_impact(problem, i, histories[unit.name], time)]
+        if size > _IMPACT
+    ]
+    if not found:
+        return []
+    _, name, words = max(found)
+    more = f" (and {len(found) - 1} more interfaces)" if len(found) > 1 else ""
+    reason = problem.scheme.partition(" (")[2].partition(":")[0].removesuffix(")")
+    before = f", and the time scheme was chosen before the run because {reason}" if reason else ""
+    return [f"interface {name}{more} {words}{before}: {problem.unforeseen[name]}"]
+
+
+def _impact(problem: SolverReadyProblem, i: int, history: InterfaceHistory, time: Array) -> tuple[float, str, str]:
+    """Largest force of points that close in a step of interface ``i`` over the largest of all, its name, and words."""
+    status, assembly = np.asarray(history.contact_status), problem.assembly
+    largest = float(history.normal_resultant().max(initial=0.0))
+    if len(status) < 2 or not largest > 0.0:
+        return 0.0, history.name, ""
+    jump = history.velocity[:-1, 0] - history.velocity[:-1, 1]
+    closing = np.einsum("tpc,pc->tp", jump, history.normals).clip(min=0.0)
+    closing = np.where((status[:-1] == SEPARATION) & (status[1:] != SEPARATION), closing, 0.0)
+    # along N
+    z = [assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1)]
+    both = z[0] if assembly.interfaces[i].against_ground else z[0] * z[1] / np.maximum(z[0] + z[1], 1e-300)
+    force = closing @ (history.areas * both)
+    at = int(np.argmax(force))
+    hit = closing[at] > 0.5 * closing[at].max()
+    speed = readable(float(closing[at].max()), problem.unit_system.label("m s-1"), 3)
+    when = readable(float(time[:: problem.output.interfaces_every][at]), "s", 3)
+    share = 100 * history.areas[hit].sum() / history.areas.sum()
+    return float(force[at]) / largest, history.name, f"closes by an impact at {when} ({share:.0f} % of it at {speed})"
 
 
 def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:

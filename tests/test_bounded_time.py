@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu import api
 from latin_fmu.accuracy.estimate import estimate_error
+from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.cli import main
 from latin_fmu.stability.scenes import STEEL, Box, column
 
@@ -107,10 +109,68 @@ def test_a_run_that_fails_instant_after_instant_goes_on_to_the_same_bits(
 
 def test_the_estimate_takes_what_is_left() -> None:
     solution = latin_fmu.solve(described := latin_fmu.scene_from_dict(thrown()))
-    estimate = estimate_error(described, solution, max_cpu=1e-3)
+    estimate = estimate_error(described, solution, max_cpu=1e-9)
     assert not estimate.quantities
-    assert any("stopped by its limit of " in remark for remark in estimate.remarks)
+    assert any("the limit of CPU time leaves no time for it" in remark for remark in estimate.remarks)
+    stopped = estimate_error(described, solution, max_cpu=0.02)
+    assert any("stopped by its limit of " in remark for remark in stopped.remarks)
     assert estimate_error(described, solution).quantities
+
+
+def test_derivatives_and_their_checks_take_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock that stands still but where it is told to go on: after the march of the run, after that of the
+    derivatives, and in the run that checks them. The results of the run are whole each time."""
+    named = {"sensitivities": ["interface.joint.friction_coefficient"], "check_sensitivities": "all"}
+    described = latin_fmu.scene_from_dict(thrown(20) | {"output": named})
+    whole = latin_fmu.solve(described)
+    assert whole.sensitivities.tried == tuple(named["sensitivities"])
+    own, of_derivatives, now = api._marched, Tangents.march, [0.0]
+    later: dict[str, float] = {}
+
+    def marched(*given: Any) -> Any:
+        made = own(*given)
+        now[0] += later.get("run", 0.0)
+        return made
+
+    def derived(*given: Any) -> Any:
+        made = of_derivatives(*given)
+        now[0] += later.get("derivatives", 0.0)
+        return made
+
+    monkeypatch.setattr(api, "_marched", marched)
+    monkeypatch.setattr(Tangents, "march", derived)
+    monkeypatch.setattr(api.clock, "process_time", lambda: now[0])
+    for after, said in (
+        ({"run": 6.0}, "no derivatives: the limit of 5 s of CPU time leaves no time for them"),
+        ({"derivatives": 6.0}, "are not checked: the limit of 5 s of CPU time leaves no time for them"),
+        ({}, "the limit of"),
+    ):
+        now[0], later = 0.0, after
+        solution = latin_fmu.solve(described, max_cpu=5.0)
+        assert solution.converged
+        assert solution.interrupted == ""
+        assert np.array_equal(solution.interfaces["joint"].traction, whole.interfaces["joint"].traction)
+        assert (solution.sensitivities is None) == ("run" in after)
+        assert any(said in w for w in solution.warnings) == bool(after)
+        if "derivatives" in after:
+            assert solution.sensitivities.tried == ()
+
+
+def test_a_run_that_checks_derivatives_stops_at_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is solved with what is left, and what it found until then is not taken for the answer."""
+    named = {"sensitivities": ["interface.joint.friction_coefficient"], "check_sensitivities": "all"}
+    described, own, given = latin_fmu.scene_from_dict(thrown(20) | {"output": named}), api.solve, list[float]()
+
+    def solve(scene: latin_fmu.Scene, **options: Any) -> latin_fmu.Solution:
+        given.append(options["max_cpu"])
+        return own(scene, **{**options, "max_cpu": 1e-9})
+
+    monkeypatch.setattr(api, "solve", solve)
+    solution = own(described, max_cpu=50.0)
+    assert len(given) == 1
+    assert 0.0 < given[0] < 50.0
+    assert solution.sensitivities.tried == ()
+    assert any("not checked: the limit of 50 s of CPU time leaves no time for them" in w for w in solution.warnings)
 
 
 @pytest.mark.usefixtures("scene")

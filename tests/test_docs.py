@@ -23,7 +23,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
@@ -284,6 +284,29 @@ def test_the_citation_has_the_version_of_the_package() -> None:
         rf"^## {re.escape(latin_fmu.__version__)} \((.+)\)$", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M
     )
     assert f'date-released: "{date}"' in text
+
+
+def test_the_quoted_summary_is_that_of_the_run() -> None:
+    """Words as printed, numbers to 5 %: other machines round differently."""
+    scene = latin_fmu.load_scene(ROOT / "models/lap_joint/shock.toml")
+    solution = latin_fmu.solve(scene)
+    printed = replace(solution, estimate=latin_fmu.estimate_error(scene, solution)).summary()
+    number = re.compile(r"\d+(?:\.\d+)?")
+    for page in ("README.md", "docs/reading_the_summary.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for name in ("lower_upper", "bolt m6"):
+            quoted, own = (" ".join(sentence_of(name, source).split()) for source in (text, printed))
+            assert number.split(quoted) == number.split(own), page
+            assert [*map(float, number.findall(quoted))] == pytest.approx(
+                [*map(float, number.findall(own))], rel=0.05
+            ), page
+
+
+def sentence_of(name: str, text: str) -> str:
+    """The sentence on a name in a summary, with its indented lines."""
+    found = re.search(rf"^  {name}  .*(?:\n {{16}}.*)*", text, re.M)
+    assert found is not None, name
+    return found[0]
 
 
 def test_the_readme_is_short() -> None:

@@ -19,7 +19,7 @@ from latin_fmu.cli import main
 from latin_fmu.effects import cost
 from latin_fmu.effects.cost import MemoryNeed, Prediction, memory_need
 from latin_fmu.latin import interface_rows
-from latin_fmu.machine import group_limits, peak_memory
+from latin_fmu.machine import free_memory, group_limits, memory_room, peak_memory
 from latin_fmu.results import dataset
 from latin_fmu.results.checkpoint import Checkpoint
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, placed, rubbing
@@ -93,6 +93,26 @@ def test_limits_of_control_groups(tmp_path: Path) -> None:
     assert group_limits(tmp_path / "nothing", root) == []
 
 
+def test_what_other_processes_take_is_not_free(tmp_path, capsys, monkeypatch):
+    """A scene that fits in the machine and not in what is free is refused, with both numbers."""
+    table = tmp_path / "meminfo"
+    table.write_text("MemTotal: 24000000 kB\nMemFree: 9000000 kB\nMemAvailable:   15000000 kB\n")
+    assert free_memory(table) == 15_360_000_000
+    assert free_memory(tmp_path / "nothing") == 0
+    for name, size in (("physical_memory", 25e9), ("free_memory", 0.4e9)):
+        monkeypatch.setattr(f"latin_fmu.machine.{name}", lambda size=size: int(size))
+    monkeypatch.setattr("latin_fmu.machine.group_limits", list)
+    assert memory_room() == (0.4e9, "free now, of 25 GB of this machine")
+    assert memory_room(now=False)[0] > 20e9
+    (tmp_path / "scene.toml").write_text(SCENE)
+    assert main(["check", str(tmp_path / "scene.toml"), "--set", "time.instants=3000000"]) == 2
+    message = capsys.readouterr().err
+    assert "the run does not fit in the memory" in message
+    assert "allowed: 400 MB (free now, of 25 GB of this machine)" in message
+    assert main(["check", str(tmp_path / "scene.toml")]) == 0
+    assert "400 MB may be taken (free now, of 25 GB of this machine)" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("settings", "fits"),
     [
@@ -110,7 +130,7 @@ def test_what_does_not_fit_is_refused_with_settings_that_do(settings, fits, tmp_
     for command in ("check", "run"):
         assert main([command, str(tmp_path / "scene.toml"), *given]) == 2
         message = capsys.readouterr().err
-        assert "memory: the run needs more memory than it may take (value: about " in message
+        assert "memory: the run does not fit in the memory that it may take (value: about " in message
         assert "allowed: 400 MB (a test)" in message
     assert ("it fits with" in message) == fits
     assert fits or "fewer instants" in message

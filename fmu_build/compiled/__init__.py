@@ -34,7 +34,7 @@ import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim.communication import CommunicationRun, write
-from latin_fmu.cosim.input_table import inputs_of
+from latin_fmu.cosim.input_table import acting_of, inputs_of
 from latin_fmu.cosim.output_table import AT_POINTS
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
@@ -64,6 +64,7 @@ HEADER: Final = (
         "n_record",
         "records",
         "results_sum",
+        "unloaded",
     ),
 )
 """Words of the header, in the order of the names T_... of compiled.h."""
@@ -250,6 +251,7 @@ def _table(
     begins |= {key: references.get(name, -1) for key, name in _NAMED.items()}
     begins |= {"token": texts.place(token), "solver": places["solver.iterations"], "image": checksum(files[0])}
     begins["results_sum"] = checksum(files[1])
+    begins["unloaded"] = int(not acting_of(scene))
     content = texts.content + bytes(-len(texts.content) % 8)  # whole words
     begins["length"] = len(words) + len(content) // 8
     words[: len(HEADER)] = [begins[name] for name in HEADER]

@@ -18,10 +18,11 @@ typedef union {
 } Word;
 
 /* The table of variables: its header, rows of variables and inputs, whole numbers of the state, texts. Offsets of texts count
-   from T_TEXTS, which counts words, as the other places do. References are -1 where there is no such variable. */
+   from T_TEXTS, which counts words, as the other places do. References are -1 where there is no such variable. T_UNLOADED: 1
+   where nothing but the inputs loads or moves a body. */
 enum {
     T_MAGIC, T_CHECKSUM, T_LENGTH, T_TOKEN, T_IMAGE, T_N_VARIABLE, T_VARIABLES, T_N_INPUT, T_INPUTS, T_TEXTS, T_MODE, T_RULE, T_END, T_FILE, T_WINDOW_SIZE, T_HISTORY_SIZE, T_SOLVER,
-    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_RESULTS, T_N_RECORD, T_RECORDS, T_RESULTS_SUM, T_HEADER
+    T_TOLERANCE, T_N_WHOLE, T_WHOLES, T_RESULTS, T_N_RECORD, T_RECORDS, T_RESULTS_SUM, T_UNLOADED, T_HEADER
 };
 /* Numbers of the state that stand for whole ones: their place in the moving block, the least and the largest. */
 enum { W_PLACE, W_LEAST, W_MOST, W_ROW };
@@ -97,6 +98,7 @@ typedef struct {
 struct Object {
     const Image *image;
     int64_t discarded, opened; /* whether the last step was; whether the outputs at the start follow from what is set */
+    int64_t acted;             /* whether an input has had another value than 0 */
     double *moving, *before; /* block of the run; its state, the first numbers of it, before a step */
     char *relaxed;           /* record of the run for a time step that has stalled */
     LastStep made;

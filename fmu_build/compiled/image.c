@@ -133,6 +133,43 @@ static Word *words_of(const char *folder, const char *name, size_t *n_word, char
     return (Word *)content;
 }
 
+/* The fixed block is kept by planes, the first bytes of BLOCK words, then the second ones ...: bytes of exponents compress
+   beside each other. Brings them together, in place; 0 without memory. */
+enum { BLOCK = 1 << 16 };
+
+/* Eight words from eight bytes of each plane, which are m bytes apart: a matrix of 8 x 8 bytes, transposed by halves. */
+static void eight_words(const unsigned char *plane, size_t m, unsigned char *to)
+{
+    uint64_t w[8];
+    static const uint64_t low[] = {0x00000000ffffffffu, 0x0000ffff0000ffffu, 0x00ff00ff00ff00ffu};
+    for (int k = 0; k < 8; k++) memcpy(w + k, plane + (size_t)k * m, sizeof *w);
+    for (int round = 0, apart = 4; apart > 0; round++, apart /= 2)
+        for (int k = 0; k < 8; k++)
+            if (!(k & apart)) {
+                uint64_t swapped = (w[k] >> 8 * apart ^ w[k + apart]) & low[round];
+                w[k + apart] ^= swapped;
+                w[k] ^= swapped << 8 * apart;
+            }
+    memcpy(to, w, sizeof w);
+}
+
+static int brought_together(const Image *image)
+{
+    int64_t n = image->head[M_N_FIXED].i;
+    unsigned char *planes = malloc(8 * BLOCK);
+    for (int64_t at = 0; planes != NULL && at < n; at += BLOCK) {
+        size_t some = (size_t)(n - at < BLOCK ? n - at : BLOCK);
+        unsigned char *to = (unsigned char *)(image->fixed + at);
+        memcpy(planes, to, 8 * some);
+        size_t i = 0;
+        for (; i + 8 <= some; i += 8) eight_words(planes + i, some, to + 8 * i);
+        for (; i < some; i++)
+            for (size_t k = 0; k < 8; k++) to[8 * i + k] = planes[k * some + i];
+    }
+    free(planes);
+    return planes != NULL;
+}
+
 /* Blocks and places from the header; 0 where they are not as long as the file. */
 static int understood(Image *image, size_t n_word)
 {
@@ -170,7 +207,8 @@ static int checked(Image *image, const char *folder, char *trouble, size_t size)
     image->head = words_of(folder, known_file, &n_word, trouble, size);
     if (image->head == NULL) return 0;
     /* the table has its own checksum and that of the image: files of two FMUs do not fit each other */
-    if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word)) return 1;
+    if (checksum(image->head, n_word) == head[T_IMAGE].u && understood(image, n_word))
+        return brought_together(image) || (snprintf(trouble, size, "no memory for the FMU"), 0);
     return snprintf(trouble, size, "%s/%s is damaged, or of another FMU: extract the FMU again", folder, known_file), 0;
 }
 

@@ -31,7 +31,7 @@ static int renewed(Instance *c)
     struct Object *o = c->fmu;
     const Image *image = o->image;
     memcpy(o->moving, image->moving, 8 * (size_t)image->head[M_N_MOVING].i);
-    o->discarded = o->opened = 0;
+    o->discarded = o->opened = o->acted = 0;
     o->n_row = o->n_fields = 0;
     no_records(o);
     no_step(o);
@@ -156,6 +156,7 @@ static void give_inputs(struct Object *o)
     for (int64_t i = 0; i < o->image->table[T_N_INPUT].i; i++) {
         o->moving[o->image->head[M_VALUE].i + i] = o->given[2 * i];
         o->moving[o->image->head[M_RATE].i + i] = o->given[2 * i + 1];
+        if (o->given[2 * i] != 0.0 || o->given[2 * i + 1] != 0.0) o->acted = 1;
     }
 }
 
@@ -295,6 +296,7 @@ int solve_histories(Instance *c)
     for (int64_t i = 0; i < n_input; i++) {
         const History *h = o->histories + i;
         value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
+        if (value[i] != 0.0) o->acted = 1;
         /* over the first time step */
         o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
     }
@@ -303,7 +305,7 @@ int solve_histories(Instance *c)
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
         for (int64_t i = 0; i < n_input; i++)
-            if (o->histories[i].n) value[i] = history_at(o->histories + i, (double)step * dt);
+            if (o->histories[i].n && (value[i] = history_at(o->histories + i, (double)step * dt)) != 0.0) o->acted = 1;
         int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
         if (made == 0) made = relaxed(o, LINE, 0, 1);
         if (made != 1)
@@ -333,11 +335,17 @@ int initialize(Instance *c)
     give_inputs(o);
     status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
     o->opened = status == OK;
+    if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
+        msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
+            "scene with a load, an initial velocity or a driven boundary");
     return status;
 }
 
 int terminate(Instance *c)
 {
+    if (table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i && !c->fmu->acted && c->time > c->fmu->start)
+        msg(c, WARNING, "nothing has acted: every input has stayed 0, and nothing else loads or moves a body in this FMU; set "
+            "%s", input_name(c, 0, IN_VALUE));
     if (keeps_results(c) && write_results(c) != OK) return ERROR;
     if (c->fmu->discarded) return msg(c, ERROR, "the simulation ends at %g s: the step from there was discarded", c->time);
     return OK;

@@ -181,6 +181,7 @@ static int unpacked(Instance *c, Word *words)
         pass_data(c, &fresh, &p, head, lengths); /* the state itself into the moving block of both */
         set_places(&fresh);
         fresh.discarded = head[S_DISCARDED].i;
+        fresh.acted = 1; /* the inputs before the state are not known */
         fresh.n_array = head[S_N_ARRAY].i;
         fresh.start = head[S_START].d;
         fresh.n_row = head[S_N_ROW].i;

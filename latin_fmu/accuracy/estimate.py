@@ -394,6 +394,10 @@ def estimate_error(
         if log is not None:
             log(f"error estimate: {text}")
         left = None if max_cpu is None else max(max_cpu - (clock.process_time() - start), 0.0)
+        # several processes have run for unlike times: each coarser run stops all of them before the same instant
+        if left == 0.0 and processes is None:
+            remarks.append(f"no coarser run ({text}): the limit of CPU time leaves no time for it; give a higher one")
+            continue
         try:
             progress = shares.of(resolution)
             run = run_at(lean, resolution, progress=progress, processes=processes, stream=stream, max_cpu=left)
@@ -408,7 +412,7 @@ def estimate_error(
     fine = measure_solution(scene, solution)
     if not fine.values:
         remarks.append("no quantity to estimate: no interface and no sensor")
-    remarks += _of_the_band(scene, solution)
+    remarks += band_remarks(scene, solution, list(solution.sensors))
     if not solution.converged:
         remarks.append("the run did not converge: the estimate does not include its iteration error")
     estimates = plan.estimates(lean, fine, coarser)
@@ -416,9 +420,9 @@ def estimate_error(
     return ErrorEstimate(estimates, tuple(remarks), clock.process_time() - start, spectra)
 
 
-def _of_the_band(scene: Scene, solution: Solution) -> list[str]:
-    """What the peaks of sensors mean, where there are any."""
-    moving = [name for name, history in solution.sensors.items() if history.acceleration is not None]
+def band_remarks(scene: Scene, solution: Solution, sensors: Sequence[str]) -> list[str]:
+    """What the peaks of these sensors mean, where they have any."""
+    moving = [name for name in sensors if solution.sensors[name].acceleration is not None]
     bare = [name for name in moving if scene.sensor[name].filter is None]
     if not bare:
         return []

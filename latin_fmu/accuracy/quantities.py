@@ -19,7 +19,6 @@ from ..assembly.body import elasticity_of
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, SensorHistory
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
-    BOLT_FORCE,
     CONTACT_SHARE,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
@@ -28,6 +27,7 @@ from ..results.quantities_of_interest import (
     FORCE_HISTORY,
     FRICTION_WORK,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     NEAR_PEAK,
     PEAK_FORCE,
     PEAK_FORCE_RAW,
@@ -170,7 +170,7 @@ class Quantities:
         if key in (PEAK_FORCE.key, PEAK_FORCE_RAW.key):
             duration = defining.durations.get(owner, 0.0) if key == PEAK_FORCE.key else 0.0
             return self.forces[owner].apart_near_peak(other.forces[owner], duration)
-        if definition_of(quantity).norm and quantity in self.signals and key.endswith(("peak", BOLT_FORCE.key)):
+        if definition_of(quantity).norm and quantity in self.signals and key.endswith(("peak", LARGEST_BOLT_FORCE.key)):
             return self.signals[quantity].apart_near_peak(other.signals[quantity])
         return self.distance(quantity, other, defining)
 
@@ -340,7 +340,7 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
 
 def add_bolt(quantities: Quantities, time: Array, bolt: BoltHistory, end: float) -> None:
     """Add the largest tension of a bolt on [0, end]."""
-    quantities.add_signal(f"{bolt.name}.{BOLT_FORCE.key}", _until_vectors(time, bolt.force[:, None], end))
+    quantities.add_signal(f"{bolt.name}.{LARGEST_BOLT_FORCE.key}", _until_vectors(time, bolt.force[:, None], end))
 
 
 def measure_solution(scene: Scene, solution: Solution) -> Quantities:

@@ -72,6 +72,7 @@ class BoltCut:
         it. moving : (n_node,) nodes joined to those elements when the cut is open.
     pattern : (n_full,) g, N m-1. stiffness : k, N m-1. heated : tension per change of temperature where u = 0, N K-1.
     loose : whether F is given and delta is not, while tightened.
+    thread_area : tensile stress area of the thread, m2; None where the bolt names none.
     """
 
     name: str
@@ -86,11 +87,17 @@ class BoltCut:
     stiffness: float
     heated: float = 0.0
     loose: bool = False
+    thread_area: float | None = None
 
     @property
     def load(self) -> str:
         """Name of its load term."""
         return load_name(self.name)
+
+    @property
+    def stress_area(self) -> float:
+        """Section whose stress is compared with a yield stress, m2: that of the thread, else of the cut."""
+        return self.area if self.thread_area is None else self.thread_area
 
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
@@ -114,10 +121,17 @@ class BoltCut:
         target = ""
         if force is not None:
             target = (
-                f"{force:.6g} {units['N']}{self._torque(units)}, mean stress {force / self.area:.4g} {units['Pa']}, "
+                f"{force:.6g} {units['N']}{self._torque(units)}, mean stress {force / self.stress_area:.4g} "
+                f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
         return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}"
+
+    def _thread(self, units: UnitSystem) -> str:
+        """The section that the stress is of, where it is not the meshed one, in words."""
+        if self.thread_area is None:
+            return ""
+        return f" over the stress area of {self.table.thread}, {self.thread_area:.4g} {units['m2']}"
 
     def _torque(self, units: UnitSystem) -> str:
         """The torque that the target is of, in words."""
@@ -191,14 +205,14 @@ def load_name(bolt: str) -> str:
 def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, problems: Problems) -> None:
     """Refuse a tension whose mean stress is above the yield stress of the material."""
     limit, units = body.shape.material.yield_stress, body.units
-    if force is None or limit is None or force <= limit * cut.area:
+    if force is None or limit is None or force <= limit * cut.stress_area:
         return
     problems.add(
         f"bolt.{name}",
-        f"the mean stress of the shank, {force:.6g} {units['N']} / {cut.area:.6g} {units['m2']}, is above the yield "
-        "stress of the material",
-        f"{force / cut.area:.4g} {units['Pa']}",
-        f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.area:.4g} {units['N']}",
+        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.thread}'}, "
+        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}, is above the yield stress of the material",
+        f"{force / cut.stress_area:.4g} {units['Pa']}",
+        f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.stress_area:.4g} {units['N']}",
         "tighten the bolt less, or choose a larger section or another material",
     )
 
@@ -537,13 +551,11 @@ class _Section:
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
-        places = body.mesh.nodes[nodes]
-        centre = places.mean(axis=0)
         return BoltCut(
             self._name,
             self._bolt,
             axis,
-            centre,
+            body.mesh.nodes[nodes].mean(axis=0),
             self._area(facets),
             nodes,
             beyond,
@@ -551,6 +563,7 @@ class _Section:
             pattern,
             float(jump.ravel() @ pattern),
             float(pattern @ (body.mesh.nodes @ body.shape.elasticity.expansion).ravel()),
+            thread_area=self._bolt.thread_area(body.units),
         )
 
     def _area(self, facets: Index) -> float:
@@ -676,7 +689,7 @@ class Yielding:
         self._runs, self._change = self._runs + 1, 0.0
         new = {}
         for name, table in self.tables.items():
-            force, limit = bolts[name].force, self._stress[name] * bolts[name].area
+            force, limit = bolts[name].force, self._stress[name] * bolts[name].stress_area
             q, hardening = self.elongation.get(name, np.zeros(len(force))), table.hardening or 0.0
             if not self._still and force[0] > limit:
                 raise self._yields_at_once(name, float(force[0]), limit)

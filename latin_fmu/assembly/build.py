@@ -250,5 +250,5 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *remarks_of("scheme", scheme_remarks(problem.bodies, problem.units, scheme, problem.dt, problem.layers)),
+        *remarks_of("scheme", scheme_remarks(scene, problem.bodies, problem.units, scheme, problem.dt, problem.layers)),
     ]

@@ -240,6 +240,8 @@ class TightBolts:
                 self.orders,
                 forces,
                 elongation.get(name),
+                table.thread,
+                cut.thread_area,
             )
             terms = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
             terms[cut.load] = cut.stiffness

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -112,6 +113,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes
+_WITH_MASS = ("hht", "newmark")  # implicit schemes with mass on the contact nodes
 _CLOSED = 1e-9  # gaps up to this share of the size of a body, approaches of its velocity: round-off of closed ones
 _MASSLESS = 1.0  # largest one at which massless_contact keeps the energy (1.002 of it; 1.04 at 2, 1.5 at 4)
 _STEEP, _PART, _SAMPLES = 0.2, 0.05, 4097  # a front: change of a load while a wave crosses this part of a body
@@ -120,6 +122,7 @@ _STEEP, _PART, _SAMPLES = 0.2, 0.05, 4097  # a front: change of a load while a w
 # with 0), and a clamped joint at rest stays quiet (with 0 its round-off grows by a half in 1e4 instants)
 _AT_REST = 0.2
 _THICK = 0.25  # of the elements of a body: more than that viscous, and waves that cross it lose energy
+_TOUCH = f"touch a face that may open (generalized_alpha suits up to {100 * _THICK:.0f} %)"
 
 
 @dataclass(frozen=True)
@@ -259,21 +262,45 @@ def chosen_scheme(scene: Scene, bodies: dict[str, Body], units: list[InterfaceUn
         return QuasiStatic(), ""
     if not isinstance(given, AutomaticScheme):
         return SCHEMES[given.type](**given.model_dump(exclude={"type"})), ""
+    return _suited_scheme(scene, bodies, units)
+
+
+def _suited_scheme(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> tuple[TimeScheme, str]:
+    """The automatic choice, and why."""
     opening = _opening(units)
     landing = [u for u in opening if _lands(bodies, u)]
     front = "" if landing or not opening else _front(scene, bodies, opening)
     if not landing and not front:
         return HHT(), "no body lands: no gap at a face that may open, no sides that approach each other, no front"
+    if obstacle := _obstacle(scene, bodies, units)[0]:
+        return HHT(), obstacle
+    return GeneralizedAlpha(), f"bodies land: {', '.join(u.name for u in landing[:3])}" if landing else front
+
+
+def _obstacle(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> tuple[str, str]:
+    """Why ``generalized_alpha`` does not suit the bodies of a scene, and what removes that; empty where it suits."""
     if isinstance(scene.solver.propagator, ReducedPropagatorTable):
-        return HHT(), "reduced bodies have mass at every node"
-    for name in dict.fromkeys(name for _, _, name in body_sides(opening)):
+        return "reduced bodies have mass at every node", 'choose solver.propagator = "direct"'
+    for name in dict.fromkeys(name for _, _, name in body_sides(_opening(units))):
         body = bodies[name]
         if body.rigid:
-            return HHT(), f"substructure {name} is rigid"
+            return f"substructure {name} is rigid", f"make substructure {name} elastic"
         share = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.elasticity)[1]
         if share > _THICK:
-            return HHT(), f"substructure {name} is thin: {100 * share:.0f} % of its elements touch a face that may open"
-    return GeneralizedAlpha(), f"bodies land: {', '.join(u.name for u in landing[:3])}" if landing else front
+            now = f"{100 * share:.0f} %"
+            why = f"substructure {name} is thin: {now} of its elements touch a face that may open"
+            return why, f"refine the mesh of substructure {name}, {now} of whose elements {_TOUCH}"
+    return "", ""
+
+
+def _remedy(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], lands: bool) -> str:
+    """The advice on a time scheme that does not suit: for landings generalized_alpha, after what is in its way,
+    else the automatic choice."""
+    if not lands:
+        return f'choose time.scheme = "{_suited_scheme(scene, bodies, units)[0].name}"'
+    first = _obstacle(scene, bodies, units)[1]
+    chosen = 'choose time.scheme = "generalized_alpha" (--set time.scheme=generalized_alpha)'
+    return f"{first}, and then {chosen}" if first else chosen
 
 
 def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit]) -> str:
@@ -313,6 +340,7 @@ def _steepest(law: TimeLaw, end: float, within: float, static: bool) -> float:
 
 
 def scheme_remarks(
+    scene: Scene,
     bodies: dict[str, Body],
     units: list[InterfaceUnit],
     scheme: TimeScheme,
@@ -329,9 +357,10 @@ def scheme_remarks(
     if not opening or isinstance(scheme, QuasiStatic):
         return []
     landing = {name for u in opening if _lands(bodies, u) for _, _, name in body_sides([u])}
+    fit = partial(_unfit, scene, bodies, units, scheme)
     # no body lands, and nothing is viscous: the elements at contacts do not matter
     if not landing and not scheme.massless_contact and scheme.landing_damping == 0.0:
-        return _unfit(scheme, {}, landing)
+        return fit({}, landing)
     courant, remarks = {}, []
     for name, body in bodies.items():
         nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
@@ -342,9 +371,8 @@ def scheme_remarks(
             courant[name] = dt / crossing
         if scheme.landing_damping > 0.0 and name in landing and share > _THICK:
             remarks.append(
-                f"substructure {name}: {100 * share:.0f} % of its elements touch a face that may open and are viscous "
-                f"(landing_damping = {scheme.landing_damping:g}; little energy is lost up to {100 * _THICK:.0f} %): "
-                "refine its mesh, or set landing_damping = 0"
+                f"substructure {name}: {100 * share:.0f} % of its elements {_TOUCH}, and take energy from waves "
+                f"(landing_damping = {scheme.landing_damping:g}): refine its mesh, or set landing_damping = 0"
             )
         if scheme.massless_contact:
             layer = layers[name]
@@ -353,7 +381,25 @@ def scheme_remarks(
                     f"substructure {name}: {layer.left} contact nodes have no inner neighbour (one element between two "
                     "contacts) and keep their mass: their contact force is less smooth; give it two elements there"
                 )
-    return [*_unfit(scheme, courant, landing), *remarks]
+    return [*fit(courant, landing), *remarks]
+
+
+def unforeseen_landings(
+    scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float
+) -> dict[str, str]:
+    """By interface that no body lands on at the start, and whose faces the step dt (s) is too short for with this
+    scheme: what to say where it closes by an impact during the run."""
+    waiting = [u for u in _opening(units) if not _lands(bodies, u)] if scheme.name in _WITH_MASS else []
+    made, crossing, remedy = dict[str, str](), dict[str, float](), ""
+    for unit in waiting:
+        for name in {name for _, _, name in body_sides([unit]) if not bodies[name].rigid} - crossing.keys():
+            body = bodies[name]
+            crossing[name] = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.elasticity)[0]
+        own = [dt / crossing[name] for _, _, name in body_sides([unit]) if crossing.get(name, 0.0) > 0.0]
+        if min(own, default=np.inf) < _RESOLVED:
+            remedy = remedy or _remedy(scene, bodies, units, lands=True)
+            made[unit.name] = f"time.scheme {scheme.name} {_of_landings(min(own))} {remedy}"
+    return made
 
 
 def _lands(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
@@ -371,27 +417,40 @@ def _lands(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
     return bool((closing > _CLOSED * largest).any())
 
 
-def _unfit(scheme: TimeScheme, courant: Mapping[str, float], landing: set[str]) -> list[str]:
+def _unfit(
+    scene: Scene,
+    bodies: Mapping[str, Body],
+    units: list[InterfaceUnit],
+    scheme: TimeScheme,
+    courant: Mapping[str, float],
+    landing: set[str],
+) -> list[str]:
     """A sentence where the scheme gains energy, or makes the force of a landing depend on the step."""
-    remedy = 'choose time.scheme = "generalized_alpha"'
     largest = max(courant.values(), default=0.0)
     # gamma = 1/2 undamped: velocity_gain(1) is gamma
     if scheme.name == "newmark" and scheme.force_weight == 1.0 and scheme.velocity_gain(1.0) == 0.5:
+        remedy = _remedy(scene, bodies, units, bool(landing))
         return [f"time.scheme newmark with gamma = 0.5 gains energy at contacts that open and close: {remedy}"]
     if scheme.name == "massless_contact" and largest > _MASSLESS:
         return [
             f"time.scheme massless_contact at Courant number {largest:.2g} of the contact faces (stable up to "
-            f"{_MASSLESS:g}): it gains energy at impacts: {remedy}, or take smaller steps"
+            f"{_MASSLESS:g}): it gains energy at impacts: "
+            f"{_remedy(scene, bodies, units, bool(landing))}, or take smaller steps"
         ]
     # the smallest: the peak of a landing grows as the step shrinks
     lowest = min((c for n, c in courant.items() if n in landing), default=np.inf)
-    if scheme.name in ("hht", "newmark") and lowest < _RESOLVED:
-        return [
-            f"time.scheme {scheme.name} at Courant number {lowest:.2g} of a face that lands (suited from {_RESOLVED:g} "
-            "on): the first contact force is the momentum of a layer of nodes over one step, and grows without limit "
-            f"as the step shrinks; impulses are correct. For the force {remedy}"
-        ]
+    if scheme.name in _WITH_MASS and lowest < _RESOLVED:
+        return [f"time.scheme {scheme.name} {_of_landings(lowest)} {_remedy(scene, bodies, units, lands=True)}"]
     return []
+
+
+def _of_landings(courant: float) -> str:
+    """What a scheme with mass on the contact nodes does to a landing, up to the remedy."""
+    return (
+        f"at Courant number {courant:.2g} of a face that lands (suited from {_RESOLVED:g} on): the first contact force "
+        "is the momentum of a layer of nodes over one step, and grows without limit as the step shrinks, and "
+        "accelerations with it; impulses are correct. For force and accelerations"
+    )
 
 
 def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:

@@ -156,13 +156,9 @@ def _load_remarks(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[Remark]:
 def _driving_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
     """Nothing that could move a body."""
     scene = problem.scene
-    bodies = scene.substructure.values()
-    driven = scene.force_laws or scene.bolt or scene.port or scene.time.start.type == "static"
+    driven = scene.force_laws or scene.standing or scene.port or scene.time.start.type == "static"
     driven = driven or any(isinstance(b, Driven) for b in scene.boundary.values())
-    driven = driven or any(b.initial_keys for b in bodies)
-    joints = scene.joints.values()
-    # 1 m2: whether there is any
-    driven = driven or any(i.initial_pressure(1.0) or i.ground_velocity is not None for i in joints)
+    driven = driven or any(i.ground_velocity is not None for i in scene.joints.values())
     if not driven:
         text = "nothing loads or moves a body: every result is zero; add a [load], an initial velocity or a driven"
         yield Remark("load", f"{text} [boundary]")

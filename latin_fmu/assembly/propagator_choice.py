@@ -232,7 +232,8 @@ def fitting(classes: list[ModelClass], settings: PropagatorSettings, memory: flo
     ----------
     classes : of substructures. settings : as requested. memory : bytes; None: of this machine (0: not known).
     """
-    room = AVAILABLE * (memory_room()[0] if memory is None else memory)
+    # by the machine, not by what others take at present: a scene keeps its propagator, and so its numbers
+    room = AVAILABLE * (memory_room(now=False)[0] if memory is None else memory)
     if settings.kind != "direct" or not room:
         return settings
     if sum(factor_bytes(c.members[0].expansion.shape[1]) for c in classes) < 0.3 * room:  # far from the limit

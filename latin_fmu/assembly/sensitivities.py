@@ -218,8 +218,8 @@ class Tangents:
     def march(
         self, ready: SolverReadyProblem, recorder: Recorder, progress: Callable[[int, int], None] | None = None
     ) -> list[HistoryChanges]:
-        """Derivatives by each parameter, from the histories of the run; ``progress`` is called with the instants of the
-        motion that are done, and all.
+        """Derivatives by each parameter, from the histories of the run; ``progress`` is called with the instants of a
+        static stage, or of the motion, that are done, and all. What it raises ends the march.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class Tangents:
         """
         parameters, states = self.parameters, [StateChange() for _ in self.parameters]
         for stage in self.stages:
-            run = _march(stage, parameters, states)
+            run = _march(stage, parameters, states, progress)
             states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
         run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states, progress)
         interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)

@@ -37,16 +37,17 @@ from ..latin.outcome import Array
 from ..results.quantities import AXES, FILTERED, SENSOR
 from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
-    BOLT_FORCE,
+    ACCELERATION_UNFILTERED,
     DISPLACEMENT,
     DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
     FORCE_HISTORY,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     SPECTRUM,
     VELOCITY_HISTORY,
-    VELOCITY_PEAK,
+    VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
@@ -80,7 +81,7 @@ class Measurable:
 
     owner: str
     unit: str
-    flags: tuple[QuantityOfInterest, ...] = ()
+    flags: tuple[str, ...] = ()
     error: QuantityOfInterest | None = None
     motion: str = ""
     filtered: bool = False
@@ -91,22 +92,22 @@ class Measurable:
         return f"{self.owner}s"
 
 
-def _motions(name: str, flags: tuple[QuantityOfInterest, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
+def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> dict[str, Measurable]:
     """A motion of a sensor by its name, and behind the filter."""
     own = Measurable("sensor", str(SENSOR[name].unit), flags, error, name)
     return {name: own, FILTERED[name].name: replace(own, filtered=True)}
 
 
-_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_PEAK,), ACCELERATION_PEAK)
-_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE, IMPULSE), FORCE_HISTORY)
+_ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED.key,), ACCELERATION_PEAK)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
 MEASURABLE: Final = {
-    **_motions("displacement", (DISPLACEMENT, DISPLACEMENT_PEAK), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_PEAK,), VELOCITY_HISTORY),
+    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
+    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_HISTORY),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
     "normal_force": _RESULTANT,
-    "tension": Measurable("bolt", "N", (BOLT_FORCE,), BOLT_FORCE),
+    "tension": Measurable("bolt", "N", (LARGEST_BOLT_FORCE.key,), LARGEST_BOLT_FORCE),
     "frequency": Measurable("", "Hz"),
     "damping": Measurable("", "1"),
 }
@@ -190,6 +191,9 @@ def read_measured(paths: Sequence[str | Path], scene: Scene) -> list[MeasuredTab
     """
     owners = {"sensor": list(scene.sensor), "bolt": list(scene.bolt), "interface": list(scene.joints)}
     problems, made = Problems(), []
+    files = [Path(path).resolve() for path in paths]
+    for path in dict.fromkeys(path for path, file in zip(paths, files, strict=True) if files.count(file) > 1):
+        problems.add(str(path), "the file is given twice: its data would count twice")
     for path in paths:
         reader = _Reader(str(path), scene, owners)
         table = reader.read()
@@ -251,6 +255,12 @@ class _Reader:
         if self.problems:
             return None
         self._limits(kind, names, table, [number for number, _ in rows])
+        for i, name in enumerate(names[1:], 1):
+            if name in parts and name + _SD not in names and not table[:, i].any():
+                remedy = f"add {name}{_SD}, or remove the column"
+                self._say(
+                    "every value is 0, and no standard deviation is given", self._header_line, value=name, remedy=remedy
+                )
         # rows of one abscissa keep their order
         order = np.argsort(table[:, 0], kind="stable")
         by_name: Mapping[str, Array] = {name: table[order, i] for i, name in enumerate(names)}

@@ -131,7 +131,7 @@ class Predictor:
             # other problems would come again without derivatives
             if not wanted or any(problem.where != _KEY for problem in error.problems):
                 raise
-            self.reason = "; ".join(f"{p.value or 'derivatives'}: {p.what}" for p in error.problems)
+            self.reason = "; ".join(f"{p.value}: {p.what}" if p.value else p.what for p in error.problems)
             return self._solved(scene)
         if not solution.converged:
             raise SolverError(f"the run did not converge: {solution.status}")
@@ -213,7 +213,7 @@ class Predictor:
                 column.name
                 for _, column, _ in columns_of(self.tables)
                 for flag in column.of.flags
-                if (q := known.by_quantity.get(f"{column.owner}.{flag.key}")) is not None and q.flagged[i]
+                if (q := known.by_quantity.get(f"{column.owner}.{flag}")) is not None and q.flagged[i]
             ]
             if columns:
                 listing = ", ".join(dict.fromkeys(columns))

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from ..accuracy.estimate import estimate_error
+from ..accuracy.estimate import band_remarks, estimate_error
 from ..accuracy.runs import message_of
 from ..errors import LatinError
 from ..latin.outcome import Array
@@ -46,6 +46,7 @@ _ENTERS: Final = 0.2  # of the largest entry of a combination: smaller ones are 
 AT_BOUND: Final = 1e-4  # of the start
 _FOLLOWING: Final = 0.5  # correlation of residuals from one datum to the next from which on they are not independent
 _FEW: Final = 20  # data for that
+_LEFT: Final = 0.5  # residual over the data, root mean squares, from which on a scene does not follow them
 _NEAR: Final = (1e-3, 0.3)  # change of parameters over their start in the check of flagged derivatives
 
 
@@ -344,7 +345,8 @@ def calibration_of(
     remarks: list[str] = []
     columns, estimated = list[ColumnFit](), None
     if estimate and predictor.runs_in_time and best.solution is not None:
-        estimated = _estimated(predictor.at(best.values), best.solution, remarks)
+        measured_columns = [column for _, column, _ in columns_of(predictor.tables)]
+        estimated = _estimated(predictor.at(best.values), best.solution, measured_columns, remarks)
     for table, column, place in columns_of(predictor.tables):
         error, of_rms = (math.nan, True) if estimated is None else _error_of(estimated, column)
         columns.append(ColumnFit(table, column, done[0].predicted[place], best.predicted[place], error, of_rms))
@@ -393,14 +395,18 @@ def _bound(p: FitParameter, value: float) -> str:
     return "lower" if value <= p.low + near else "upper" if value >= p.high - near else ""
 
 
-def _estimated(scene: Scene, solution: Solution, remarks: list[str]) -> ErrorEstimate | None:
-    """Estimated error of the last run; why there is none goes to the remarks."""
+def _estimated(scene: Scene, solution: Solution, columns: Sequence[Column], remarks: list[str]) -> ErrorEstimate | None:
+    """Estimated error of the last run; why there is none, and its remarks but for those on sensors without a motion in
+    ``columns`` that they are about, go to the remarks."""
     try:
         made = estimate_error(scene, solution)
     except LatinError as error:
         remarks.append(f"no estimate of the error of the run: {message_of(error)}")
         return None
-    remarks += [f"error of the run: {text}" for text in made.remarks]
+    every = band_remarks(scene, solution, list(solution.sensors))
+    measured = {c.owner for c in columns if c.of.motion in ("velocity", "acceleration") and not c.of.filtered}
+    own = [*(text for text in made.remarks if text not in every), *band_remarks(scene, solution, sorted(measured))]
+    remarks += [f"error of the run: {text}" for text in own]
     return made
 
 
@@ -437,6 +443,11 @@ def _on_residuals(columns: Sequence[ColumnFit], statistics: FitStatistics) -> li
     said = []
     for c in columns:
         r = c.after - c.column.values
+        if (left := c.rms(c.after) / (float(np.sqrt(np.mean(c.column.values**2))) or math.inf)) > _LEFT:
+            said.append(
+                f"the scene does not follow {c.column.name}: {100 * left:.2g} % of the data are left; check unit, "
+                "sign, axis and times of the data, and the parameters"
+            )
         if c.table.kind == "history" and len(r) >= _FEW and (total := float(r @ r)) > 0.0:
             following = float(r[1:] @ r[:-1]) / total
             if following > _FOLLOWING:

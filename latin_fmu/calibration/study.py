@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -58,7 +58,10 @@ def _numbers(text: str, given: Sequence[str | None], problems: Problems) -> list
     made: list[float | None] = []
     for word in given:
         try:
-            made.append(None if word is None else float(word))
+            value = None if word is None else float(word)
+            if value is not None and math.isnan(value):
+                raise ValueError
+            made.append(value)
         except ValueError:
             problems.add("--fit", "not a number", word or "nothing", _FORM, f"in {text}")
             made.append(None)
@@ -127,6 +130,7 @@ class LeastSquares:
         self.scale = np.array([p.scale for p in parameters])
         self.known: dict[tuple[float, ...], Predicted | None] = {}
         self.weights = np.ones(len(data))
+        self._reason = ""  # for secants, once it was said
         self._secants: Array | None = None  # by the parameters over their scale
         self._since: list[Predicted] = []  # runs that the secants do not contain yet
 
@@ -156,12 +160,18 @@ class LeastSquares:
         else:
             said = f"residual {math.sqrt(float(np.mean(self.residuals(made) ** 2))):.4g}"
             self._since.append(made)
+            if self._predictor.reason != self._reason:
+                self._reason = self._predictor.reason
+                self._say(f"secants in the place of derivatives, with more runs: {self._reason}")
         self.known[values] = made
-        if self._log is not None:
-            text = ", ".join(f"{p.words} {v:.6g}" for p, v in zip(self._parameters, values, strict=True))
-            self._log(f"run {len(self.known)}: {text}: {said}")
+        text = ", ".join(f"{p.words} {v:.6g}" for p, v in zip(self._parameters, values, strict=True))
+        self._say(f"run {len(self.known)}: {text}: {said}")
         self._let_go()
         return made
+
+    def _say(self, text: str) -> None:
+        if self._log is not None:
+            self._log(text)
 
     def _let_go(self) -> None:
         """Keep the results of the best run alone: those of a run may be large."""
@@ -298,7 +308,7 @@ def calibrate(
     scene = scene if isinstance(scene, Scene) else load_scene(scene, settings)
     parameters = parameters_of([fit] if isinstance(fit, str) else fit, scene)
     tables = read_measured([data] if isinstance(data, str | Path) else data, scene)
-    _check(tables, parameters, max_runs)
+    _check(tables, parameters, {"--max-runs": max_runs, "--mode": mode, "--increments": increments})
     predictor = Predictor(scene, tables, [p.names for p in parameters], mode, increments)
     if secants:
         predictor.reason = "as requested"
@@ -313,13 +323,16 @@ def calibrate(
     return calibration_of(predictor, parameters, search.weights, last, search.done, len(search.known), wanted)
 
 
-def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], max_runs: int) -> None:
+def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], counts: Mapping[str, int]) -> None:
     problems = []
     if (n := size_of(tables)) <= len(parameters):
         what, remedy = "too few data", "give more rows, or fit fewer parameters"
         problems.append(Problem(tables[0].path, what, str(n), f"more than the {len(parameters)} parameters", remedy))
-    if not 2 <= max_runs <= _MOST_RUNS:
-        problems.append(Problem("--max-runs", "out of range", str(max_runs), f"2 to {_MOST_RUNS}"))
+    for option, count in counts.items():
+        # a secant needs a second run
+        least = 2 if option == "--max-runs" else 1
+        if not least <= count <= _MOST_RUNS:
+            problems.append(Problem(option, "out of range", str(count), f"{least} to {_MOST_RUNS}"))
     if problems:
         raise InputError(problems, HEADING)
 

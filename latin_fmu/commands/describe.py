@@ -335,7 +335,7 @@ examples:
   latin-fmu demo                    the models, one a line
   latin-fmu demo hammer_on_plate    copies the folder, and prints the commands that solve and draw it
 """
-_ROW: Final = re.compile(r"\| `(\w+)` \| (.+?) \| (.+?) \| (.+?) \|")
+_ROW: Final = re.compile(r"\| \[`(\w+)`\]\(\w+/README\.md\) \| (.+?) \| (.+?) \| (.+?) \|")
 _UNAVAILABLE: Final = "../../"  # links of a README to files that are not copied
 _HEADING: Final = "the model cannot be copied"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -12,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from zipfile import ZipFile
 
-from ..errors import InputError, LatinError, NeedsPythonError, Problem
+from ..errors import InputError, LatinError, NeedsPythonError, Problem, listed
+from ..scene.laws import InputLaw
 from . import (
     BAD_INPUT,
     CONVERGED,
@@ -175,6 +177,7 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
     names = [name.strip() for name in arguments.inputs.split(",") if name.strip()]
     checks = import_module("fmu_build.checks")
     inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
+    acting = _acting(inputs.scene)
     if arguments.modes is not None and not arguments.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
@@ -188,7 +191,7 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
         sizes = {"n_mode": arguments.modes, "n_patch": arguments.patches}
         given = {name: size for name, size in sizes.items() if size is not None}
         build.build_model_exchange(inputs.scene, target, **given)
-        return lines
+        return acting
     files, compiled = _files(arguments, inputs.scene, note)
     if arguments.reference != "none":
         begin = time.process_time()
@@ -202,6 +205,27 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
         )
         lines.append(f"{reference.said}{took}")
     build.write_archive(target, files)
+    return [*acting, *lines]
+
+
+def _acting(scene: Scene) -> list[str]:
+    """What loads or moves a body in the FMU of a scene, in words."""
+    from ..cosim.input_table import acting_of, given_of
+    from ..cosim.variable import input_variable
+
+    own, sources = acting_of(scene), given_of(scene)
+    given = [f"{input_variable(source.name, 'value')} = {source.start:g}" for source in sources]
+    if not (own or given):
+        what, remedy = "nothing loads or moves a body in this FMU: every result is zero", "add a [load] to the scene"
+        return [f"warning: {what}; {remedy}"]
+    lines = [f"inputs, until the host sets them: {listed(given)}"] if given else []
+    if own:
+        free = [name for name, load in scene.load.items() if not isinstance(load.law, InputLaw)]
+        more = f" (--inputs {free[0]} makes an input of a load)" if free and not given else ""
+        lines.append(f"acts in the FMU as in the scene: {listed(own)}{more}")
+    else:
+        rest = "" if any(source.start for source in sources) else ": until the host sets an input the FMU stays at rest"
+        lines.append(f"nothing else loads or moves a body{rest}")
     return lines
 
 
@@ -288,6 +312,10 @@ def _simulate(arguments: argparse.Namespace) -> int:
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
     # 0 and none: that of the FMU
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
+    if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] > 0.0):
+        which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
+        what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
+        say(f"latin-fmu: warning: {what}; are its times in s?")
     rows: list[Sequence[float]] = []
     limited = False
 
@@ -306,6 +334,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
         drive.close()
     write_csv(target, ["time", *drive.outputs], rows)
     if not arguments.quiet:
+        for text in dict.fromkeys(drive.warnings):
+            say(f"latin-fmu: warning of the FMU: {text}")
         print(f"{len(rows)} rows: {target}")
     reached = rows[-1][0] if rows else 0.0
     if drive.complaint:
@@ -343,7 +373,7 @@ def _pair(text: str) -> tuple[str, Any]:
 def read_columns(path: Path) -> dict[str, list[float]]:
     """Columns of a CSV file by name; ``time`` among them.
 
-    Raises InputError where it cannot be read, holds no numbers, or has no increasing times.
+    Raises InputError where it cannot be read, holds no finite numbers, or has no increasing times.
     """
     problem = Problem(str(path), "not a table of numbers", None, "a header, then one row per time")
     try:
@@ -356,6 +386,13 @@ def read_columns(path: Path) -> dict[str, list[float]]:
         columns = {name: [float(row[i]) for row in rows[1:]] for i, name in enumerate(names)}
     except (OSError, ValueError, IndexError, csv.Error):  # of the text nothing is quoted
         raise InputError([problem], "the inputs cannot be read") from None
+    for name, column in columns.items():
+        for value in column:
+            if not math.isfinite(value):
+                problem = Problem(
+                    str(path), f"no finite number in column {name}", f"{value:g}", remedy="remove the row"
+                )
+                raise InputError([problem], "the inputs cannot be read")
     times = columns.get("time", [])
     if len(times) < 1 or any(b <= a for a, b in pairwise(times)):
         problem = Problem(str(path), "needs a column 'time' that increases strictly")

@@ -72,7 +72,9 @@ def register(add: AddParser) -> None:
     text = "also print iterations, energies, tables of interfaces and sensors, and all estimated errors"
     switch(parser, "--details", text)
     option(parser, "--vtk", "FOLDER", "also write files for ParaView to this folder", Path)
-    text = "also draw forces, contact states, sensors and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
+    text = (
+        "also draw forces, contact states, sensors, spectra and bolts (png, pdf or svg), as latin-fmu plot OUT.nc does"
+    )
     option(parser, "--figure", "FIGURE", text, output_file)
     text = (
         "write a checkpoint every N instants, or every N s, min or h (e.g. 500, 90s, 10min), to OUT.nc.checkpoint "
@@ -88,8 +90,9 @@ def register(add: AddParser) -> None:
     )
     option(parser, "--accuracy", "1%", text)
     text = (
-        f"CPU seconds that the run may take, its error estimate included; one that reaches them stops (exit code "
-        f"{LIMITED}): results so far are written and marked, and a checkpoint to go on from. Default: no limit. With "
+        f"CPU seconds that the run may take, with its derivatives, their checks and its error estimate; one that "
+        f"reaches them stops (exit code {LIMITED}): results so far are written and marked, and a checkpoint to go on "
+        "from; of what follows a whole run, the rest is left out with a warning. Default: no limit. With "
         f"--accuracy: of all runs of the search together, {_SEARCH:g} by default; the chosen one is always finished"
     )
     add_max_cpu(parser, text)

@@ -296,8 +296,11 @@ def _sweep(arguments: argparse.Namespace) -> int:
         print(json_lines(report if arguments.samples is None else report | {"bands": compared.report()}))
     elif lines:
         print("\n".join(lines))
+    written = f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})"
     if not arguments.quiet:
-        tell_written(arguments, f"study: {output} ({', '.join(f'{n} {name}' for name, n in counts.items() if n)})")
+        tell_written(arguments, written)
+    elif states.any():
+        say(written)
     return CONVERGED if not states.any() else NOT_CONVERGED
 
 

@@ -26,6 +26,10 @@ if TYPE_CHECKING:  # imported at initialization: hosts instantiate an FMU only t
 
 
 _STATE: Final = "state of an FMU"
+NOT_ACTED: Final = (
+    "nothing has acted: every input has stayed 0, and nothing else loads or moves a body in this FMU; set {}"
+)
+"""As in ``fmu_build/compiled/run.c``."""
 
 
 class SavedState(bytes):
@@ -49,7 +53,8 @@ class HostedSession:
     Attributes
     ----------
     session : None before it was needed. start_time : of the simulation, s. host_tolerance : of the host, None where it
-    gives none. opened : whether the session is at its start under the variables as they are.
+    gives none. opened : whether the session is at its start under the variables as they are. acted : whether an input
+    has had another value than 0.
     """
 
     def __init__(self, scene: Callable[[], Scene], variables: VariableStore, log: Log) -> None:
@@ -61,7 +66,7 @@ class HostedSession:
     def clear(self) -> None:
         """Return to before initialization; operators are kept."""
         self.host_tolerance: float | None = None
-        self.start_time, self.opened = 0.0, False
+        self.start_time, self.opened, self.acted = 0.0, False, False
         if self.session is not None:
             self.session.reset()
 
@@ -112,6 +117,7 @@ class HostedSession:
             self._inputs = [(name, place[value], place[rate]) for name, value, rate in named]
         for name, value, rate in self._inputs:
             session.set_load(name, numbers[value], numbers[rate])
+            self.acted |= bool(numbers[value] or numbers[rate])
 
     def _give_histories(self, session: Session) -> None:
         """Set the histories of a session in prescribed mode: those of the file, then those given as arrays."""
@@ -124,10 +130,24 @@ class HostedSession:
             from .loads import read_histories
 
             for name, history in read_histories(file, session.loads).items():
-                session.set_history(name, *history)
+                self._give_history(session, name, history)
         # after the file: arrays replace its columns
         for name, history in self._variables.histories().items():
-            session.set_history(name, *history)
+            self._give_history(session, name, history)
+
+    def _give_history(self, session: Session, name: str, history: tuple[Any, Any]) -> None:
+        session.set_history(name, *history)
+        self.acted |= bool(np.any(history[1]))
+
+    def check_acted(self, time: float) -> None:
+        """Warn where nothing has loaded or moved a body until ``time``, s."""
+        from .input_table import acting_of
+
+        session = self.session
+        if session is None or self.acted or time <= self.start_time or not session.loads:
+            return
+        if not acting_of(session.scene):
+            self._log(WARNING, NOT_ACTED.format(input_variable(session.loads[0], "value")))
 
     def check_results_file(self) -> None:
         """Whether a results file that is named can be written. Raises InputError."""
@@ -311,6 +331,7 @@ class FmiInstance(ReferencedVariables):
         False, and an error is logged, where the last step was discarded and not made again: the values that the host
         has read since are those before it.
         """
+        self._hosted.check_acted(self.time)
         self._hosted.write_results()
         if self._discarded and self._hosted.session is not None:
             self.log(
@@ -350,6 +371,7 @@ class FmiInstance(ReferencedVariables):
             self._restore(decode(before, self._kind), check=False)
             raise
         self._discarded = ""
+        self._hosted.acted = True  # the inputs before the state are not known
         return True
 
     def _restore(self, state: dict[str, Any], check: bool) -> None:

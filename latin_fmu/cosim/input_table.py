@@ -201,6 +201,14 @@ def inputs_of(scene: Scene) -> dict[str, InputLaw]:
     return {source.name: source.law for source in sources_of(scene) if isinstance(source.law, InputLaw)}
 
 
+def acting_of(scene: Scene) -> list[str]:
+    """What loads or moves a body without anything set from outside, in words; empty where nothing does."""
+    own = [source for source in sources_of(scene) if not isinstance(source.law, InputLaw)]
+    # names of loads alone have no dot
+    named = [(source.name if "." in source.name else f"load {source.name}", source.law) for source in own]
+    return [*(f"{name} ({getattr(law, 'type', 'own law')})" for name, law in named), *scene.standing]
+
+
 def with_laws(scene: Scene, laws: Mapping[str, TimeLaw]) -> Scene:
     """The scene with other laws of what drives it, by the names of ``sources_of``."""
     for kind in INPUTS:

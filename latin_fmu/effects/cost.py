@@ -636,7 +636,7 @@ def check_memory(p: Prediction, stream: bool = False) -> None:
         raise SceneError.of(
             "the scene cannot be solved here",
             "memory",
-            "the run needs more memory than it may take",
+            "the run does not fit in the memory that it may take",
             f"about {amount(need.total)}: {need.text()}",
             f"{amount(max(room, 0.0))} ({limit})",
             _remedy(p, need, room),

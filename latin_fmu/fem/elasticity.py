@@ -273,3 +273,10 @@ class Orthotropic(Elasticity):
         # root of a symmetric tensor by its eigenvectors
         squares, shapes = np.linalg.eigh(self.density * self._christoffel(normals))
         return np.asarray((shapes * np.sqrt(squares)[..., None, :]) @ np.swapaxes(shapes, -1, -2))
+
+
+def von_mises(stress: Array) -> Array:
+    """Equivalent stress by von Mises (...,), Pa, of stresses (..., 6): sqrt(3/2 s : s) with the deviator s."""
+    deviator = stress[..., :3] - stress[..., :3].mean(axis=-1, keepdims=True)
+    size: Array = np.sqrt(1.5 * (deviator**2).sum(axis=-1) + 3.0 * (stress[..., 3:] ** 2).sum(axis=-1))
+    return size

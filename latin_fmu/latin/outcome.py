@@ -260,6 +260,7 @@ class BoltHistory:
         shortening is given. area : of the cut across the axis, m2. shortening : kept since it was tightened, m.
     force : (n_time,) tension, N. tightening : (n_order,) tension when the bolts of each of ``orders`` were tight, N.
     plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
+    thread, thread_area : metric thread, and its tensile stress area, m2; None where the scene names none.
     """
 
     name: str
@@ -272,6 +273,13 @@ class BoltHistory:
     orders: tuple[int, ...]
     tightening: tuple[float, ...]
     plastic_elongation: Array | None = None
+    thread: str | None = None
+    thread_area: float | None = None
+
+    @property
+    def stress_area(self) -> float:
+        """Section whose stress is compared with a yield stress, m2: that of the thread, else of the cut."""
+        return self.area if self.thread_area is None else self.thread_area
 
     @property
     def tight(self) -> float:

@@ -208,6 +208,7 @@ class OutputRequest:
 
     interfaces_every : the histories of interfaces at every so many instants (``Recorder``).
     peak_duration : of the mean whose largest value is the peak force, s; None for a share of the contact.
+    watch : whether the largest von Mises stresses of the bodies with a yield stress are kept.
     """
 
     fields: bool = False
@@ -220,6 +221,7 @@ class OutputRequest:
     supports: Mapping[str, Support] = field(default_factory=dict)
     bolts: Mapping[str, BoltPlace] = field(default_factory=dict)
     faces: Mapping[str, FacePlace] = field(default_factory=dict)
+    watch: bool = False
 
     def places(self, key: str) -> Mapping[str, Measured]:
         """Places of a kind of ``SERIES`` by name."""

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 
+from ..fem.elasticity import von_mises
 from ..kernels.energy_parts import TERMS
 from ..propagator.base import full_displacement, full_velocity
 from ..propagator.image import Image
@@ -21,20 +22,22 @@ from .outcome import BoltHistory, InterfaceHistory, PointFields, ReactionHistory
 from .part import Part
 from .probes import SERIES, OutputRequest, Probes, nodes_of, reaction_histories, sensor_histories
 
+_WATCHED: Final = 500  # instants at which the stresses of bodies with a yield stress are looked at, at most
 _SMALL: Final = 20_000  # dofs of all nodes up to which the kernels keep the fields of many instants
 
 
 @dataclass(frozen=True)
 class SubstructureInfo:
     """Mesh of a substructure for the results, its stress recovery (displacements (n_node, 3) -> (n_cell, 6), None where
-    no stress is requested), and the part of the stress that displacements do not make (instants (n_time,) -> (n_time,
-    n_cell or 1, 6))."""
+    no stress is requested), the part of the stress that displacements do not make (instants (n_time,) -> (n_time,
+    n_cell or 1, 6)), and its yield stress, Pa, None where none is given."""
 
     nodes: Array
     cells: np.ndarray
     cell_type: str
     stress: Callable[[Array], Array] | None
     unstrained: Callable[[Array], Array] | None = None
+    yield_stress: float | None = None
 
 
 class StoredFields:
@@ -58,14 +61,10 @@ class StoredFields:
     def keep(self, assembly: Assembly, image: Image, whole: Probes | None, now: slice, row: int) -> None:
         """Keep the requested fields at those of the instants ``now`` that are to be kept: from the rows of the image's
         output from ``row`` on by the probes of all nodes, else of the present state, that of the last of them."""
-        every = self._request.every
-        first = now.stop - 1 if whole is None else now.start  # fields of the state now
-        # multiples of ``every`` alone
-        instants = range(-(-first // every) * every, now.stop, every)
+        instants, rows = _read(whole, now, row, self._request.every)
         if not instants:
             return
         self.times += assembly.time[instants].tolist()
-        rows = slice(row + instants[0] - now.start, row + now.stop - now.start, every)
         for c, propagator in enumerate(assembly.propagators):
             for member, name in enumerate(propagator.names):
                 if whole is None:
@@ -107,6 +106,81 @@ class StoredFields:
         return SubstructureHistory(name, info.nodes, info.cells, info.cell_type, times, *motion, energy)
 
 
+def _read(whole: Probes | None, now: slice, row: int, every: int) -> tuple[range, slice]:
+    """Those of the instants ``now`` that are multiples of ``every`` and whose fields can be read, and their rows in the
+    image's output from ``row`` on: all of them by the probes of all nodes, else the last one."""
+    first = now.stop - 1 if whole is None else now.start
+    instants = range(-(-first // every) * every, now.stop, every)
+    begin = instants[0] if instants else now.stop
+    return instants, slice(row + begin - now.start, row + now.stop - now.start, every)
+
+
+class LargestStress(NamedTuple):
+    """Largest von Mises stress of a body in a run.
+
+    Attributes
+    ----------
+    stress : mean of an element, Pa. time : s. element : its number. above : number of elements above the yield stress
+        then.
+    """
+
+    stress: float
+    time: float
+    element: int
+    above: int
+
+
+class LargestStresses:
+    """Largest von Mises stresses of the bodies with a yield stress, at 500 instants at most.
+
+    Attributes
+    ----------
+    tables : (n_time, 3) by body: stress, Pa, its element, number of elements above the yield stress; 0 at instants that
+        are not looked at. every : at every so many.
+    """
+
+    def __init__(self, info: Mapping[str, SubstructureInfo], n_time: int) -> None:
+        self._info = {name: of for name, of in info.items() if of.yield_stress is not None}
+        self.tables = {name: np.zeros((n_time, 3)) for name in self._info}
+        self.every = -(-n_time // _WATCHED)
+
+    def keep(
+        self,
+        assembly: Assembly,
+        places: Mapping[str, tuple[int, int]],
+        image: Image,
+        at: tuple[Probes | None, int],
+        now: slice,
+    ) -> None:
+        """Look at those of the instants ``now`` whose fields can be read; ``places`` : class and member of the bodies,
+        ``at`` : probes of all nodes, and first row of the image's output."""
+        whole, row = at
+        instants, rows = _read(whole, now, row, self.every)
+        for name, info in self._info.items() if instants else ():
+            # not in the run, or in another process
+            if info.stress is None or info.yield_stress is None or name not in places:
+                continue
+            c, member = places[name]
+            if whole is None:
+                moved: Any = [full_displacement(assembly.propagators[c], member)]
+            else:
+                moved = whole.fields(image, c, member, 0, rows, instants)
+            stress = np.stack([info.stress(u) for u in moved])
+            if info.unstrained is not None:
+                stress = stress + info.unstrained(assembly.time[instants])
+            size = von_mises(stress)
+            above = (size > info.yield_stress).sum(axis=1)
+            self.tables[name][instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
+
+    def of(self, time: Array) -> dict[str, LargestStress]:
+        """The largest ones of the run by body; ``time`` (n_time,) of its instants, s."""
+        made = {}
+        for name, table in self.tables.items():
+            i = int(np.argmax(table[: len(time), 0]))
+            made[name] = LargestStress(float(table[i, 0]), float(time[i]), int(table[i, 1]), int(table[i, 2]))
+        return made
+
+
 class Recorder:
     """Histories of interfaces (always) and substructures (as requested).
 
@@ -138,6 +212,8 @@ class Recorder:
         if request.energy:
             terms = {c: np.zeros((n_time, len(TERMS), len(p.members))) for c, p in enumerate(assembly.propagators)}
             self._series["energy"] = {**terms, "drift": np.zeros(n_time)}
+        self.stresses = LargestStresses(substructures if request.watch else {}, n_time)
+        self._series["von_mises"] = self.stresses.tables
         self._histories: tuple[int, dict[str, InterfaceHistory]] = -1, {}  # of so many instants
         self._probes: Probes | None = None
         self._whole: Probes | None = None  # those of all nodes, where they are kept at every instant
@@ -175,13 +251,17 @@ class Recorder:
         self.n_kept += n
         if self._stored.wanted:
             self._stored.keep(assembly, image, self._whole, now, row)
+        self.stresses.keep(assembly, self._places, image, (self._whole, row), now)
 
     def until_fields(self) -> int:
         """Instants from the last kept one to the next whose fields are kept."""
-        if self._stored.wanted and self._whole is None:
-            return self.request.every - (self.n_kept - 1) % self.request.every
+        steps = []
+        if self._whole is None:
+            steps += [self.request.every] if self._stored.wanted else []
+            steps += [self.stresses.every] if self.stresses.tables else []
         # more than there are: nothing has to be read between two calls
-        return self.rows.every * len(self.rows.table)
+        many = self.rows.every * len(self.rows.table)
+        return min((every - (self.n_kept - 1) % every for every in steps), default=many)
 
     # -- parts of the histories -------------------------------------------------------------------------------------
     def _views(self, first: int) -> dict[str, Array]:
@@ -226,7 +306,7 @@ class Recorder:
         energy = self._series["energy"]
         drift = {key: energy.pop(key) for key in ("drift",) if key in energy}
         # others hold zeros for what they do not march: the sum is complete
-        for table in (*(self._series[key] for key in SERIES), drift):
+        for table in (*(self._series[key] for key in (*SERIES, "von_mises")), drift):
             for values in table.values():
                 processes.add(values)
         massless = set() if self._probes is None else self._probes.massless
@@ -255,7 +335,7 @@ class Recorder:
         return {name: h.points_over_time for name, h in histories.items()}
 
     def series(self, kind: str) -> dict[str, Array]:
-        """Series of a kind of ``probes.SERIES`` over the kept instants by name."""
+        """Series of a kind over the kept instants by name."""
         return {name: values[: self.n_kept] for name, values in self._series[kind].items()}
 
     def sensors(self, assembly: Assembly) -> dict[str, SensorHistory]:

@@ -123,7 +123,7 @@ def with_energy(
     gained = (
         f"energy: by t = {time[at]:.6g} s contacts, joints, damping and the time scheme have together added "
         f"{-float(lost[at]) / float(put_in[at]):.3g} times the energy put in (allowed: {_GAIN:g} times): "
-        'the time scheme gains energy. Use time.scheme = "generalized_alpha", or "hht" with smaller steps'
+        'the time scheme gains energy. Take time.scheme = "automatic", or smaller steps'
     )
     return False, f"not converged, {gained}" if converged else f"{sentence}; {gained}"
 

@@ -35,14 +35,22 @@ from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
 from ..results.quantities_of_interest import (
+    ACCELERATION_UNFILTERED,
+    DISPLACEMENT,
+    DISPLACEMENT_PEAK,
     FORCE_HISTORY,
+    LARGEST_BOLT_FORCE,
+    LARGEST_SLIP,
+    LAST_BOLT_FORCE,
     QUANTITIES_OF_INTEREST,
+    VELOCITY_UNFILTERED,
     InterfaceFields,
+    RunScalar,
     first_contact_time,
     largest_slip_share,
     slip_in_contact,
 )
-from ..results.sensitivities import scalars_of
+from ..results.sensitivities import bolt_scalars, scalars_of, sensor_scalars
 from ..results.solution import Solution
 from ..results.spread import linear_results, results_in, spectrum_groups
 from ..scene.describe import unit_at
@@ -180,6 +188,9 @@ def _set_problems(parameters: Sequence[Parameter]) -> Iterator[Problem]:
         texts = [repr(value) for value in p.values]
         if not texts:
             yield Problem(f"--vary {p.key}", "no values", allowed=_FORM)
+        for value in p.values:
+            if isinstance(value, float) and not math.isfinite(value):
+                yield Problem(f"--vary {p.key}", "not a finite number", repr(value), _FORM)
         for text in dict.fromkeys(t for t in texts if texts.count(t) > 1):
             yield Problem(f"--vary {p.key}", "the value is given twice", text)
 
@@ -332,22 +343,24 @@ class Quantity:
     long_name: str
 
 
+def _named(of: RunScalar, owner: str) -> Quantity:
+    """A scalar of a run as a variable."""
+    return Quantity(of.key, owner, of.unit, of.long_name)
+
+
 _OF_INTERFACE: Final = tuple(
-    Quantity(q.key, "interface", q.unit, q.long_name)
+    _named(q, "interface")
     for q in QUANTITIES_OF_INTEREST
     if QUANTITY_OWNERS[q.key] == "interface" and q is not FORCE_HISTORY
 )
 QUANTITIES: Final = (
     *_OF_INTERFACE,
     Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
-    Quantity("largest_slip", "interface", "m", "largest distance that the sides have slid while in contact"),
+    _named(LARGEST_SLIP, "interface"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
-    Quantity("peak_displacement", "sensor", "m", "largest displacement of a sensor"),
-    Quantity("peak_velocity", "sensor", "m s-1", "largest velocity of a sensor"),
-    Quantity("peak_acceleration", "sensor", "m s-2", "largest acceleration of a sensor"),
+    *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_UNFILTERED, ACCELERATION_UNFILTERED)),
     Quantity("peak_reaction", "boundary", "N", "largest force of a support on its body"),
-    Quantity("bolt_force", "bolt", "N", "tension of a bolt at the end"),
-    Quantity("largest_bolt_force", "bolt", "N", "largest tension of a bolt"),
+    *(_named(of, "bolt") for of in (LAST_BOLT_FORCE, LARGEST_BOLT_FORCE)),
     Quantity("energy", "energy_term", "J", "term of the energy balance at the end"),
     Quantity("penetration", "", "m", "largest penetration of all interfaces"),
     Quantity("iterations", "", "1", "iterations of all windows"),
@@ -466,15 +479,14 @@ def quantities_of(scene: Scene, solution: Solution) -> Record:
         for key, value in _of_interface(scene, history, time, outcome.interfaces_every == 1).items():
             values.setdefault(key, {})[name] = value
     for name, sensor in solution.sensors.items():
-        for key in ("displacement", "velocity", "acceleration"):
-            motion = getattr(sensor, key)
-            if motion is not None:
-                values.setdefault(f"peak_{key}", {})[name] = _largest(motion)
+        for key, number in sensor_scalars(sensor).items():
+            if number is not None:
+                values.setdefault(key, {})[name] = number
     for name, reaction in solution.reactions.items():
         values.setdefault("peak_reaction", {})[name] = _largest(reaction.force)
     for name, bolt in solution.bolts.items():
-        values.setdefault("bolt_force", {})[name] = float(bolt.force[-1])
-        values.setdefault("largest_bolt_force", {})[name] = float(bolt.force.max())
+        for key, value in bolt_scalars(bolt).items():
+            values.setdefault(key, {})[name] = value
     if solution.energy is not None:
         values["energy"] = {term: float(history[-1]) for term, history in solution.energy.items()}
     return {**values, **numbers, "penetration": outcome.penetration()}
@@ -495,7 +507,7 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
         values["slip_share"] = largest_slip_share(fields) or 0.0
         values.setdefault("friction_work", 0.0)
     if history.contact_status is not None and whole:
-        values["largest_slip"] = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
+        values[LARGEST_SLIP.key] = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
     return values
 
 

@@ -24,6 +24,7 @@ from ..results.dataset import datatree
 from ..results.files import write_groups
 from ..results.groups import StoredGroup, StoredVariable, in_units
 from ..results.quantities_of_interest import in_words
+from ..results.sensitivities import DOUBT
 from ..results.sentences import named_lines
 from ..results.solution import Solution
 from ..results.spread import PATH, SAMPLED, Bands, ResultBand, ends_of
@@ -69,13 +70,14 @@ class SampledBands:
     Attributes
     ----------
     bands : to first order. count : of samples that converged. scalars : bands of the samples by quantity.
-    results : by path of their group and name of the variable.
+    results : by path of their group and name of the variable. left_out : samples that failed or did not converge.
     """
 
     bands: Bands
     count: int
     scalars: Mapping[str, ResultBand]
     results: Mapping[str, Mapping[str, ResultBand]]
+    left_out: int = 0
 
     @staticmethod
     def of(bands: Bands, records: Iterable[Record]) -> SampledBands:
@@ -85,7 +87,8 @@ class SampledBands:
         ------
         SolverError : fewer than two are left.
         """
-        kept = [record[SAMPLE] for record in records if record["state"] == CONVERGED and SAMPLE in record]
+        every_one = list(records)
+        kept = [record[SAMPLE] for record in every_one if record["state"] == CONVERGED and SAMPLE in record]
         if len(kept) < 2:
             raise SolverError(f"{len(kept)} samples have converged: a band takes 2 at least")
 
@@ -101,7 +104,7 @@ class SampledBands:
             path: {name: band([s["results"][path][name] for s in kept], b.factor) for name, b in of.items()}
             for path, of in bands.bands.items()
         }
-        return SampledBands(bands, len(kept), scalars, results)
+        return SampledBands(bands, len(kept), scalars, results, len(every_one) - len(kept))
 
     def ratio(self, quantity: str) -> float:
         """Width of the band of a quantity to first order over that of the samples."""
@@ -118,8 +121,14 @@ class SampledBands:
             )
             if np.isfinite(ratio := self.ratio(q.quantity)):
                 text += f", to first order {percent(abs(ratio - 1.0))} {'wider' if ratio > 1.0 else 'narrower'}"
-            made.append((in_words(q.quantity), text + " (states change on the way)" * q.flagged))
-        return [f"  {self.count} samples:", *named_lines(made)]
+            made.append((in_words(q.quantity), text + DOUBT * q.flagged))
+        head = [f"  {self.count} samples:"]
+        if self.left_out:
+            what = (
+                "failed or did not converge: the bands of samples are without them, and too narrow; their messages are"
+            )
+            head = [f"  {self.count} samples; {self.left_out} more {what} in the study, give smaller spreads"]
+        return [*head, *named_lines(made)]
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """As ``Bands.report``, with ``samples``, their number, and of each quantity ``sampled_mean``, ``sampled_low``
@@ -128,7 +137,7 @@ class SampledBands:
         for quantity, table in made["quantities"].items():
             own = self.scalars[quantity]
             table |= {f"{SAMPLED}_{key}": finite(float(getattr(own, key))) for key in ("mean", "low", "high")}
-        return made | {"samples": self.count}
+        return made | {"samples": self.count, "left_out": self.left_out}
 
     def groups(self, units: UnitSystem = SI) -> dict[str, StoredGroup]:
         """Groups of the bands with those of the samples in them, by path."""

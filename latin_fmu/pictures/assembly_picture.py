@@ -7,16 +7,18 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ..assembly.body import Body, build_bodies
 from ..assembly.build import discretise
 from ..assembly.checks import check_faces
+from ..assembly.interfaces import with_found
 from ..errors import Problems, SceneError
 from ..fem.mesh import Array, Index
 from ..latin.assembly import InterfaceUnit
 from ..results.summary import readable
 from ..scene.boundaries import Driven, Periodic
-from ..scene.fields import GROUND, split_face
+from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.interfaces import Interface
 from ..scene.schema import Scene
 from ..scene.units import UnitSystem
@@ -36,12 +38,15 @@ SUPPORTS: Final = {
     "displacement": "#7F3C8D",
     "acceleration": "#7F3C8D",
 }
+BONDED: Final = "#6B4F3A"
+"""Colour of bonded faces where they are many."""
 LOAD, MOTION = "#B00000", "#0050A0"
 _AZIMUTH, _ELEVATION = -60.0, 25.0
 # between bodies of the exploded view: of the size of the assembly, and at most of the mean size of its bodies
 _APART, _APART_OF_BODY = 0.3, 0.6
 _ARROW: Final = 0.16
 _MOST_NAMES: Final = 9
+_FEW_BONDS: Final = 4  # more of them have one colour, for contacts to stand out
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ class _Joint:
     Attributes
     ----------
     nodes : body -> its nodes that take part. normal : (3,) area-weighted mean of N from the first body to the second,
-        shorter than 1 where the face is curved, 0 where it is closed.
+        shorter than 1 where the face is curved, 0 where it is closed. bond : what it is where it cannot open, else "".
     gap : body -> share of the largest gap at these nodes; empty where the scene gives the faces no form.
     """
 
@@ -60,6 +65,7 @@ class _Joint:
     nodes: dict[str, Index]
     normal: Array
     gap: Mapping[str, Array] = field(default_factory=dict)
+    bond: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,7 @@ def assembly_figure(scene: Scene, warnings: list[str]) -> Figure:
     bodies = assembly.bodies
     above, below = View.at(_AZIMUTH, _ELEVATION), View.at(_AZIMUTH, -_ELEVATION)
     tints = {name: PARTS[i % len(PARTS)] for i, name in enumerate(bodies)}
-    strong = dict(zip((j.name for j in assembly.joints), colours(len(assembly.joints)), strict=True))
+    strong = _colours(assembly.joints)
     skins = {name: skin_of(body.mesh, _rgb(tints[name])) for name, body in bodies.items()}
     _paint(assembly, skins, strong)
     everything = np.concatenate([s.points for s in skins.values()])
@@ -120,8 +126,9 @@ def _assembly(scene: Scene, warnings: list[str]) -> _Assembly:
         if problems:
             raise
         warnings += [f"drawn as written, the scene does not build: {problem}" for problem in error.problems]
-        joints = [_named_joint(name, i, bodies) for name, i in scene.interface.items()]
-        return _Assembly(scene, bodies, joints)
+        found = with_found(scene, bodies, Problems()).interface if scene.contact else scene.interface
+        reach = max((table.search for table in scene.contact.values()), default=0.0)
+        return _Assembly(scene, bodies, [_named_joint(name, i, bodies, reach) for name, i in found.items()])
     made, tables = discretised.scene, discretised.scene.joints
     built = [_built_joint(unit, tables[unit.name].form is not None, made.unit_system) for unit in discretised.units]
     return _Assembly(made, discretised.bodies, built)
@@ -148,17 +155,36 @@ def _built_joint(unit: InterfaceUnit, formed: bool, units: UnitSystem) -> _Joint
             )
             at_nodes = sums.reshape(-1, 3, 2).sum(axis=1)[own]
             gap[body] = at_nodes[:, 0] / at_nodes[:, 1]
-    return _Joint(unit.name, text, nodes, normal, gap)
+    return _Joint(unit.name, text, nodes, normal, gap, "" if unit.behaviour.opens else unit.behaviour.name)
 
 
-def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body]) -> _Joint:
-    """The whole faces."""
+def _named_joint(name: str, interface: Interface, bodies: Mapping[str, Body], reach: float) -> _Joint:
+    """The whole faces; of whole surfaces, as contacts that are found have, what is within ``reach`` of the other, m."""
     faces = {split_face(side)[0]: split_face(side)[1] for side in interface.sides if side != GROUND}
-    first, face = split_face(interface.sides[0])
-    areas = bodies[first].face(face).vector_areas
-    normal = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()  # 0 of a closed face
     nodes = {body: bodies[body].facets(face).nodes for body, face in faces.items()}
-    return _Joint(name, f"{name}: {interface.behaviour}", nodes, normal)
+    places = {body: bodies[body].mesh.nodes[own] for body, own in nodes.items()}
+    if len(nodes) == 2 and set(faces.values()) == {ALL_OF_IT}:
+        near = {}
+        for body, other in zip(places, reversed(places), strict=True):
+            tree = KDTree(places[other])
+            # a node may be opposite the middle of an element
+            spacing = float(np.median(np.asarray(tree.query(places[other], k=[2])[0])))
+            near[body] = nodes[body][np.asarray(tree.query(places[body])[0]) <= reach + 0.75 * spacing]
+        nodes = near
+    first, face = split_face(interface.sides[0])
+    whole = bodies[first].face(face)
+    areas = whole.vector_areas[np.isin(whole.nodes, nodes[first])]
+    normal = areas.sum(axis=0) / max(float(np.linalg.norm(areas, axis=1).sum()), 1e-300)  # 0 of a closed face
+    bond = "" if interface.behaviour in ("contact", "no_slip") else interface.behaviour
+    return _Joint(name, f"{name}: {interface.behaviour}", nodes, normal, bond=bond)
+
+
+def _colours(joints: Sequence[_Joint]) -> dict[str, Colour]:
+    """Colours by interface: distinct ones for those that may open; bonds have one where they are many."""
+    bonds = [j.name for j in joints if j.bond]
+    one = len(bonds) > _FEW_BONDS
+    own = [j.name for j in joints if not (j.bond and one)]
+    return dict(zip(own, colours(len(own)), strict=True)) | (dict.fromkeys(bonds, BONDED) if one else {})
 
 
 def _layout(apart: Sequence[Skin], view: View) -> tuple[Figure, list[Axes]]:
@@ -282,12 +308,24 @@ def _legend(figure: Figure, assembly: _Assembly, tints: Mapping[str, str], stron
     from matplotlib.patches import Patch
 
     parts = [(tints[n], f"{n} ({b.description.material})") for n, b in assembly.bodies.items()]
-    joints = [(strong[joint.name], joint.text) for joint in assembly.joints]
+    bonds = [joint for joint in assembly.joints if joint.bond]
+    joints = [(strong[joint.name], joint.text) for joint in assembly.joints if not joint.bond]
+    if len(bonds) > _FEW_BONDS:
+        kinds = dict.fromkeys(joint.bond for joint in bonds)
+        of_kind = {kind: [joint.name for joint in bonds if joint.bond == kind] for kind in kinds}
+        bonded: list[tuple[Colour, str]] = [(BONDED, f"{kind}: {_few(names)}") for kind, names in of_kind.items()]
+    else:
+        bonded = [(strong[joint.name], joint.text) for joint in bonds]
     by_type: dict[str, list[str]] = {}
     for name, boundary in assembly.scene.boundary.items():
         by_type.setdefault(boundary.type, []).append(name)
     held = [(SUPPORTS[support], f"{support}: {_few(names)}") for support, names in by_type.items()]
-    items = [*_shortened(parts, "parts"), *_shortened(joints, "interfaces"), *held]
+    items = [
+        *_shortened(parts, "parts"),
+        *_shortened(joints, "interfaces that may open", 2 * _MOST_NAMES),
+        *bonded,
+        *held,
+    ]
     handles = [Patch(facecolor=colour, edgecolor="0.3", linewidth=0.5, label=text) for colour, text in items]
     columns = 4 if max(len(text) for _, text in items) < 30 else 3
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
@@ -297,7 +335,7 @@ def _few(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" ... ({len(names)})" if len(names) > 3 else "")
 
 
-def _shortened(items: Sequence[tuple[Colour, str]], what: str) -> list[tuple[Colour, str]]:
-    if len(items) <= _MOST_NAMES:
+def _shortened(items: Sequence[tuple[Colour, str]], what: str, most: int = _MOST_NAMES) -> list[tuple[Colour, str]]:
+    if len(items) <= most:
         return list(items)
-    return [*items[:_MOST_NAMES], ("#FFFFFF", f"... {len(items)} {what} in all")]
+    return [*items[:most], ("#FFFFFF", f"... {len(items)} {what} in all")]

@@ -132,7 +132,8 @@ def axes_with_units(axis: Axes, points: Array, view: View, metre: str) -> None:
         length = float(np.linalg.norm(view.project((end - start)[None])))
         if length < 0.03 * size:
             continue
-        count = 5 if length > 0.3 * size else 2
+        # on a short axis the labels of three ticks would touch
+        count = 5 if length > 0.3 * size else 2 if length > 0.12 * size else 1
         ticks = list(MaxNLocator(count).tick_values(low[k] / divisor, high[k] / divisor))
         if k == 2:  # left of everything drawn so far
             room = view.project(start[None])[0, 0] - axis.get_xlim()[0]

@@ -64,7 +64,7 @@ def tornado_figure(tree: xr.DataTree) -> Figure:
                 bar.set(facecolor="0.6")
         axis.axvline(0.0, color="0.4", linewidth=0.8)
         axis.set_title(quantity_in_words(str(data["quantity"].values[q])))
-    notes = ["hatched: contact points change their state on the way"] * bool(flagged[shown].any())
+    notes = ["hatched: uncertain, as contact states or instants of peaks change"] * bool(flagged[shown].any())
     notes += [f"grey: by a run with {100 * CHECKED:g} % more"] * bool(secant[shown].any())
     if notes:
         figure.supxlabel("; ".join(notes), fontsize="medium", color=BAD)

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import xarray as xr
@@ -22,8 +22,8 @@ from ..results.quantities_of_interest import (
     status_shares,
 )
 from ..results.sensors import loss_text, share_lost
-from ..results.spectra import ShockSpectrum
-from ..results.summary import percent, prefix_for
+from ..results.spectra import ShockSpectrum, stored_spectra
+from ..results.summary import percent, prefix_for, readable
 from ..scene.units import SI, UnitSystem, unit_text
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 FEW = 4
 """Up to this many curves a legend fits inside its panel, and as many strips below the forces."""
 
+_FRICTION: Final = "friction force"
+_SEEN: Final = 0.005  # of the largest term of the energy
+_PRELOADED: Final = 0.1  # of the largest elastic energy, there from the start
 STATUS_COLOURS = ("#0072B2", "#E69F00", "#EEEEEE")
 STATUS_LABELS = ("stick", "slip, or closed without friction", "separation")
 
@@ -61,12 +64,12 @@ def history_panel(
     for (name, curve), look in zip(curves.items(), curve_styles(len(curves)), strict=True):
         axis.plot(time / scale.divisor, curve / size, label=name, linewidth=1.3, **look)
     axis.set(ylabel=f"{what} ({label})")
-    axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)  # a unit without a prefix has large numbers
+    # a unit without a prefix has large numbers; no offset, which nobody reads
+    axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True, useOffset=False)
     scale.set(axis, time[0], time[-1])
-    if len(curves) <= FEW:
-        axis.legend(fontsize="small")
-    elif what != "force":  # interfaces have one legend for all their panels
-        axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    # many interfaces have one legend for all their panels, and friction has that of the panel above
+    if what not in ("force", _FRICTION) or (what == "force" and len(curves) <= FEW):
+        _own_legend(axis)
 
 
 def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxis, unit: str) -> None:
@@ -74,7 +77,8 @@ def bolt_panel(axis: Axes, time: Array, curves: dict[str, Array], scale: TimeAxi
     history_panel(axis, time, curves, scale, unit=unit, what="tension")
     low, high = (float(pick([pick(curve) for curve in curves.values()])) for pick in (np.min, np.max))
     size = prefix_for(max(abs(low), abs(high)), unit)[0]
-    margin = 0.05 * (high - low) or 0.05 * abs(high) or size
+    # at least 1 % of the tension: less is no change that a bolt shows
+    margin = max(0.05 * (high - low), 0.005 * abs(high) - 0.5 * (high - low)) or size
     axis.set_ylim((low - margin) / size, (high + margin) / size)
 
 
@@ -148,18 +152,36 @@ def _tolerance_line(axis: Axes, tolerance: float | None) -> None:
 
 
 def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
-    """Energy terms of the assembly over time; terms that stay zero are left out."""
+    """Energies of the assembly over time; left out are small ones and, in a preloaded assembly, the elastic energy of
+    the start, beside which no other would be seen."""
     time = energy["time"].values
-    terms = {str(name): np.asarray(values.values) for name, values in energy.data_vars.items()}
+    terms = {str(name).replace("_", " "): np.asarray(values.values) for name, values in energy.data_vars.items()}
+    unit = next((unit_of(v, "J") for v in energy.data_vars.values()), "J")
+    held = float(terms["elastic"][0]) if "elastic" in terms else 0.0
+    if held > _PRELOADED * float(np.abs(terms.get("elastic", 0.0)).max(initial=0.0)):
+        terms[f"elastic, less {readable(held, unit, 3, figure=True)} of the start"] = terms.pop("elastic") - held
     largest = max((float(np.abs(term).max(initial=0.0)) for term in terms.values()), default=0.0)
-    size, label = prefix_for(largest, next((unit_of(v, "J") for v in energy.data_vars.values()), "J"), figure=True)
-    # round-off of terms that the scene does not have
-    shown = {name.replace("_", " "): x for name, x in terms.items() if np.abs(x).max(initial=0.0) > 1e-6 * largest}
+    size, label = prefix_for(largest, unit, figure=True)
+    # smaller ones would lie on the axis
+    shown = {name: x for name, x in terms.items() if np.abs(x).max(initial=0.0) > _SEEN * largest}
     for (name, term), look in zip(shown.items(), curve_styles(len(shown)), strict=True):
         axis.plot(time / scale.divisor, term / size, linewidth=1.3, label=name, **look)
-    axis.set(title="Energy of the assembly", ylabel=f"energy ({label})")
+    axis.set(title=f"Energy of the assembly (terms above {100 * _SEEN:g} % of the largest)", ylabel=f"energy ({label})")
     scale.set(axis, time[0], time[-1])
-    axis.legend(fontsize="x-small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    _own_legend(axis)
+
+
+def _own_legend(axis: Axes) -> None:
+    """Legend of a panel: in it for few curves, below it for more, so that all panels of a column are of one width."""
+    if len(axis.get_legend_handles_labels()[1]) <= FEW:
+        axis.legend(fontsize="small")
+    else:
+        from matplotlib.transforms import ScaledTranslation
+
+        # inches, below the label of the axis
+        below = axis.transAxes + ScaledTranslation(0.0, -0.42, axis.figure.dpi_scale_trans)
+        place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": below}
+        axis.legend(fontsize="x-small", frameon=False, ncols=3, borderaxespad=0.0, **place)
 
 
 @dataclass(frozen=True)
@@ -173,7 +195,8 @@ class _Panel:
 
 @styled
 def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
-    """Forces and contact states of the interfaces, motions of sensors, tension of bolts and, when present, energy.
+    """Forces and contact states of the interfaces, motions and spectra of sensors, tension of bolts and, when present,
+    energy.
 
     Normal resultant and friction of the interfaces; one strip per interface that can open, with the shares
     of its area that stick, slip and are open. Many strips get a column of their own. ``details`` : convergence, too;
@@ -188,7 +211,9 @@ def summary_figure(tree: xr.DataTree, details: bool = False) -> Figure:
     end = max((float(dataset["time"].values[-1]) for dataset in timed), default=1.0)
     scale = TimeAxis(*prefix_for(end, "s", figure=True))
     forces, strips = _force_panels(groups, scale, _errors(tree)), _strips(groups, scale)
-    rest = _sensor_panels(tree, scale) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)
+    rest = (
+        _sensor_panels(tree, scale) + _spectrum_panels(tree) + _bolt_panels(tree, scale) + _energy_panels(tree, scale)
+    )
     converged = tree.attrs.get("converged", 1)
     rest += _convergence_panels(tree, scale) if details or not converged or not groups else []
     columns = [forces + strips, rest] if len(strips) <= FEW else [forces + rest, strips]
@@ -247,7 +272,7 @@ def _force_panels(groups: dict[str, xr.Dataset], scale: TimeAxis, errors: Mappin
     if any(map(has_friction, groups.values())):
         friction = {name: friction_resultant(item) for name, item in fields.items()}
         title = "Friction force (magnitude of the tangential resultant)"
-        panels.append(_Panel(2.4, partial(draw, curves=friction), title))
+        panels.append(_Panel(2.4, partial(draw, curves=friction, what=_FRICTION), title))
     return panels
 
 
@@ -265,8 +290,8 @@ def _with_peak(name: str, fields: InterfaceFields, scale: TimeAxis, unit: str, e
     size, label = prefix_for(peak, unit, figure=True)
     error = errors.get(f"{name}.{PEAK_FORCE.key}", np.nan)
     known = f" ± {percent(error)}" if np.isfinite(error) else ""
-    over = f" over {duration / scale.divisor:.2g} {scale.unit}" if duration > 0.0 else ""
-    return f"{name}: {peak / size:.3g} {label}{known}{over}"
+    over = f", mean of {duration / scale.divisor:.2g} {scale.unit}" if duration > 0.0 else ""
+    return f"{name}: peak {peak / size:.3g} {label}{known}{over}"
 
 
 def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
@@ -281,11 +306,40 @@ def _sensor_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
                 continue
             values, unit, time = dataset[stored[0]].values, unit_of(dataset[stored[0]], ""), dataset["time"].values
             axis = int(np.abs(values).max(axis=0).argmax())
-            curves[f"{name}, along {'xyz'[axis]}"] = values[:, axis]
+            how = {"acceleration_filtered": ", behind its filter", "acceleration": ", unfiltered"}.get(stored[0], "")
+            curves[f"{name}, along {'xyz'[axis]}{how}"] = values[:, axis]
         if curves:
             draw = partial(history_panel, time=time, curves=curves, scale=scale, unit=unit, what=motion)
             panels.append(_Panel(2.4, draw, f"{motion.capitalize()} of the sensors"))
     return panels
+
+
+def _spectrum_panels(tree: xr.DataTree) -> list[_Panel]:
+    """Shock response spectra of the sensors that request one."""
+    spectra = stored_spectra(tree)
+    if not spectra:
+        return []
+    node = tree[f"sensors/{next(iter(spectra))}/spectrum"].to_dataset()
+    unit = unit_of(node["acceleration"], "m s-2")
+    draw = partial(spectrum_panel, spectra=spectra, unit=unit)
+    band = any(error is not None for _, error in spectra.values())
+    return [_Panel(2.8, draw, "Shock response spectra, maximax" + band * " (band: estimated error)")]
+
+
+def spectrum_panel(axis: Axes, spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], unit: str) -> None:
+    """Maximax of each sensor along the axis of its largest value, in ``unit`` (UDUNITS)."""
+    top, low = 0.0, np.inf
+    for (name, (spectrum, error)), look in zip(spectra.items(), curve_styles(len(spectra)), strict=True):
+        along = int(np.argmax(spectrum.acceleration[0].max(axis=0)))
+        values = spectrum.acceleration[0][:, along]
+        if error is not None:
+            _error_band(axis, spectrum.frequency, values, error[0, :, along], color=look["color"], alpha=0.18)
+        label = f"{name}, along {'xyz'[along]}, Q = {spectrum.quality:g}"
+        axis.plot(spectrum.frequency, values, label=label, linewidth=1.3, **look)
+        top, low = max(top, float(values.max())), min(low, float(values.min()))
+    axis.set(ylabel=f"acceleration ({unit_text(unit, figure=True)})")
+    _spectrum_axes(axis, low, max(top, 1e-300))
+    _own_legend(axis)
 
 
 def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
@@ -295,8 +349,11 @@ def _bolt_panels(tree: xr.DataTree, scale: TimeAxis) -> list[_Panel]:
     curves, unit, time = {}, "N", np.zeros(0)
     for name, dataset in bolts.items():
         tension, unit, time = dataset["force"].values, unit_of(dataset["force"], "N"), dataset["time"].values
-        end = "" if share_lost(tension) is None else " at the end"
-        curves[f"{name}: {loss_text(tension)}{end}"] = tension
+        last = float(dataset["end_force"])
+        # the mean of the last periods where it oscillates
+        words = " at the end" if last == tension[-1] else " by the mean at the end"
+        end = "" if share_lost(tension, last) is None else words
+        curves[f"{name}: {loss_text(tension, last)}{end}"] = tension
     draw = partial(bolt_panel, time=time, curves=curves, scale=scale, unit=unit)
     return [_Panel(2.4, draw, "Tension of the bolts")]
 
@@ -359,7 +416,7 @@ def spectra_figure(
             values = getattr(spectrum, kind)[:, :, axis]
             _draw_spectrum(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
             title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
-            panel.set(title=title, xlabel="natural frequency (Hz)", ylabel=label)
+            panel.set(title=title, ylabel=label)
         panels[0].legend(fontsize="small")
     return figure
 
@@ -369,13 +426,30 @@ def _draw_spectrum(panel: Axes, frequency: Array, values: Array, error: Array | 
     styles = (("maximax", "#000000", "-", 2.2), ("primary", "#56B4E9", "--", 1.3), ("residual", "#D55E00", ":", 1.8))
     top = max(float(values[0].max(initial=0.0)), 1e-300)
     if error is not None:
-        # a relative error of either sign, symmetric on a logarithmic axis
-        low, high = values[0] / (1 + error), values[0] * (1 + error)
-        panel.fill_between(frequency, low, high, color="0.82", linewidth=0, label="estimated error of maximax")
+        _error_band(panel, frequency, values[0], error, color="0.82", label="estimated error of maximax")
     for row, (label, colour, line, width) in zip(values, styles, strict=True):
         # a residual may be 0, which a logarithmic axis does not have
         panel.plot(frequency, np.maximum(row, 1e-12 * top), line, color=colour, linewidth=width, label=label)
-    lowest = float(values[0].min(initial=top))
-    panel.set(xscale="log", yscale="log", ylim=(max(0.3 * lowest, 1e-5 * top), 3.0 * top))
+    _spectrum_axes(panel, float(values[0].min(initial=top)), top)
+
+
+def _error_band(panel: Axes, frequency: Array, values: Array, error: Array, **look: Any) -> None:
+    """A relative error of either sign, symmetric on a logarithmic axis."""
+    panel.fill_between(frequency, values / (1 + error), values * (1 + error), linewidth=0, **look)
+
+
+def _spectrum_axes(panel: Axes, lowest: float, top: float) -> None:
+    """Logarithmic axes over whole decades from ``lowest`` to ``top``, five at most, with a grid; frequencies in kHz."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    panel.set(xscale="log", yscale="log")
+    last = np.ceil(np.log10(top))
+    panel.set_ylim(10.0 ** max(np.floor(np.log10(max(lowest, 1e-5 * top))), last - 5), 10.0**last)
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    size, unit = (1e3, "kHz") if panel.get_xlim()[1] > 3e4 else (1.0, "Hz")
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda f, _: f"{f / size:g}"))
+    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_xlabel(f"natural frequency ({unit})")
     panel.grid(which="major", color="0.75", linewidth=0.6)
     panel.grid(which="minor", color="0.9", linewidth=0.4)

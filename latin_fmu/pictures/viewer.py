@@ -32,6 +32,7 @@ from .style import PARTS, PRESSURE, SEQUENTIAL
 MOST_BYTES: Final = 14_000_000  # of the block; the page is at most 4/3 of it and 0.1 MB
 _MOST_INSTANTS: Final = 400
 _CURVE: Final = 2000  # values of a curve, of which a screen has no more columns
+_NORMAL, _FRICTION = "normal force (compression > 0)", "friction force"
 _APART: Final = 0.5  # of the mean size of the bodies
 _SHORTS: Final = 32767
 _STATES: Final = 65535 // 2  # separation 0, stick 1, slip 2
@@ -225,13 +226,13 @@ Curves = dict[str, tuple[Array, Array]]
 
 def _curves(tree: xr.DataTree) -> Iterator[tuple[str, str, Curves]]:
     """Title, unit and curves of what is drawn over time: forces of interfaces, tension of bolts, motion of sensors."""
-    forces: dict[str, Curves] = {"normal force": {}, "friction force": {}}
+    forces: dict[str, Curves] = {_NORMAL: {}, _FRICTION: {}}
     unit = "N"
     for name, dataset in datasets_of(tree, "interfaces").items():
         fields, unit = InterfaceFields.of_dataset(dataset), unit_of(dataset["force"], "N")
-        forces["normal force"][name] = fields.time, normal_resultant(fields)
+        forces[_NORMAL][name] = fields.time, normal_resultant(fields)
         if "contact_status" in dataset:
-            forces["friction force"][name] = fields.time, friction_resultant(fields)
+            forces[_FRICTION][name] = fields.time, friction_resultant(fields)
     yield from ((title, unit, curves) for title, curves in forces.items())
     bolts = datasets_of(tree, "bolts")
     tension = {name: (d["time"].values, d["force"].values) for name, d in bolts.items()}
@@ -241,7 +242,8 @@ def _curves(tree: xr.DataTree) -> Iterator[tuple[str, str, Curves]]:
             if motion in dataset:
                 values = dataset[motion]
                 along = {axis: (dataset["time"].values, values.values[:, i]) for i, axis in enumerate("xyz")}
-                yield f"{name}: {motion.replace('_', ', ')}", unit_of(values, ""), along
+                how = motion.replace("_", ", ") + ", unfiltered" * (motion in ("acceleration", "velocity"))
+                yield f"{name}: {how}", unit_of(values, ""), along
 
 
 def _panel(title: str, unit: str, curves: Curves, second: float, block: _Block) -> dict[str, Any]:

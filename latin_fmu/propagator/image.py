@@ -225,7 +225,7 @@ class Image:
             for given in classes
         ]
         self.fixed = self.moving = np.zeros(0)  # room is made when their sizes are known
-        self._n_fixed, self._waiting = fixed.size, [fixed]
+        self.n_fixed, self._waiting = fixed.size, [fixed]  # numbers of the block in use, what is to be written to it
         self.bound: int | None = None  # key of the search direction in use
         self.callouts = CallOuts(self)
         self._views: dict[tuple[str, tuple[int, ...]], Array] = {}  # of fields of the run that were read
@@ -291,14 +291,14 @@ class Image:
         placed = old = self._directions.get(key)
         if placed is None or afresh:
             self.bound = None
-            placed, block = self._place(self._n_fixed if old is None else old.start, run or {}, groups)
-            if old is not None and placed.end > old.end < self._n_fixed:  # longer than its place
+            placed, block = self._place(self.n_fixed if old is None else old.start, run or {}, groups)
+            if old is not None and placed.end > old.end < self.n_fixed:  # longer than its place
                 # others begin behind it: this one moves to the end of the block
-                placed, block = self._place(self._n_fixed, run or {}, groups)
+                placed, block = self._place(self.n_fixed, run or {}, groups)
             elif old is not None:
                 placed.end = max(placed.end, old.end)
             self._directions[key] = placed
-            self._n_fixed = max(self._n_fixed, placed.end)
+            self.n_fixed = max(self.n_fixed, placed.end)
             self._waiting.append(block)
         if key != self.bound:
             self.bound = key
@@ -323,9 +323,9 @@ class Image:
         return _Direction(start, block.size, own_run, rows, own_groups), block
 
     def _write_records(self) -> None:
-        if self._n_fixed > len(self.fixed):  # with room for further directions
+        if self.n_fixed > len(self.fixed):  # with room for further directions
             longest = max((d.end - d.start for d in self._directions.values()), default=0)
-            larger = np.zeros(self._n_fixed + _DIRECTIONS * longest)
+            larger = np.zeros(self.n_fixed + _DIRECTIONS * longest)
             larger[: len(self.fixed)] = self.fixed
             self.fixed = larger
             # factors read their panels in the block: they move with it

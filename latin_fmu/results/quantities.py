@@ -209,14 +209,14 @@ NODES: Final = _places("node_", "node", "the node, reference configuration", "no
 SENSOR: Final = rows(
     """
     displacement | m     | time component | displacement of the sensor
-    velocity     | m s-1 | time component | velocity of the sensor
-    acceleration | m s-2 | time component | acceleration of the sensor | acceleration of the time scheme; where the \
-        scheme weights forces of two instants, that of about a tenth of a step earlier
+    velocity     | m s-1 | time component | unfiltered velocity of the sensor
+    acceleration | m s-2 | time component | unfiltered acceleration of the sensor | acceleration of the time scheme; \
+        where the scheme weights forces of two instants, that of about a tenth of a step earlier
     """
 )
 """Of a ``SensorHistory``."""
 FILTERED: Final = {
-    name: replace(row, name=f"{name}_filtered", meaning=f"{row.meaning}, low pass", comment=None)
+    name: replace(row, name=f"{name}_filtered", meaning=f"{name} of the sensor behind its filter", comment=None)
     for name, row in SENSOR.items()
 }
 """Motions of a sensor behind its filter."""
@@ -239,6 +239,8 @@ BOLT: Final = rows(
     """
     force            | N  | time | tension of the shank | resultant along the axis of the stresses on a cut of the shank
     mean_stress      | Pa | time | tension of the shank over its section
+    thread_area        | m2 |    | tensile stress area of the thread, by ISO 898-1
+    thread_stress      | Pa | time | tension over the tensile stress area of the thread
     plastic_elongation | m | time | plastic elongation of the shank since the bolts were tightened
     shortening       | m  |      | shortening of the shank, counted from before the bolts were tightened
     section_area     | m2 |      | section of the shank across its axis
@@ -246,11 +248,16 @@ BOLT: Final = rows(
     """,
     {
         "mean_stress": lambda bolt: bolt.force / bolt.area,
+        "thread_stress": lambda bolt: None if bolt.thread_area is None else bolt.force / bolt.thread_area,
         "section_area": attrgetter("area"),
         "tightening_force": lambda bolt: np.array(bolt.tightening),
     },
 )
 """Of a ``BoltHistory``."""
+BOLT_END: Final = rows(
+    "end_force | N | | tension at the end | mean over the last periods where it still oscillates, else the last value"
+)
+"""What follows from such a history and the instants of the run."""
 
 ENERGY: Final = rows(
     """

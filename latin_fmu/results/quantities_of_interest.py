@@ -26,7 +26,22 @@ FLOOR: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class QuantityOfInterest:
+class RunScalar:
+    """A scalar of a run.
+
+    Attributes
+    ----------
+    key : last part of the name of a quantity, ``interface.key``, ``sensor.key`` or ``bolt.key``. unit : UDUNITS.
+    long_name : what it is.
+    """
+
+    key: str
+    unit: str
+    long_name: str
+
+
+@dataclass(frozen=True)
+class QuantityOfInterest(RunScalar):
     """Definition of a quantity and the constants of its error estimate (``accuracy.estimate.estimated_error``).
 
     The factors are chosen so that the estimates of 95 % (with a third run) and 96 % (without) of the cases of random
@@ -36,8 +51,7 @@ class QuantityOfInterest:
 
     Attributes
     ----------
-    key : last part of the name of a quantity, ``interface.key``, ``sensor.key`` or ``bolt.key``. unit : UDUNITS.
-    long_name : what it is. scale : what its error is divided by.
+    scale : what its error is divided by.
     safety : factor on the extrapolated changes, with a third run. alone : on the last one, without.
     share, of : without a third run so much of the relative change of another quantity of the owner is added, of a
         history, which is not small by chance; of none where empty.
@@ -47,9 +61,6 @@ class QuantityOfInterest:
     norm : its change between two runs is a norm of a difference of histories, which is not small by chance.
     """
 
-    key: str
-    unit: str
-    long_name: str
     scale: str
     safety: float
     alone: float
@@ -103,7 +114,7 @@ QUANTITIES_OF_INTEREST: Final = _defined(
         | 0.61 | 0.67 | - | 1 | - | norm
     spectrum | m s-2 | shock response spectrum (maximax) in the band of the mesh, largest relative difference over the \
         frequencies | itself, frequency by frequency | 1.95 | 1.5 | 0.8 velocity_history | 1 | - | norm
-    bolt_force | N | largest tension of a bolt | itself | 0.5 | 0.35 | - | 1 | - | norm
+    largest_bolt_force | N | largest tension of a bolt | itself | 0.5 | 0.35 | - | 1 | - | norm
     """
 )
 """All definitions, in the order of tables: key, unit, long name, scale, safety, alone, share and of what, order, error
@@ -123,8 +134,37 @@ of the iteration, kind of change."""
     VELOCITY_HISTORY,
     ACCELERATION_PEAK,
     SPECTRUM,
-    BOLT_FORCE,
+    LARGEST_BOLT_FORCE,
 ) = QUANTITIES_OF_INTEREST
+
+_WITHOUT_ERROR: Final = tuple(
+    RunScalar(*cells)
+    for cells in cells_of(
+        """
+        slip | m | distance that the points have slid in contact at the end of the run, mean over the area
+        largest_slip | m | largest distance that a point has slid in contact at an instant
+        largest_force | N | largest resultant of an interface that cannot open
+        velocity_peak_unfiltered | m s-1 | largest unfiltered velocity of a sensor
+        acceleration_peak_unfiltered | m s-2 | largest unfiltered acceleration of a sensor
+        spectrum_peak | m s-2 | largest value of the maximax spectrum of a sensor
+        last_bolt_force | N | tension of a bolt at the last instant
+        friction_dissipation | J | energy that friction dissipates in all interfaces
+        """
+    )
+)
+(
+    SLIP_DISTANCE,
+    LARGEST_SLIP,
+    LARGEST_FORCE,
+    VELOCITY_UNFILTERED,
+    ACCELERATION_UNFILTERED,
+    SPECTRUM_PEAK,
+    LAST_BOLT_FORCE,
+    FRICTION_ENERGY,
+) = _WITHOUT_ERROR
+RUN_SCALARS: Final = {scalar.key: scalar for scalar in (*QUANTITIES_OF_INTEREST, *_WITHOUT_ERROR)}
+"""All scalars of a run by key: those with an estimated error, and those that derivatives, bands and studies have, too.
+"""
 
 
 def definition_of(quantity: str) -> QuantityOfInterest:

@@ -42,20 +42,26 @@ from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named, rows
 from .quantities_of_interest import (
-    ACCELERATION_PEAK,
-    BOLT_FORCE,
+    ACCELERATION_UNFILTERED,
     CONTACT_SHARE,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
+    FRICTION_ENERGY,
     FRICTION_WORK,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
+    LARGEST_FORCE,
+    LARGEST_SLIP,
+    LAST_BOLT_FORCE,
     PEAK_FORCE,
-    VELOCITY_PEAK,
+    RUN_SCALARS,
+    SLIP_DISTANCE,
+    SPECTRUM_PEAK,
+    VELOCITY_UNFILTERED,
     ByQuantity,
     Force,
     InterfaceFields,
-    definition_of,
     first_contact_time,
     normal_resultant,
     separation_time,
@@ -93,28 +99,11 @@ APART, NOTHING = 0.1, 0.01
 PART: Final = 0.1
 """Change of a parameter, over its value, that the sentences are for."""
 _SAID, _SMALL = 3, 1e-3
+DOUBT: Final = " (uncertain: contact states or instants of peaks change)"
+"""Behind a flagged quantity: its derivative does not hold for large changes."""
 _AXES: Final = {"0": "x", "1": "y", "2": "z"}
-SLIP_DISTANCE: Final = "slip"
-"""Key of the distance that the points have slipped at the end of the run, mean over the area."""
-LARGEST_SLIP: Final = "largest_slip"
-"""Key of the largest distance that a point has slipped at an instant."""
-LARGEST_FORCE: Final = "largest_force"
-"""Key of the largest resultant of an interface that cannot open."""
-SPECTRUM_PEAK: Final = "spectrum_peak"
-"""Key of the largest value of the maximax spectrum of a sensor."""
-LAST_BOLT_FORCE: Final = "last_bolt_force"
-"""Key of the tension of a bolt at the end."""
 ENERGY_OWNER: Final = "energy"
 """Owner of the terms of the energies of the assembly."""
-FRICTION_ENERGY: Final = "friction_dissipation"
-"""Key of the energy that friction dissipates in all."""
-_UNITS: Final = {
-    SLIP_DISTANCE: "m",
-    LARGEST_SLIP: "m",
-    LARGEST_FORCE: "N",
-    SPECTRUM_PEAK: "m s-2",
-    LAST_BOLT_FORCE: "N",
-}
 
 
 def in_words(parameter: str) -> str:
@@ -290,7 +279,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
                 if change == 0.0 or abs(change) < _SMALL * abs(q.value):
                     continue
                 much = f"{100 * change / abs(q.value):+.2g} %" if q.value else f"{change:+.3g} {units.label(q.unit)}"
-                doubt = " (states change on the way)" if q.flagged[i] else ""
+                doubt = DOUBT if q.flagged[i] else ""
                 doubt = f" (by a run with {100 * CHECKED:g} % more)" if self.is_secant(q)[i] else doubt
                 clauses.append(f"{much} for {100 * PART:g} % more {in_words(of.name)}{doubt}")
             text = "; ".join(clauses) or f"less than {100 * _SMALL:g} % for {100 * PART:g} % more of any parameter"
@@ -398,10 +387,10 @@ def interface_scalars(history: InterfaceHistory, time: Array) -> dict[str, float
     if history.has_friction:
         made[FRICTION_WORK.key] = float(history.slid(time)[1][-1] @ history.areas)
         slid = np.linalg.norm(slip_in_contact(history, time), axis=2)
-        made[SLIP_DISTANCE] = float(slid[-1] @ history.areas / history.areas.sum())
-        made[LARGEST_SLIP] = float(slid.max())
+        made[SLIP_DISTANCE.key] = float(slid[-1] @ history.areas / history.areas.sum())
+        made[LARGEST_SLIP.key] = float(slid.max())
     if history.contact_status is None:
-        made[LARGEST_FORCE] = float(np.linalg.norm(history.force(), axis=1).max())
+        made[LARGEST_FORCE.key] = float(np.linalg.norm(history.force(), axis=1).max())
     return made
 
 
@@ -413,9 +402,14 @@ def sensor_scalars(history: SensorHistory) -> dict[str, float | None]:
         DISPLACEMENT_PEAK.key: None if size[0] is None else float(size[0].max()),
     }
     if history.acceleration is not None:
-        made[VELOCITY_PEAK.key] = None if size[1] is None else float(size[1].max())
-        made[ACCELERATION_PEAK.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
+        made[VELOCITY_UNFILTERED.key] = None if size[1] is None else float(size[1].max())
+        made[ACCELERATION_UNFILTERED.key] = float(np.linalg.norm(history.acceleration, axis=1).max())
     return made
+
+
+def bolt_scalars(bolt: BoltHistory) -> dict[str, float]:
+    """Scalars of a bolt by key."""
+    return {LARGEST_BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE.key: float(bolt.force[-1])}
 
 
 def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[str, float]:
@@ -423,12 +417,12 @@ def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[s
     owned: list[tuple[str, Mapping[str, float | None]]] = [
         *((name, interface_scalars(h, outcome.time)) for name, h in outcome.interfaces.items()),
         *((name, sensor_scalars(h)) for name, h in outcome.sensors.items()),
-        *((name, {SPECTRUM_PEAK: float(s.acceleration[0].max())}) for name, s in spectra.items()),
+        *((name, {SPECTRUM_PEAK.key: float(s.acceleration[0].max())}) for name, s in spectra.items()),
     ]
     for name, bolt in outcome.bolts.items():
-        owned.append((name, {BOLT_FORCE.key: float(bolt.force.max()), LAST_BOLT_FORCE: float(bolt.force[-1])}))
+        owned.append((name, bolt_scalars(bolt)))
     if outcome.energy is not None:
-        owned.append((ENERGY_OWNER, {FRICTION_ENERGY: float(outcome.energy[FRICTION_ENERGY][-1])}))
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY.key: float(outcome.energy[FRICTION_ENERGY.key][-1])}))
     pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
     return {quantity: value for quantity, value in pairs if value is not None}
 
@@ -497,7 +491,7 @@ def _quantities(
             if q.quantity.endswith(FIRST_CONTACT.key) and history.initial_gap.min() > 0.0:
                 moved = [_contact_change(history, d.interfaces[name]) for d in derivatives]
                 q = replace(q, changes=np.array(moved))
-            if q.quantity.rpartition(".")[2] in (SLIP_DISTANCE, LARGEST_SLIP, FRICTION_WORK.key):
+            if q.quantity.rpartition(".")[2] in (SLIP_DISTANCE.key, LARGEST_SLIP.key, FRICTION_WORK.key):
                 yield replace(q, flagged=q.flagged | (changing[name].mean(axis=1) > OFTEN))
             else:
                 yield replace(q, flagged=_flags(q, history, time, activity) | _rises_in_a_step(q, history))
@@ -513,17 +507,17 @@ def _quantities(
         ]
         for q in _differences(name, sensor_scalars(sensor), ends):
             key = q.quantity.rpartition(".")[2]
-            motion = getattr(sensor, key.removesuffix("_peak")) if key.endswith("_peak") else None
+            motion = getattr(sensor, key.partition("_peak")[0]) if "_peak" in key else None
             last = len(time) - 1 if motion is None else int(np.argmax(np.linalg.norm(motion, axis=1)))
             yield replace(q, flagged=q.flagged | every.shares(last))
         if name in spectra:
             values, changes = (s.acceleration for s in spectra[name])
             row, axis = (int(i) for i in np.unravel_index(int(np.argmax(values[0])), values[0].shape))
             largest, slopes = float(values[0, row, axis]), changes[:, 0, row, axis]
-            key, flagged = f"{name}.{SPECTRUM_PEAK}", every.shares(len(time) - 1)
-            yield QuantitySensitivity(key, _UNITS[SPECTRUM_PEAK], largest, slopes, flagged)
+            key, flagged = f"{name}.{SPECTRUM_PEAK.key}", every.shares(len(time) - 1)
+            yield QuantitySensitivity(key, SPECTRUM_PEAK.unit, largest, slopes, flagged)
     for name, bolt in outcome.bolts.items():
-        for key, i in ((BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE, len(time) - 1)):
+        for key, i in ((LARGEST_BOLT_FORCE.key, int(np.argmax(bolt.force))), (LAST_BOLT_FORCE.key, len(time) - 1)):
             own = np.array([d.bolts[name].force[i] for d in derivatives])
             yield QuantitySensitivity(f"{name}.{key}", "N", float(bolt.force[i]), own, every.shares(i))
 
@@ -534,8 +528,8 @@ def _energies(outcome: Outcome, known: Sequence[QuantitySensitivity]) -> list[Qu
     if outcome.energy is None or not works:
         return []
     changes, flagged = np.sum([q.changes for q in works], axis=0), np.any([q.flagged for q in works], axis=0)
-    value = float(outcome.energy[FRICTION_ENERGY][-1])
-    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY}", "J", value, changes, flagged)]
+    value = float(outcome.energy[FRICTION_ENERGY.key][-1])
+    return [QuantitySensitivity(f"{ENERGY_OWNER}.{FRICTION_ENERGY.key}", "J", value, changes, flagged)]
 
 
 def _contact_change(history: InterfaceHistory, change: InterfaceHistory) -> float:
@@ -599,5 +593,5 @@ def _differences(
         changes, far = (moved[:, 0] - moved[:, 1]) / (2.0 * _STEP), (moved[:, 2] - value) / CHECKED
         largest = np.maximum(np.maximum(np.abs(changes), np.abs(far)), _LITTLE * abs(value))
         bent = ~(np.abs(far - changes) <= BENT * largest)  # NaN, of a contact that is lost, counts as bent
-        unit = _UNITS[key] if key in _UNITS else definition_of(f"{owner}.{key}").unit
+        unit = RUN_SCALARS[key].unit
         yield QuantitySensitivity(f"{owner}.{key}", unit, value, changes, bent)

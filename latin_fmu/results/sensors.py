@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +12,19 @@ from ..latin.outcome import Array, Outcome, SensorHistory
 from ..scene.sensors import ChannelClass, LowPass, Sensor, filter_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
-from .quantities import AXES, BOLT, FILTERED, LABELS, REACTION, SENSOR, SENSOR_PLACE, StoredQuantity, columns, named
+from .quantities import (
+    AXES,
+    BOLT,
+    BOLT_END,
+    FILTERED,
+    LABELS,
+    REACTION,
+    SENSOR,
+    SENSOR_PLACE,
+    StoredQuantity,
+    columns,
+    named,
+)
 from .quantities_of_interest import FLOOR
 from .spectra import ShockSpectrum, sensor_spectrum, spectrum_group
 from .summary import aligned, finite, percent, readable, readable_vector
@@ -129,44 +142,54 @@ def reaction_report(outcome: Outcome) -> dict[str, Any]:
 
 def bolt_groups(outcome: Outcome) -> dict[str, StoredGroup]:
     """Groups ``bolts/<name>`` of the bolts of a run by path."""
-    groups = {}
+    groups, ends = {}, bolt_ends(outcome)
     for name, bolt in outcome.bolts.items():
         along = named(LABELS, {"time": outcome.time, "order": np.array(bolt.orders, dtype=np.int32)})
         attrs: dict[str, object] = {"substructure": bolt.substructure, "order": bolt.order}
         attrs |= {} if bolt.target is None else {"target_force": bolt.target}
-        groups[f"/bolts/{name}"] = StoredGroup.of(columns(BOLT, bolt), along, attrs)
+        attrs |= {} if bolt.thread is None else {"thread": bolt.thread}
+        stored = [*columns(BOLT, bolt), *named(BOLT_END, {"end_force": ends[name].mean})]
+        groups[f"/bolts/{name}"] = StoredGroup.of(stored, along, attrs)
     return groups
 
 
 def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
-    """Table of the bolts: tension when tightened, at the start, smallest and largest, mean stress, shortening."""
-    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "mean stress", "shortening"
+    """Table of the bolts: tension when tightened, at the start, smallest and largest, largest stress and the section
+    that it is of, shortening."""
+    head = "bolt", "in", "order", "tightened to", "at the start", "smallest", "largest", "stress", "over", "shortening"
     rows: list[tuple[str, ...]] = [head]
     for name, bolt in outcome.bolts.items():
         forces = bolt.tight, float(bolt.force[0]), float(bolt.force.min()), float(bolt.force.max())
-        stress, shortening = forces[-1] / bolt.area, readable(bolt.shortening, units.label("m"))
+        stress, shortening = forces[-1] / bolt.stress_area, readable(bolt.shortening, units.label("m"))
         tensions = (readable(force, units.label("N")) for force in forces)
-        numbers = (*tensions, readable(stress, units.label("Pa")), shortening)
+        numbers = (*tensions, readable(stress, units.label("Pa")), bolt.thread or "mesh", shortening)
         rows.append((name, bolt.substructure, str(bolt.order), *numbers))
     return aligned(rows) if len(rows) > 1 else []
 
 
 def bolt_report(outcome: Outcome) -> dict[str, Any]:
     """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
-    (m2), ``shortening`` (m), ``tightening_force`` (N, when the bolts of each order were tight), and ``first``,
-    ``smallest``, ``largest`` and ``last`` tension of the run, N."""
+    (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``largest_stress`` (Pa, over the
+    tensile stress area of the thread, else over the section), ``shortening`` (m), ``tightening_force`` (N, when the
+    bolts of each order were tight), and ``first``, ``smallest``, ``largest`` and ``last`` tension of the run, N;
+    ``end`` : ``mean``, ``low`` and ``high``, N, from ``begin``, s, ``half_periods`` (``TensionEnd``)."""
+    ends = bolt_ends(outcome)
     return {
         name: {
             "substructure": bolt.substructure,
             "order": bolt.order,
             "target_force": bolt.target,
             "section_area": finite(bolt.area),
+            "thread": bolt.thread,
+            "thread_area": finite(bolt.thread_area),
+            "largest_stress": finite(float(bolt.force.max()) / bolt.stress_area),
             "shortening": finite(bolt.shortening),
             "tightening_force": [finite(force) for force in bolt.tightening],
             "first": finite(float(bolt.force[0])),
             "smallest": finite(float(bolt.force.min())),
             "largest": finite(float(bolt.force.max())),
             "last": finite(float(bolt.force[-1])),
+            "end": {key: finite(value) for key, value in asdict(ends[name]).items()},
         }
         for name, bolt in outcome.bolts.items()
     }
@@ -188,24 +211,109 @@ def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[
 _TIGHT: Final = 0.1  # of the largest tension: a bolt with less at the start is loaded by the run, not by tightening
 
 
-def share_lost(tension: Array) -> float | None:
-    """Share of the tension (n_time,) of a bolt at the start that is lost at the end; < 0 where it has gained. None
-    where the bolt was never tight: its tension at the start is less than a tenth of the largest."""
+_LAST: Final = (0.5, 0.25, 0.125)  # of a run: stretches before its end whose range tells how large a swing is
+_SWING: Final = 0.25  # of that range: smaller returns are no swings
+_PERIODS: Final = 3  # at the end, over which the mean is taken
+
+
+@dataclass(frozen=True)
+class TensionEnd:
+    """Tension of a bolt at the end of a run.
+
+    Attributes
+    ----------
+    mean : over the last whole periods where it oscillates, else the last value, N. low, high : range from their
+        beginning on, N. begin : of these periods, s. half_periods : their number times two, 1 for half a period; 0
+        where it does not oscillate.
+    """
+
+    mean: float
+    low: float
+    high: float
+    begin: float
+    half_periods: int = 0
+
+    @classmethod
+    def of(cls, tension: Array, time: Array, still: bool = False) -> TensionEnd:
+        """That of a tension (n_time,), N, at the instants ``time`` (n_time,), s; ``still`` : of a run without inertia,
+        in which it follows the loads and does not oscillate.
+
+        It oscillates at the end where it has turned at least twice, by at least a quarter of its range over the last
+        half, quarter or eighth of the run each time, and no more than a period before the end. A range below a
+        thousandth of the largest tension counts as none.
+        """
+        for share in () if still else _LAST:
+            first = int(np.searchsorted(time, time[-1] - share * (time[-1] - time[0])))
+            size = float(np.ptp(tension[first:]))
+            if size <= FLOOR * float(np.abs(tension).max(initial=0.0)):
+                break
+            turns = _turns(tension, _SWING * size)
+            if len(turns) < 2 or time[-1] - time[turns[-1]] > 2.0 * (time[turns[-1]] - time[turns[-2]]):
+                continue
+            halves = min(len(turns) - 1, 2 * _PERIODS)
+            halves -= halves % 2 if halves > 1 else 0  # whole periods where there is one
+            begin, end = turns[-1 - halves], turns[-1]
+            of, steps = tension[begin : end + 1], np.diff(time[begin : end + 1])
+            mean = float(0.5 * (of[1:] + of[:-1]) @ steps / steps.sum())
+            return cls(mean, float(tension[begin:].min()), float(tension[begin:].max()), float(time[begin]), halves)
+        last = float(tension[-1])
+        return cls(last, last, last, float(time[-1]))
+
+    @property
+    def periods(self) -> str:
+        """What the mean is taken over, in words."""
+        if self.half_periods < 3:
+            return "last period" if self.half_periods == 2 else "last half period"
+        return f"last {self.half_periods // 2} periods"
+
+
+def bolt_ends(outcome: Outcome) -> dict[str, TensionEnd]:
+    """Tensions of the bolts at the end of a run, by name."""
+    still = any(history.quasi_static for history in outcome.interfaces.values())
+    return {name: TensionEnd.of(bolt.force, outcome.time, still) for name, bolt in outcome.bolts.items()}
+
+
+def _turns(values: Array, least: float) -> list[int]:
+    """Indices of the extremes, largest and smallest in turn, from each of which the values (n,) return by ``least``;
+    the values at the start are none."""
+    turns, low, high, sense = list[int](), 0, 0, 0
+    for i, value in enumerate(values):
+        low, high = i if value < values[low] else low, i if value > values[high] else high
+        if sense >= 0 and values[high] - value >= least:
+            turns += [high] if values[high] - values[0] >= least or turns else []
+            sense, low = -1, i
+        elif sense <= 0 and value - values[low] >= least:
+            turns += [low] if values[0] - values[low] >= least or turns else []
+            sense, high = 1, i
+    return turns
+
+
+def share_lost(tension: Array, end: float) -> float | None:
+    """Share of the tension (n_time,) of a bolt at the start that is lost at the ``end``, N; < 0 where it has gained.
+    None where the bolt was never tight: its tension at the start is less than a tenth of the largest."""
     first = float(tension[0])
-    return (first - float(tension[-1])) / first if first > _TIGHT * float(tension.max()) else None
+    return (first - end) / first if first > _TIGHT * float(tension.max()) else None
 
 
-def loss_text(tension: Array) -> str:
-    """What a bolt has lost or gained at the end of its tension (n_time,)."""
-    lost = share_lost(tension)
+def loss_text(tension: Array, end: float) -> str:
+    """What a bolt has lost or gained of its tension (n_time,) at the ``end``, N."""
+    lost = share_lost(tension, end)
     if lost is None:
         return "never tight"
     return "nothing lost" if abs(lost) < FLOOR else f"{percent(abs(lost))} {'lost' if lost > 0.0 else 'gained'}"
 
 
+_LARGEST: Final = {
+    "displacement": "largest_displacement",
+    "velocity": "largest_unfiltered_velocity",
+    "acceleration": "largest_unfiltered_acceleration",
+}
+"""Keys of the largest magnitudes over time."""
+
+
 def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     """Table of the largest motions of the sensors."""
-    rows: list[tuple[str, ...]] = [("sensor", "on", *(f"largest {name}" for name in SENSOR), "at")]
+    rows: list[tuple[str, ...]] = [("sensor", "on", *(name.replace("_", " ") for name in _LARGEST.values()), "at")]
     for name, history in outcome.sensors.items():
         largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
@@ -231,12 +339,12 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
 
 def sensor_report(outcome: Outcome) -> dict[str, Any]:
     """Per sensor ``substructure``, ``face`` (None of a point), ``point`` (m) and ``largest_displacement`` (m),
-    ``largest_velocity`` (m s-1), ``largest_acceleration`` (m s-2), None in quasi-static runs: largest magnitudes over
-    time."""
+    ``largest_unfiltered_velocity`` (m s-1), ``largest_unfiltered_acceleration`` (m s-2), None in quasi-static runs:
+    largest magnitudes over time. Estimates have those in a band, ``velocity_peak`` and ``acceleration_peak``."""
     return {
         name: {"substructure": history.substructure, "face": history.face, "point": [float(x) for x in history.point]}
         | {
-            f"largest_{motion}": None if pair is None else finite(pair[0])
+            _LARGEST[motion]: None if pair is None else finite(pair[0])
             for motion, row in SENSOR.items()
             for pair in [_largest(history, row, outcome.time)]
         }

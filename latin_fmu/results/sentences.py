@@ -14,14 +14,15 @@ from ..scene.units import SI, UnitSystem
 from .estimates import ErrorEstimate, QuantityEstimate, error_text
 from .quantities_of_interest import (
     ACCELERATION_PEAK,
-    BOLT_FORCE,
     CONTACT_SHARE,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
     FLOOR,
     FRICTION_WORK,
     IMPULSE,
+    LARGEST_BOLT_FORCE,
     PEAK_FORCE,
+    PEAK_FORCE_RAW,
     SEPARATION,
     VELOCITY_PEAK,
     Force,
@@ -33,12 +34,13 @@ from .quantities_of_interest import (
     slip_in_contact,
     status_shares,
 )
-from .sensors import largest_of, loss_text
+from .sensors import TensionEnd, bolt_ends, largest_of, loss_text
 from .spectra import ShockSpectrum
 from .summary import percent, readable
 
 _OPEN, _SLIP = 0, 2
 _LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out
+_APART: Final = 0.1  # of a force: two values are told apart, however large their errors are
 WIDTH: Final = 110
 """Columns of the text."""
 STANDARD_GRAVITY: Final = 9.80665  # m s-2
@@ -58,10 +60,12 @@ def sentences(
     errors = {} if estimate is None else estimate.by_quantity
     time = outcome.interface_time
     lines = [(name, _interface(h, time, units, errors)) for name, h in outcome.interfaces.items()]
-    lines += [(f"bolt {name}", _bolt(h, units, errors)) for name, h in outcome.bolts.items()]
+    ends = bolt_ends(outcome)
+    lines += [(f"bolt {name}", _bolt(h, ends[name], units, errors)) for name, h in outcome.bolts.items()]
     for name, history in outcome.sensors.items():
         spectrum = (spectra or {}).get(name)
-        more = [] if spectrum is None else [_spectrum(spectrum, units)]
+        known = None if estimate is None else estimate.spectra.get(name)
+        more = [] if spectrum is None else [_spectrum(spectrum, known, units)]
         lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors) + more))
     lines += [(f"support {name}", _support(h, outcome.time, units)) for name, h in outcome.reactions.items()]
     return named_lines([(name, "; ".join(clauses)) for name, clauses in lines])
@@ -88,15 +92,18 @@ Errors = dict[str, QuantityEstimate]
 def _error(errors: Errors, owner: str, definition: QuantityOfInterest) -> str:
     """`` +- 0.7 %`` behind a value, or nothing without an estimate."""
     found = errors.get(f"{owner}.{definition.key}")
-    if found is None:
-        return ""
-    if not np.isfinite(found.error):
+    return "" if found is None else _error_of(found.error, found.bound_only)
+
+
+def _error_of(error: float, bound_only: bool = False) -> str:
+    """A relative error behind a value; ``bound_only``: it is no more than a bound."""
+    if not np.isfinite(error):
         return " (error unknown)"
-    if found.error >= 1.0:
+    if error >= 1.0:
         return " (error as large as the value)"
-    if found.bound_only and found.error > FLOOR:
-        return f" (error at most {error_text(found.error)})"
-    return f" +- {percent(found.relative_error)}"
+    if bound_only and error > FLOOR:
+        return f" (error at most {error_text(error)})"
+    return f" +- {percent(max(error, FLOOR))}"
 
 
 def _instant(errors: Errors, owner: str, definition: QuantityOfInterest, value: float | None) -> str:
@@ -123,6 +130,7 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     # the middle of the interval of the largest mean
     text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
     clauses = [f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text]
+    clauses += _raw_peak(name, peak, force.raw_peak(), units, errors)
     clauses.append(_contact(history, time, first, separation_time(fields), errors, joined))
     clauses += [*_slipping(history, fields, time, units), *_opening(history)]
     if history.friction_power is not None and history.has_friction and f"{name}.{FRICTION_WORK.key}" in errors:
@@ -135,6 +143,14 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     if transient and (found := errors.get(f"{name}.{IMPULSE.key}")) is not None:
         clauses.append(f"impulse {readable(found.value, units.label('N s'))}{_error(errors, name, IMPULSE)}")
     return clauses
+
+
+def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Errors) -> Iterator[str]:
+    """The largest force of a single instant, where it is above the largest mean by more than its error or a tenth."""
+    found = errors.get(f"{name}.{PEAK_FORCE_RAW.key}")
+    error = _LITTLE if found is None or not np.isfinite(found.error) else found.relative_error
+    if raw - peak > min(error, _APART) * raw:
+        yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (a single instant)"
 
 
 def _up_to(forces: Array, time: Array, units: UnitSystem) -> str:
@@ -201,16 +217,23 @@ def _opening(history: InterfaceHistory) -> Iterator[str]:
             yield f"up to {100 * opened:.0f} % of what is closed at the start opens"
 
 
-def _bolt(bolt: BoltHistory, units: UnitSystem, errors: Errors) -> list[str]:
+def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors) -> list[str]:
     """Clamp force when tight, what is lost of it, the range, the stress, the plastic elongation."""
     unit = units.label("N")
-    first, last, low, high = (float(x) for x in (bolt.force[0], bolt.force[-1], bolt.force.min(), bolt.force.max()))
+    first, low, high = (float(x) for x in (bolt.force[0], bolt.force.min(), bolt.force.max()))
     clauses = [f"tightened to {readable(bolt.tight, unit)}"]
     if abs(first - bolt.tight) > _LITTLE * abs(bolt.tight):
         clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
-    clauses.append(f"{readable(last, unit)} at the end ({loss_text(bolt.force)})")
-    text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, BOLT_FORCE)} on the way"
-    clauses.append(f"{text}, {readable(high / bolt.area, units.label('Pa'), 3)} at most")
+    last, lost = readable(end.mean, unit), loss_text(bolt.force, end.mean)
+    if end.half_periods:
+        span = f"between {readable(end.low, unit)} and {readable(end.high, unit)}"
+        clauses.append(f"still oscillates at the end: mean {last} over the {end.periods} ({lost}), {span}")
+    else:
+        clauses.append(f"{last} at the end ({lost})")
+    text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, LARGEST_BOLT_FORCE)}"
+    section = "its meshed section" if bolt.thread is None else f"the stress area of {bolt.thread}"
+    stress = readable(high / bolt.stress_area, units.label("Pa"), 3)
+    clauses.append(f"{text} during the run, at most {stress} over {section}")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:
         clauses.append(f"yields by {readable(plastic, units.label('m'), 3)}")
     return clauses
@@ -247,14 +270,13 @@ def _in_g(acceleration: float, units: UnitSystem) -> str:
     return f" ({acceleration * units.size('m s-2') / STANDARD_GRAVITY:.3g} g)"
 
 
-def _spectrum(spectrum: ShockSpectrum, units: UnitSystem) -> str:
-    """Largest value of a shock response spectrum."""
+def _spectrum(spectrum: ShockSpectrum, error: Array | None, units: UnitSystem) -> str:
+    """Largest value of a shock response spectrum; ``error`` as from ``spectra.spectrum_error``, None if not known."""
     maximax = spectrum.acceleration[0]
-    i = int(np.unravel_index(int(np.argmax(maximax)), maximax.shape)[0])
-    largest = float(maximax.max())
-    text = (
-        f"spectrum (Q {spectrum.quality:g}) up to {readable(largest, units.label('m s-2'), 3)}{_in_g(largest, units)}"
-    )
+    i, axis = (int(k) for k in np.unravel_index(int(np.argmax(maximax)), maximax.shape))
+    largest = readable(float(maximax.max()), units.label("m s-2"), 3)
+    off = "" if error is None else _error_of(float(error[0, i, axis]))
+    text = f"spectrum (Q {spectrum.quality:g}) up to {largest}{_in_g(float(maximax.max()), units)}{off}"
     return f"{text} at {readable(spectrum.frequency[i], 'Hz', 3)}"
 
 

@@ -25,7 +25,7 @@ from .groups import StoredGroup, StoredVariable
 from .quantities import AXES, BOLT, INTERFACE, LABELS, named, rows
 from .quantities_of_interest import ByQuantity
 from .quantities_of_interest import in_words as quantity_in_words
-from .sensitivities import Sensitivities, in_words
+from .sensitivities import DOUBT, Sensitivities, in_words
 from .sensors import sensor_group
 from .sentences import named_lines
 from .spectra import ShockSpectrum, spectrum_group
@@ -226,7 +226,7 @@ class Bands(ByQuantity[QuantityBand]):
             text += (
                 f"; {100 * q.shares[most]:.0f} % of its variance by {in_words(list(self.scatter.distributions)[most])}"
             )
-        return text + " (states change on the way)" * q.flagged
+        return text + DOUBT * q.flagged
 
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON: per quantity its unit, value, standard deviation, ends of the band, shares of the

@@ -110,7 +110,9 @@ class MaterialTable(SceneTable):
     at_frequency: Annotated[Real | None, about("frequency at which the loss factor holds", "Hz", gt=0)] = None
     yield_stress: Annotated[
         Real | None,
-        about("largest mean stress of a bolt (force over section), at which one with `hardening` yields", "Pa", gt=0),
+        about(
+            "largest stress of a bolt, at which one with `hardening` yields; a body beyond it gets a remark", "Pa", gt=0
+        ),
     ] = None
 
     @model_validator(mode="after")

@@ -67,10 +67,11 @@ Bolts          The shank is cut by a plane across its axis, through point or in 
                tight bolts; time.start.increments is the number of increments of every order. The results hold the
                tension of every bolt at every instant and after every order. Displacements count from before the
                bolts were tightened; the elastic energy leaves the preload out.
-Yielding       Below yield_stress of its material times its section a bolt is elastic. With hardening H it yields there:
-               bilinear, kinematic hardening, F - H q within the yield force; q, plastic elongation, lowers the clamp
-               force for good. A run in which one yields is repeated until q stays, some three times in statics and four
-               to ten in motion. A shank yields as a whole: its bending does not count. Not in FMUs and sessions.
+Yielding       Below yield_stress of its material times its stress area (of its thread, or of the mesh) a bolt is
+               elastic. With hardening H it yields there: bilinear, kinematic hardening, F - H q within the yield
+               force; q, plastic elongation, lowers the clamp force for good. A run in which one yields is repeated
+               until q stays, some three times in statics and four to ten in motion. A shank yields as a whole: its
+               bending does not count. Not in FMUs and sessions.
 Temperature    A change of temperature strains a free body by alpha times it. The vector of nodal forces is constant and
                the law scales it, in statics, a static start (the default with temperatures) and dynamics. Bolts are
                tightened before it acts: their tension follows from the unlike expansions of bolt and parts. Stresses

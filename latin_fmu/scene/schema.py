@@ -330,6 +330,14 @@ class Scene(SceneTable):
         return laws
 
     @property
+    def standing(self) -> list[str]:
+        """What loads or moves bodies beside laws over time, in words."""
+        made = [f"bolt {name}" for name in self.bolt]
+        # 1 m2: whether there is any
+        made += [f"preload of {name}" for name, joint in self.joints.items() if joint.initial_pressure(1.0)]
+        return made + [f"initial motion of {name}" for name, body in self.substructure.items() if body.initial_keys]
+
+    @property
     def loads(self) -> dict[str, Load]:
         """Loads by name, and those that act through ports, by the names of ``Port.inputs``."""
         own = dict(self.load)

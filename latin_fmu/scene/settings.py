@@ -240,7 +240,7 @@ QUANTITY_OWNERS: Final[Mapping[str, str]] = MappingProxyType(
         "velocity_history": "sensor",
         "acceleration_peak": "sensor",
         "spectrum": "sensor",
-        "bolt_force": "bolt",
+        "largest_bolt_force": "bolt",
     }
 )
 """Kinds of quantities, and the tables with their owners."""

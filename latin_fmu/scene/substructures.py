@@ -43,6 +43,7 @@ from .raw_scene import (
     single_table,
     text_list,
 )
+from .units import UnitSystem
 
 MAX_ELEMENTS = 20_000_000
 LARGEST_ASPECT = 1e6
@@ -296,12 +297,64 @@ NUT_FACTOR: Final = 0.2
 """Of dry steel."""
 
 
+_COARSE_PITCHES: Final = {
+    1.6: 0.35, 2: 0.4, 2.5: 0.45, 3: 0.5, 3.5: 0.6, 4: 0.7, 5: 0.8, 6: 1, 7: 1, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2,
+    16: 2, 18: 2.5, 20: 2.5, 22: 2.5, 24: 3, 27: 3, 30: 3.5, 33: 3.5, 36: 4, 39: 4, 42: 4.5, 45: 4.5, 48: 5, 52: 5,
+    56: 5.5, 60: 5.5, 64: 6,
+}  # fmt: skip
+"""Pitch of the coarse metric threads by their nominal diameter (ISO 261), mm."""
+_THREAD: Final = re.compile(r"M(\d+(?:\.\d+)?)(?:x(\d+(?:\.\d+)?))?")
+
+
+def thread_sizes(thread: str) -> tuple[float, float] | None:
+    """Nominal diameter and pitch of a metric thread, mm; None where the text is none, or names no pitch of a diameter
+    without a coarse one.
+
+    >>> thread_sizes("M6"), thread_sizes("M10x1"), thread_sizes("M6.1")
+    ((6.0, 1.0), (10.0, 1.0), None)
+    """
+    found = _THREAD.fullmatch(thread)
+    if found is None:
+        return None
+    diameter = float(found[1])
+    pitch = float(found[2] or _COARSE_PITCHES.get(diameter, 0.0))
+    # the core diameter is d - 1.23 P: beyond, there is no core to speak of
+    return (diameter, pitch) if 0.0 < pitch < 0.5 * diameter else None
+
+
+def tensile_stress_area(thread: str) -> float:
+    """A_s of a metric thread, mm2: pi / 4 ((d2 + d3) / 2)^2 (ISO 898-1), with the pitch diameter d2 = d - 3/4 H and the
+    core diameter d3 = d - 17/12 H (ISO 724), H = sqrt(3) / 2 P.
+
+    >>> round(tensile_stress_area("M6"), 1), round(tensile_stress_area("M10x1"), 1)
+    (20.1, 64.5)
+    """
+    sizes = thread_sizes(thread)
+    assert sizes is not None, thread
+    height = 0.5 * math.sqrt(3.0) * sizes[1]
+    return math.pi / 4.0 * (sizes[0] - (3.0 / 4.0 + 17.0 / 12.0) * height / 2.0) ** 2
+
+
+def _check_thread(thread: str) -> str:
+    if thread_sizes(thread) is None:
+        raise refusal(
+            "no metric thread",
+            value=thread,
+            allowed=f'"M6" (coarse: {", ".join(f"M{d:g}" for d in _COARSE_PITCHES)}) or with a pitch, "M10x1"',
+        )
+    return thread
+
+
+Thread = Annotated[Text, AfterValidator(_check_thread)]
+
+
 class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force, by a torque or a shortening; then the shortening is kept.
 
     A torque T gives the force T / (K d) with the nut factor K and the nominal diameter d (Bickford, Introduction to the
     Design and Behavior of Bolted Joints, section 7.1.1). The shank is cut by a plane across the axis. Where the cut is
-    in the shank does not matter.
+    in the shank does not matter. Its stress is its tension over the tensile stress area of `thread` (ISO 898-1), which
+    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank).
     """
 
     substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")]
@@ -313,6 +366,10 @@ class Bolt(SceneTable):
         Real | None,
         about("nut factor K, with `torque`; 0.2 where left out (0.15 oiled, with a scatter of a third)", "1", gt=0),
     ] = None
+    thread: Annotated[
+        Thread | None,
+        about('metric thread, "M6" or "M10x1": stresses are over its tensile stress area, not the meshed section'),
+    ] = None
     shortening: Annotated[Real | None, about("shortening of the shank between head and nut", "m", gt=0)] = None
     point: Annotated[
         Vector | None,
@@ -320,7 +377,7 @@ class Bolt(SceneTable):
     ] = None
     hardening: Annotated[
         Real | None,
-        about("the shank yields: tension per plastic elongation beyond yield_stress times its section", "N m-1", ge=0),
+        about("the shank yields: tension per plastic elongation beyond yield_stress times stress area", "N m-1", ge=0),
     ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
 
@@ -330,6 +387,10 @@ class Bolt(SceneTable):
         if self.torque is not None and self.diameter is not None:
             return self.torque / ((self.nut_factor or NUT_FACTOR) * self.diameter)
         return self.force
+
+    def thread_area(self, units: UnitSystem) -> float | None:
+        """Tensile stress area of its thread in these units, m2; None where it names none."""
+        return None if self.thread is None else 1e-6 * tensile_stress_area(self.thread) / units.size("m2")
 
 
 # -- checks of these tables with each other and with others ---
@@ -466,6 +527,9 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
             if given(table, key) and not given(table, need):
                 what = f"{key!r} needs {need!r}: force = torque / (nut_factor diameter)"
                 yield Problem(f"{where}.{key}", what, None, "both of them", f"add {need!r}, or leave {key!r} out")
+        if given(table, "thread") and raw.get("units") == "none":
+            what = "a thread has a size in mm, numbers of no unit have none"
+            yield Problem(f"{where}.thread", what, shown(table["thread"]), 'units other than "none"', "leave it out")
         yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
         if not isinstance(body, str) or body not in substructures:
             continue

@@ -260,7 +260,7 @@ def test_quantity_of_the_scene_is_checked() -> None:
         ("impulze", "did you mean"),
         ("no.impulse", "no interface of this name"),
         ("no.acceleration_peak", "no sensor of this name"),
-        ("no.bolt_force", "no bolt of this name"),
+        ("no.largest_bolt_force", "no bolt of this name"),
     ):
         with pytest.raises(latin_fmu.SceneError, match=word):
             latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"accuracy.quantity={bad}"])

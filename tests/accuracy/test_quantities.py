@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 import latin_fmu
-from latin_fmu.accuracy.quantities import measure, measure_solution, of_force
+from latin_fmu.accuracy.quantities import Quantities, add_bolt, measure, measure_solution, of_force
 from latin_fmu.accuracy.runs import Resolution, at_resolution
 from latin_fmu.accuracy.study import FILE, declared, physics_of
-from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST, Force
+from latin_fmu.latin.outcome import BoltHistory
+from latin_fmu.parametric.point import QUANTITIES
+from latin_fmu.results.quantities_of_interest import QUANTITIES_OF_INTEREST, RUN_SCALARS, Force
+from latin_fmu.results.sensitivities import bolt_scalars
 from latin_fmu.scene.settings import QUANTITY_OWNERS
 
 from ..results import synthetic
@@ -24,6 +27,24 @@ from ..verification.known_answers import MODELS, beam_in_traction, bouncing_bar,
 # -- Quantities and distances against closed forms --------------------------------------------------------------------
 def test_the_scene_accepts_all_quantities() -> None:
     assert tuple(definition.key for definition in QUANTITIES_OF_INTEREST) == tuple(QUANTITY_OWNERS)
+
+
+def test_a_scalar_of_a_study_is_that_of_derivatives_and_estimates() -> None:
+    """One name has one meaning, and the largest and the last tension of a bolt are two."""
+    shared = {q.name: q for q in QUANTITIES if q.name in RUN_SCALARS}
+    assert {(q.unit, q.long_name) for q in shared.values()} == {
+        (RUN_SCALARS[name].unit, RUN_SCALARS[name].long_name) for name in shared
+    }
+    assert {"displacement_peak", "acceleration_peak_unfiltered", "largest_slip", "peak_force"} <= shared.keys()
+    # behind a filter in the estimate: not the values of a study
+    assert not {"velocity_peak", "acceleration_peak", "bolt_force"} & shared.keys()
+    force = np.array([4e3, 5e3, 3e3])
+    bolt = BoltHistory("m6", "bolt", 1, None, 1e-5, 1e-5, force, (1,), (4e3,))
+    assert bolt_scalars(bolt) == {"largest_bolt_force": 5e3, "last_bolt_force": 3e3}
+    assert bolt_scalars(bolt).keys() <= shared.keys()
+    measured = Quantities()
+    add_bolt(measured, np.array([0.0, 1.0, 2.0]), bolt, 2.0)
+    assert measured.values == {"m6.largest_bolt_force": 5e3}
 
 
 def test_distance_of_a_rectangle_and_a_ramp() -> None:

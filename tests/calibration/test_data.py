@@ -190,3 +190,34 @@ def test_the_command_does_not_replace_its_data(tmp_path: Path, capsys: pytest.Ca
     overrides = [word for setting in COARSE for word in ("--set", setting)]
     assert main(["calibrate", scene, str(data), "--fit", FRICTION, *overrides, "-o", str(data)]) == 2
     assert "would replace it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", [f"{FRICTION}=nan", f"{FRICTION}=0.1:nan:1"])
+def test_starts_and_bounds_that_are_no_numbers_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="not a number"):
+        parameters_of([text], crushing())
+
+
+def test_data_without_a_size_or_that_count_twice_are_refused(tmp_path: Path) -> None:
+    zeros = np.column_stack([[1e-6, 2e-6, 3e-6], np.zeros((3, 1))])
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", zeros)
+    with pytest.raises(InputError, match=r"every value is 0.*add side.velocity.x.sd.*line 1") as raised:
+        read_measured([data, tmp_path / "." / "d.csv"], crushing())
+    assert "given twice" in str(raised.value)
+    known = write(tmp_path / "k.csv", "time,side.velocity.x,side.velocity.x.sd", np.column_stack([zeros, np.ones(3)]))
+    assert not read_measured([known], crushing())[0].columns[0].values.any()
+
+
+@pytest.mark.parametrize("options", [{"max_runs": 1}, {"mode": 0}, {"increments": 0}])
+def test_counts_out_of_range_are_refused(options: dict[str, int], tmp_path: Path) -> None:
+    data = write(tmp_path / "d.csv", "time,side.velocity.x", np.array([[1e-6, 3.0], [2e-6, -4.0]]))
+    with pytest.raises(InputError, match=f"--{next(iter(options)).replace('_', '-')}.*out of range"):
+        latin_fmu.calibrate(crushing(), data, FRICTION, **options)
+
+
+def test_a_file_of_the_command_is_looked_for_in_the_current_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"nothing.csv.*looked for in the current folder"):
+        read_measured(["nothing.csv"], crushing())

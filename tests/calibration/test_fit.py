@@ -23,6 +23,7 @@ from latin_fmu.calibration.report import (
     FitParameter,
     FitStatistics,
     _error_of,
+    _estimated,
     _on_derivatives,
     _on_residuals,
     combinations,
@@ -104,6 +105,43 @@ def test_secants_end_where_derivatives_do(tmp_path: Path) -> None:
     for a, b in zip(exact.parameters, secants.parameters, strict=True):
         assert b.value == pytest.approx(a.value, abs=0.2 * a.half)
         assert b.half == pytest.approx(a.half, rel=0.2)
+
+
+def test_why_there_are_secants_is_said_before_their_runs(tmp_path: Path) -> None:
+    """Once, in one line, and at the end."""
+    said, time = list[str](), histories()[0]
+    data = write(tmp_path / "d.csv", "time,side.displacement.z", np.column_stack([time, noisy(None)[:, 1]]))
+    scene, start = crushing().replace("solver.window", 10), f"{PRESSURE}=199e6"
+    made = latin_fmu.calibrate(scene, data, start, max_runs=3, estimate=False, log=said.append)
+    why = "not known with windows of several instants"
+    assert [text for text in said if "secants" in text] == [
+        f"secants in the place of derivatives, with more runs: {why}"
+    ]
+    assert "secants" in said[0]
+    assert f"derivatives by secants: {why}" in made.remarks
+
+
+def test_remarks_on_the_error_of_the_run_are_those_on_the_data(tmp_path: Path) -> None:
+    """What a velocity and an acceleration hold for is said of a sensor with data of them, and not of displacements."""
+    scene, said = crushing(), list[list[str]]()
+    solution = latin_fmu.solve(scene)
+    for motion in ("displacement", "velocity"):
+        data = write(tmp_path / "d.csv", f"time,side.{motion}.z", np.column_stack([[1e-6, 2e-6], [1.0, 2.0]]))
+        (table,) = read_measured([data], scene)
+        said.append([])
+        assert _estimated(scene, solution, table.columns, said[-1]) is not None
+    assert not any("of side" in text for text in said[0])
+    assert [text for text in said[1] if "velocity_peak and acceleration_peak of side" in text]
+    assert len(said[1]) == len(said[0]) + 1
+
+
+def test_data_that_a_scene_does_not_follow_are_told(tmp_path: Path) -> None:
+    """Of the other sign: the friction at its bound leaves twice the data."""
+    time, data = histories()[0], noisy(None)[:, 1]
+    for sign, told in ((1.0, False), (-1.0, True)):
+        path = write(tmp_path / "d.csv", "time,side.displacement.z", np.column_stack([time, sign * data]))
+        made = latin_fmu.calibrate(crushing(), path, f"{FRICTION}=0.1", max_runs=2, estimate=False)
+        assert any("the scene does not follow side.displacement.z: 2e+02 % of" in text for text in made.remarks) == told
 
 
 def test_slopes_of_a_spectrum_are_those_of_central_differences(tmp_path: Path) -> None:
@@ -344,7 +382,7 @@ def test_parameters_that_go_together_are_told(sign: float, words: str) -> None:
 
 def test_errors_of_columns_are_those_of_their_quantity() -> None:
     """Of the root mean square of a history of forces, of the largest value of a tension."""
-    known = {"crush.force_history": 0.1, "crush.peak_force": 0.3, "m6.bolt_force": 0.2}
+    known = {"crush.force_history": 0.1, "crush.peak_force": 0.3, "m6.largest_bolt_force": 0.2}
     estimate = SimpleNamespace(by_quantity={q: SimpleNamespace(error=e) for q, e in known.items()})
     for owner, quantity, expected in (("crush", "force", (0.1, True)), ("m6", "tension", (0.2, False))):
         column = Column(f"{owner}.{quantity}", owner, quantity, None, np.ones(2), None)
@@ -410,6 +448,8 @@ def test_a_parameter_without_effect_is_not_known() -> None:
 # -- the search -------------------------------------------------------------------------------------------------------
 class Decay:
     """a exp(-b t) at some instants, without derivatives; fails where a is above a limit."""
+
+    reason = ""
 
     time = np.linspace(0.0, 2.0, 15)
 

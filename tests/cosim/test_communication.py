@@ -16,7 +16,7 @@ import pytest
 import latin_fmu
 from latin_fmu.assembly.interfaces import completed
 from latin_fmu.cosim import Session, Settings
-from latin_fmu.cosim.communication import CommunicationRun, read, write
+from latin_fmu.cosim.communication import PLANE, CommunicationRun, _from_planes, _planes, read, write
 from latin_fmu.cosim.variable import Variable
 from latin_fmu.cosim.variables import CAUSAL, HOLD, LINE, RATE, scalar_table
 from latin_fmu.errors import InputError
@@ -277,6 +277,19 @@ def test_a_file_gives_the_same_rows():
         assert entries.call(pools, words["communicate"], 2, CAUSAL, 0, 2) == 2
         at = words["output"] + 2 * words["n_output"]
         assert (pools.moving[at : at + words["n_output"]] == row).all()
+
+
+def test_the_fixed_block_is_kept_by_planes_without_its_room():
+    """Numbers over several planes, and over none, come back; the room for further search directions is left out."""
+    numbers = np.random.default_rng(3).standard_normal(2 * PLANE + 5)
+    for n in (0, 1, PLANE, len(numbers)):
+        kept = b"".join(_planes(numbers[:n]))
+        assert (_from_planes(np.frombuffer(kept)) == numbers[:n]).all()
+    assert kept[:3] == numbers[:3].tobytes()[::8]
+    run = CommunicationRun(completed(blocks()))
+    words, _, pools = read(write(run))
+    assert words["n_fixed"] == run.image.n_fixed < len(run.image.fixed)
+    assert (pools.fixed == run.image.fixed[: run.image.n_fixed]).all()
 
 
 @pytest.mark.parametrize("spoil", [lambda c: c[:-8], lambda c: b"X" + c[1:], lambda c: c[:8] + b"\x07" + c[9:]])

@@ -98,6 +98,36 @@ def test_the_size_of_a_large_compiled_fmu_is_printed_before(scene_file, tmp_path
     assert 0.5 * size < 1e6 * float(told[1]) < 2.0 * size
 
 
+@pytest.mark.parametrize("python", [[], ["--python"]])
+def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, capsys, python):
+    """Laws of the scene act in the FMU; an input does when it is set; without both there is a warning."""
+    target, out = tmp_path / "blocks.fmu", tmp_path / "out.csv"
+    unmoved = ["load.push.law=input", "load.press.law=input"]
+    nothing = "nothing has acted: every input has stayed 0, and nothing else loads or moves a body"
+    for settings, at_making, started, at_running in (
+        ([], ["load.press.value = 0.25", "acts in the FMU as in the scene: load push (half_sine)\n"], [], ""),
+        (
+            ["load.press.law={type='constant'}"],
+            ["scene: load press (constant), load push (half_sine) (--inputs press makes an input of a load)"],
+            [],
+            "",
+        ),
+        (unmoved, ["load.press.value = 0, load.push.value = 0", "the FMU stays at rest"], [], nothing),
+        (unmoved, ["the FMU stays at rest"], ["--start", "load.press.value=0.1"], ""),
+        (unmoved, ["the FMU stays at rest"], ["--start", "mode=1"], nothing),
+        (unmoved, ["the FMU stays at rest"], ["--start", "mode=1", "--start", "historyFile=time,press;0,0;1e-6,1"], ""),
+        (["load={}"], ["warning: nothing loads or moves a body in this FMU"], [], "nothing loads or moves a body"),
+    ):
+        changes = [word for setting in settings for word in ("--set", setting)]
+        made = ["fmu", str(scene_file), "-o", str(target), "--reference", "none", *python, *changes]
+        assert cli.main(made) == 0
+        said = capsys.readouterr().out
+        assert all(text in said for text in at_making), said
+        assert cli.main(["simulate", str(target), "--stop", "1e-6", "-o", str(out), *started]) == 0
+        warned = [line for line in capsys.readouterr().err.splitlines() if "warning of the FMU" in line]
+        assert [at_running in line for line in warned] == [True] * bool(at_running), (settings, started, warned)
+
+
 def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, capsys):
     target = tmp_path / "blocks.fmu"
     assert cli.main(["fmu", str(scene_file), "-o", str(target), "--python"]) == 0
@@ -113,9 +143,26 @@ def test_a_refused_step_ends_the_run_with_its_message(scene_file, tmp_path, caps
         (["{fmu}", "--start", "x=1"], "no variable of this name"),
         (["{fmu}", "--start", "x"], "NAME=VALUE"),
         (["{fmu}", "--input", "nowhere.csv"], "nowhere.csv"),
+        (["{fmu}", "--input", "{inf}"], "no finite number in column load.press.value (value: inf)"),
     ],
 )
 def test_bad_arguments(fmus, tmp_path, arguments, words, capsys):
-    given = [a.replace("{fmu}", str(fmus["2"])) for a in arguments]
+    infinite = tmp_path / "inf.csv"
+    infinite.write_text("time,load.press.value\n0,inf\n1,1\n")
+    given = [a.replace("{fmu}", str(fmus["2"])).replace("{inf}", str(infinite)) for a in arguments]
     assert cli.main(["simulate", *given, "-o", str(tmp_path / "o.csv")]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [((1, 2), "begins after the simulation"), ((-2, -1), "ends before the simulation"), ((0, 1), "")],
+)
+def test_inputs_at_other_times_than_those_of_the_simulation_are_told(fmus, tmp_path, times, words, capsys):
+    table = tmp_path / "in.csv"
+    table.write_text(f"time,load.press.value\n{times[0]},1\n{times[1]},2\n")
+    asked = ["simulate", str(fmus["2"]), "--input", str(table), "--stop", "1e-6", "-o", str(tmp_path / "o.csv")]
+    assert cli.main(asked) == 0
+    said = capsys.readouterr().err
+    assert ("warning: the table of inputs" in said) == bool(words)
+    assert words in said

@@ -366,7 +366,7 @@ def test_segments_keep_what_they_use_and_no_more() -> None:
         run.advance((i + 1) * 1e-6, 5, {"press_top": np.full(6, 1.0 + i)})
         assert run.run is not None
         image = run.run.image
-        sizes.append((len(image.moving), len(image.fixed), image._n_fixed))
+        sizes.append((len(image.moving), len(image.fixed), image.n_fixed))
     assert len(set(sizes[1:])) == 1
 
 

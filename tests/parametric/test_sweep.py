@@ -354,6 +354,12 @@ def test_bad_options_are_refused(options: dict[str, Any], words: str) -> None:
         sweep(SCENE, {FRICTION: [0.0, 0.1]}, settings=TINY, **options)
 
 
+@pytest.mark.parametrize("vary", [{FRICTION: [0.1, float("nan")]}, [f"{FRICTION}=0.1,inf"]])
+def test_values_that_are_no_finite_numbers_are_refused(vary: Any) -> None:
+    with pytest.raises(InputError, match=rf"--vary {FRICTION}.*not a finite number"):
+        sweep(SCENE, vary, settings=TINY)
+
+
 def test_histories_need_the_same_instants() -> None:
     with pytest.raises(InputError, match="the same instants"):
         sweep(SCENE, {"time.end": [20e-6, 30e-6]}, settings=TINY, histories=True)

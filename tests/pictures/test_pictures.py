@@ -129,6 +129,49 @@ def test_a_scene_that_does_not_build_is_drawn_all_the_same() -> None:
     assert "bc: contact" in labels
 
 
+def test_labels_of_a_short_axis_do_not_touch() -> None:
+    """A bar of a tenth of its length in width."""
+    bar = Box(Material(2e11, 7800.0, 0.3, "steel"), (0.2, 0.02, 0.02), (4, 2, 2))
+    figure = assembly_figure(scene_from_dict(column({"a": bar}, {}, {"end": 2e-6, "step": 2e-7})), [])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    ticks = [t for t in figure.axes[0].texts if t.get_text().lstrip("-").replace(".", "").isdigit()]
+    boxes = [t.get_window_extent(canvas.get_renderer()) for t in ticks]
+    assert len(boxes) > 6
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+@pytest.mark.parametrize("builds", [True, False])
+def test_contacts_that_are_found_are_in_the_legend(builds: bool) -> None:
+    """Before any number of bonds, which have one entry; also in a scene that does not build."""
+    n = 12
+    names = [f"p{i:02d}" for i in range(n)]
+    data = column(
+        dict.fromkeys(names, Box(Material(2e11, 7800.0, 0.3, "steel"), (1e-2,) * 3, (2, 2, 2))),
+        {f"bond{i}": {"behaviour": "perfect"} for i in range(n - 1)},
+        {"end": 2e-6, "step": 2e-7},
+    )
+    for name in [f"bond{i}" for i in range(8, n - 1)]:
+        del data["interface"][name]
+    data["contact"] = {"all": {"search": 1e-4}}
+    if not builds:
+        data["interface"]["wrong"] = {"sides": ["p00.zmin", "p05.zmax"], "behaviour": "contact"}
+    warnings: list[str] = []
+    figure = assembly_figure(scene_from_dict(data), warnings)
+    assert bool(warnings) != builds
+    labels = texts(figure).splitlines()
+    found = [f"p{i:02d}_p{i + 1:02d}: contact" for i in range(8, n - 1)]
+    for words in found:
+        assert sum(label.startswith(words) for label in labels) == 1
+    assert "perfect: bond0, bond1, bond2 ... (8)" in labels
+    assembly = _assembly(scene_from_dict(data), [])
+    joint = next(joint for joint in assembly.joints if joint.name == "p08_p09")
+    assert [len(nodes) for nodes in joint.nodes.values()] == [9, 9]
+    # edge nodes of whole surfaces have a part of the sides
+    assert joint.normal / np.linalg.norm(joint.normal) == pytest.approx([0.0, 0.0, 1.0])
+    assert joint.normal[2] > 0.7
+
+
 @pytest.fixture(scope="module")
 def results() -> Any:
     return api.solve(scene_from_dict(tower())).to_datatree()

@@ -113,8 +113,8 @@ def test_fields_of_interfaces(tree: xr.DataTree) -> None:
             points = array(block, face["points"], "<f4").reshape(-1, 3)
             np.testing.assert_allclose(nodes[array(block, side["nodes"], "<u4")], points, atol=1e-6)
     titles = [panel["title"] for panel in head["curves"]]
-    assert titles[:2] == ["normal force", "friction force"]
-    assert "top: velocity" in titles
+    assert titles[:2] == ["normal force (compression > 0)", "friction force"]
+    assert "top: velocity, unfiltered" in titles
 
 
 def test_bodies_move_apart_upwards(tree: xr.DataTree) -> None:

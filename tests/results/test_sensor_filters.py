@@ -11,6 +11,9 @@ import pytest
 from scipy.signal import lfilter
 
 import latin_fmu
+from latin_fmu.accuracy.quantities import measure_solution
+from latin_fmu.parametric.point import QUANTITIES
+from latin_fmu.results.sensitivities import scalars_of
 from latin_fmu.results.sensors import low_pass
 from latin_fmu.scene.sensors import ChannelClass, LowPass, filter_problems
 
@@ -88,7 +91,23 @@ def test_in_the_results(tmp_path: Path) -> None:
     assert top["velocity_filtered"].attrs["filter"] == "Butterworth low pass 500000 Hz, order 4, phaseless"
     assert top["velocity_filtered"].attrs["units"] == "m s-1"
     assert "velocity_filtered" not in tree["sensors/bare"]
+    assert top["acceleration"].attrs["long_name"] == "unfiltered acceleration of the sensor"
+    assert top["acceleration_filtered"].attrs["long_name"] == "acceleration of the sensor behind its filter"
     tree.close()
+
+
+def test_peaks_with_and_without_a_filter_have_names_of_their_own() -> None:
+    """What the estimate measures behind the filter is no quantity of the derivatives, the report or a study."""
+    scene = pressed(sensor={"top": TOP | {"filter": {"type": "low_pass", "cutoff": 5e5}}})
+    solution = latin_fmu.solve(scene)
+    band, whole = measure_solution(scene, solution).values, scalars_of(solution.outcome, {})
+    assert band["top.acceleration_peak"] < 0.9 * whole["top.acceleration_peak_unfiltered"]
+    for name in band.keys() & whole.keys():
+        assert band[name] == pytest.approx(whole[name], rel=1e-9), name
+    top = solution.report()["sensors"]["top"]
+    assert top["largest_unfiltered_acceleration"] == whole["top.acceleration_peak_unfiltered"]
+    assert {"velocity_peak_unfiltered", "acceleration_peak_unfiltered"} <= {q.name for q in QUANTITIES}
+    assert "largest unfiltered acceleration" in solution.summary(details=True)
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,16 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+import latin_fmu
 from latin_fmu import ResultsError
 from latin_fmu.latin.outcome import BoltHistory, SensorHistory
 from latin_fmu.pictures.style import save_figure
 from latin_fmu.pictures.summary_picture import summary_figure
 from latin_fmu.results.estimates import ErrorEstimate, QuantityEstimate
 from latin_fmu.results.solution import Solution
+
+from .test_sensor_filters import TOP
+from .test_sensors import pressed
 
 
 @pytest.mark.parametrize("kind", ["crushing", "bars", "stalled", "stack"])
@@ -41,7 +45,7 @@ def test_panels_follow_the_run(crushing: Solution, bars: Solution, stack: Soluti
     assert "Convergence" in one
     assert not any("Friction" in title or "Energy" in title for title in one)
     full = {axis.get_title() for part in summary_figure(crushing.to_datatree(), True).subfigs for axis in part.axes}
-    assert {"Energy of the assembly", "Iterations of each of 200 windows"} <= full
+    assert {"Energy of the assembly (terms above 0.5 % of the largest)", "Iterations of each of 200 windows"} <= full
     plain = {axis.get_title() for part in summary_figure(crushing.to_datatree()).subfigs for axis in part.axes}
     assert full - plain == {"Iterations of each of 200 windows", r"Final $\sqrt{\eta}$ of each window"}
 
@@ -56,12 +60,56 @@ def test_sensors_and_bolts_have_panels(crushing: Solution) -> None:
     outcome = replace(crushing.outcome, sensors={"tip": sensor}, bolts={"m6": bolt})
     figure = summary_figure(replace(crushing, outcome=outcome, estimate=estimate).to_datatree())
     axes = {axis.get_title(): axis for part in figure.subfigs for axis in part.axes}
-    (curve,) = [line for line in axes["Acceleration of the sensors"].lines if line.get_label() == "tip, along y"]
+    (curve,) = [
+        line for line in axes["Acceleration of the sensors"].lines if line.get_label() == "tip, along y, unfiltered"
+    ]
     assert curve.get_ydata()[-1] == pytest.approx(-5.0)
     (curve,) = [line for line in axes["Tension of the bolts"].lines if str(line.get_label()).startswith("m6")]
     assert axes["Tension of the bolts"].get_ylim() == pytest.approx((3.95, 5.05))
     assert (curve.get_label(), curve.get_ydata()[0]) == ("m6: 20 % lost at the end", 5.0)
-    assert " ± 2 % over " in str(axes["Normal resultant (compression > 0)"].lines[1].get_label())
+    assert " ± 2 %, mean of " in str(axes["Normal resultant (compression > 0)"].lines[1].get_label())
+
+
+def test_a_spectrum_that_is_asked_for_is_drawn() -> None:
+    spectrum = {"lowest": 5e5, "highest": 2e6, "quality": 5.0}
+    solution = latin_fmu.solve(pressed(sensor={"top": TOP | {"spectrum": spectrum}, "bare": TOP}))
+    tree = solution.to_datatree()
+    (axis,) = [a for part in summary_figure(tree).subfigs for a in part.axes if "spectra" in a.get_title()]
+    stored = tree["sensors/top/spectrum"]
+    (curve,) = [line for line in axis.lines if str(line.get_label()).startswith("top, along ")]
+    along = int(stored["acceleration"].values[0].max(axis=0).argmax())
+    assert curve.get_label() == f"top, along {'xyz'[along]}, Q = 5"
+    np.testing.assert_array_equal(curve.get_ydata(), stored["acceleration"].values[0, :, along])
+    np.testing.assert_array_equal(curve.get_xdata(), stored["frequency"].values)
+    assert (axis.get_xscale(), axis.get_ylabel()) == ("log", "acceleration (m/s²)")
+    canvas = FigureCanvasAgg(axis.figure.figure)
+    canvas.draw()
+    assert axis.get_xlabel() == "natural frequency (kHz)"
+    assert {"500", "1000", "2000"} <= {text.get_text() for text in axis.get_xticklabels()}
+    assert not any(text.get_text() for text in axis.get_yticklabels(minor=True))
+
+
+def test_small_changes_of_large_values_are_readable(crushing: Solution) -> None:
+    """A bolt that loses next to nothing has ticks without an offset; of a preloaded assembly the change of the elastic
+    energy is drawn, beside which other terms are seen."""
+    n = crushing.time.size
+    force = 12e3 + np.linspace(0.0, 3.0, n)
+    bolt = BoltHistory("m6", "bolt", 1, 12e3, 20e-6, 1e-5, force, (1,), (12e3,))
+    energy = {
+        "kinetic": np.linspace(0.0, 2e-3, n),
+        "elastic": 10.0 + np.linspace(0.0, 1e-3, n),
+        "drift_work": np.full(n, 1e-9),
+    }
+    outcome = replace(crushing.outcome, bolts={"m6": bolt}, energy=energy)
+    figure = summary_figure(replace(crushing, outcome=outcome).to_datatree())
+    FigureCanvasAgg(figure).draw()
+    axes = {axis.get_title(): axis for part in figure.subfigs for axis in part.axes}
+    assert not any(axis.yaxis.get_offset_text().get_text() for axis in axes.values())
+    low, high = axes["Tension of the bolts"].get_ylim()
+    assert high - low == pytest.approx(0.12, rel=0.05)
+    axis = axes["Energy of the assembly (terms above 0.5 % of the largest)"]
+    shown = {str(line.get_label()): line.get_ydata()[-1] for line in axis.lines}
+    assert shown == {"kinetic": pytest.approx(2.0), "elastic, less 10.0 J of the start": pytest.approx(1.0)}
 
 
 def test_many_sensors_are_named_and_a_stopped_run_says_so(crushing: Solution) -> None:

@@ -186,7 +186,7 @@ def test_studies() -> None:
         made.append(dataset_of(grid, grid.scene(), {(0, 0): record}, histories=True))
         assert record["state"] == 0, record["message"]
     assert list(compare(*made, "study")) == []
-    assert {"energy", "peak_reaction", "peak_acceleration", "force", "force_norm"} <= set(made[0])
+    assert {"energy", "peak_reaction", "acceleration_peak_unfiltered", "force", "force_norm"} <= set(made[0])
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ from latin_fmu.fem.mesh import Mesh
 from latin_fmu.model_exchange.reduce import reduced_system
 from latin_fmu.parametric.study import sweep
 from latin_fmu.results.solution import Solution
+from latin_fmu.scene.substructures import tensile_stress_area
+from latin_fmu.scene.units import SI, UNIT_SYSTEMS
 from latin_fmu.stability.scenes import Box, Material, column, placed
 from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 
@@ -295,7 +297,7 @@ def test_study_over_the_force_of_a_bolt(influence: Array) -> None:
     """A parametric study keeps the forces of the bolts: that of the other one is linear in the one that varies."""
     bolts = {"left": {"force": 1000.0}, "right": {"shortening": 10e-6, "order": 2}}
     study = sweep(scene_from_dict(frame(bolts)), {"bolt.left.force": [1000.0, 3000.0]})
-    forces = study["bolt_force"].transpose(..., "bolt").sel(bolt=["left", "right"]).values
+    forces = study["last_bolt_force"].transpose(..., "bolt").sel(bolt=["left", "right"]).values
     left = np.array([1000.0, 3000.0])
     shortenings = np.array([left / influence[0, 0], [10e-6, 10e-6]])
     assert forces == pytest.approx((influence @ shortenings).T, rel=1e-5)
@@ -478,6 +480,7 @@ REFUSED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("substructure.bolt", {"initial_velocity": [0, 0, 1.0]}, ("bolt.b.substructure", "[0, 0, 1.0]", "at rest")),
     ("time", {"start": "given"}, ("time.start", "bolts are tightened")),
     ("material.steel", {"yield_stress": 100e6}, ("bolt.b", "5000 N / 4.53721e-05 m2", "1.102e+08 Pa", "1e+08 Pa")),
+    ("bolt.b", {"thread": "M6.1"}, ("bolt.b.thread", "no metric thread", "M6.1", "M10x1")),
     ("interface.plates", None, ("bolt.b.force", "nothing resists", "with upper")),
 ]
 
@@ -507,6 +510,49 @@ def test_yield_stress_counts_for_a_shortening(files: dict[str, Path]) -> None:
         solve(scene_from_dict(data))
     data["material"]["steel"]["yield_stress"] = 120e6
     assert solve(scene_from_dict(data)).bolts["b"].force[0] / 4.53721e-05 == pytest.approx(111e6, rel=0.01)
+
+
+def test_the_stress_of_a_thread_is_over_its_stress_area(files: dict[str, Path]) -> None:
+    """By hand: 5 kN over the 36.6 mm2 of M8 are 137 MPa, over the 45.4 mm2 of the mesh 110 MPa."""
+    data = moving(files)
+    data["material"]["steel"]["yield_stress"] = 120e6
+    plain = solve(scene_from_dict(data))
+    assert "at most 110 MPa over its meshed section" in " ".join(plain.summary().split())
+    assert "thread_stress" not in plain.to_datatree()["bolts/b"]
+    data["bolt"]["b"]["thread"] = "M8"
+    with pytest.raises(SceneError, match=r"stress of the thread M8, 5000 N / 3.66\d+e-05 m2.*1.366e\+08 Pa"):
+        check(scene_from_dict(data))
+    data["material"]["steel"]["yield_stress"] = 140e6
+    threaded = solve(scene_from_dict(data))
+    assert (threaded.bolts["b"].force == plain.bolts["b"].force).all()
+    assert "at most 137 MPa over the stress area of M8" in " ".join(threaded.summary().split())
+    stored = threaded.to_datatree()["bolts/b"]
+    assert float(stored["thread_stress"][0]) == pytest.approx(5e3 / 36.6e-6, rel=1e-3)
+    assert threaded.report()["bolts"]["b"]["largest_stress"] == pytest.approx(float(stored["thread_stress"].max()))
+    line = next(text for text in check(scene_from_dict(data)) if text.startswith("  bolt b"))
+    assert "mean stress 1.366e+08 Pa over the stress area of M8, 3.661e-05 m2" in line
+    data["units"] = "none"
+    with pytest.raises(SceneError, match=r"bolt.b.thread: a thread has a size in mm"):
+        scene_from_dict(data)
+
+
+# ISO 898-1:2013, tables 4 and 6
+STRESS_AREAS = {
+    "M3": 5.03,
+    "M5": 14.2,
+    "M8": 36.6,
+    "M12": 84.3,
+    "M24": 353,
+    "M8x1": 39.2,
+    "M10x1.25": 61.2,
+    "M12x1.5": 88.1,
+}
+
+
+def test_stress_areas_are_those_of_the_standard() -> None:
+    assert {t: tensile_stress_area(t) for t in STRESS_AREAS} == pytest.approx(STRESS_AREAS, rel=2e-3)
+    mm = scene_from_dict(bar(["zmin", "zmax"], {"force": PRELOAD, "thread": "M24"})).bolt["b"]
+    assert mm.thread_area(UNIT_SYSTEMS["mm-t-s-MPa"]) == pytest.approx(1e6 * (mm.thread_area(SI) or 0.0))
 
 
 def test_cut_on_an_interface_is_refused() -> None:

@@ -311,6 +311,63 @@ def test_unfit_schemes_are_told_when_chosen(scheme: str | None, courant: float, 
     assert words is None or words in remarks[0]
 
 
+@pytest.mark.parametrize(
+    ("elements", "keys", "propagator", "first"),
+    [
+        (20, (), "direct", ""),
+        (3, (), "direct", "refine the mesh of substructure bar, 33 % of whose elements touch a face that may open"),
+        (20, (), "reduced", 'choose solver.propagator = "direct", and then'),
+    ],
+)
+@pytest.mark.parametrize("scheme", [None, "hht", {"type": "newmark", "beta": 0.3025, "gamma": 0.6}])
+def test_there_is_one_advice_on_the_scheme(
+    elements: int, keys: tuple[tuple[str, Any], ...], propagator: str, first: str, scheme: Any
+) -> None:
+    """The automatic choice and the remark agree: what the choice found in the way of generalized_alpha comes first."""
+    tables = Bars(elements, 0.2, scheme=scheme, keys=keys).scene() | {"solver": {"propagator": propagator}}
+    told = explain(latin_fmu.scene_from_dict(tables))
+    remarks = [str(remark) for remark in told.warnings if remark.code == "scheme"]
+    if scheme is None and not first:
+        assert not remarks  # it is chosen
+        return
+    assert len(remarks) == 1
+    assert first in remarks[0]
+    assert remarks[0].endswith('choose time.scheme = "generalized_alpha" (--set time.scheme=generalized_alpha)')
+
+
+def slammed(courant: float, pulled: float, scheme: Any = None) -> dict[str, Any]:
+    """Two bars that touch and are at rest: one is pulled off the other, which is held, and pushed back."""
+    tables = Bars(10, courant, phase=0.0, section=1, other=(10, 1.0, 1.0), end=12.0, scheme=scheme).scene()
+    for body in tables["substructure"].values():
+        body["initial_velocity"] = [0.0, 0.0, 0.0]
+    law = {"type": "table", "times": [0.0, 1.5, 3.0, 4.5, 6.0, 20.0], "values": [0.0, -pulled, 0.0, 1.0, 1.0, 1.0]}
+    tables["load"] = {"move": {"face": "bar.zmax", "pressure": 1e-3, "law": law}}
+    tables["boundary"] = {"hold": {"type": "fixed", "face": "low.zmin"}}
+    return tables
+
+
+@pytest.mark.parametrize(
+    ("courant", "pulled", "scheme", "told"),
+    [
+        (0.2, 1.0, None, True),
+        (0.2, 1.0, "hht", True),
+        (0.2, 1.0, "generalized_alpha", False),
+        (1.0, 1.0, None, False),  # steps that are long for the elements resolve the force
+        (0.2, 0.0, None, False),  # nothing opens
+    ],
+)
+def test_a_face_that_slams_shut_is_told_after_the_run(courant: float, pulled: float, scheme: Any, told: bool) -> None:
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(slammed(courant, pulled, scheme)))
+    assert solution.converged
+    remarks = [str(w) for w in solution.warnings if w.code == "scheme"]
+    assert bool(remarks) == told
+    if told:
+        assert "interface meet closes by an impact at " in remarks[0]
+        assert "(100 % of it at " in remarks[0]
+        assert "--set time.scheme=generalized_alpha" in remarks[0]
+        assert ("chosen before the run because no body lands" in remarks[0]) == (scheme is None)
+
+
 def test_the_scheme_is_chosen_by_the_bodies() -> None:
     def chosen(tables: dict[str, Any]) -> str:
         return explain(latin_fmu.scene_from_dict(tables)).choices["propagator"]

@@ -171,7 +171,7 @@ def test_a_bolt_force_that_scatters_has_its_band() -> None:
     settings = ("time.end=1e-6", "spread.bolt.m6.force=5 %", "spread.load.shock.traction.0=3 %")
     solution = latin_fmu.solve(latin_fmu.load_scene(MODELS / "lap_joint/shock.toml", settings))
     assert solution.bands is not None
-    band = solution.bands["m6.bolt_force"].band
+    band = solution.bands["m6.largest_bolt_force"].band
     assert band.deviation == pytest.approx(0.05 * 5e3, rel=1e-3)
 
 
@@ -352,6 +352,16 @@ def test_the_command_samples_and_says_both_bands(tmp_path: Path, capsys: pytest.
     assert '"sampled_mean"' in capsys.readouterr().out
     assert main([*command, "--vary", "time.step=1e-7,2e-7"]) == 2
     assert "either values or samples" in capsys.readouterr().err
+
+
+def test_samples_that_fail_are_counted() -> None:
+    """Friction of 0.1 with a standard deviation of 0.5: half of the samples are below 0, which no scene allows."""
+    bands, study = latin_fmu.sample(crushing("spread.interface.crush.friction_coefficient=0.5", "time.end=6e-6"), 8)
+    failed = int((study["state"].values != 0).sum())
+    assert 0 < failed < 7
+    assert (bands.count, bands.left_out) == (8 - failed, failed)
+    assert bands.lines()[0].startswith(f"  {8 - failed} samples; {failed} more failed or did not converge")
+    assert bands.report()["left_out"] == failed
 
 
 @pytest.mark.slow
