@@ -155,10 +155,8 @@ def _text(base_dir: Path, name: str) -> str:
         # -sig: spreadsheets write a byte order mark
         return path.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
-        where = (
-            "file names are relative to the scene file" if base_dir != Path() else "looked for in the current folder"
-        )
-        raise refusal("the file does not exist", value=name, remedy=where) from None
+        where = "the scene file" if base_dir != Path() else "the current folder"
+        raise refusal("the file does not exist", value=name, remedy=f"file names are relative to {where}") from None
     except UnicodeDecodeError:
         raise refusal("not a text file", value=name, allowed=_TWO_COLUMNS) from None
     except (OSError, ValueError) as error:

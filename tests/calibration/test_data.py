@@ -219,5 +219,5 @@ def test_a_file_of_the_command_is_looked_for_in_the_current_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"nothing.csv.*looked for in the current folder"):
+    with pytest.raises(InputError, match=r"nothing.csv.*relative to the current folder"):
         read_measured(["nothing.csv"], crushing())
