@@ -65,6 +65,7 @@ def run_remarks(
     problem: SolverReadyProblem,
     histories: Mapping[str, InterfaceHistory],
     time: Array,
+    every: int,
     balance: Mapping[str, Resultants],
     ends: Mapping[str, BodyEnd],
     stresses: Mapping[str, LargestStress],
@@ -72,13 +73,14 @@ def run_remarks(
     """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, resultants, and bodies
     beyond their yield stress.
 
-    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``. ``stresses`` : of the run.
+    ``time`` : (n_time,) instants of the run, s; ``histories`` are kept at every ``every`` of them. ``ends`` : from
+    ``body_ends``. ``stresses`` : of the run.
     """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
     return [
         *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", moved),
-        *remarks_of("scheme", impact_remarks(problem, histories, time)),
+        *remarks_of("scheme", impact_remarks(problem, histories, time[::every])),
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
         *remarks_of("yield", yield_remarks(problem, stresses)),
@@ -184,11 +186,12 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
 
 
 def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:
-    """A sentence on the interface with the hardest impact that the time scheme was not chosen for.
+    """A sentence on the interface with the hardest impact that the time scheme was not chosen for; ``time`` : (n_time,)
+    of the histories, s.
 
     Points of area A that close in a step with the relative velocity v along N press each other like bars, with
-    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground); from ``_IMPACT`` of the largest
-    force of the interface on they make the noise of the scheme.
+    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground, or a rigid body that is held);
+    from ``_IMPACT`` of the largest force of the interface on they make the noise of the scheme.
     """
     found = [
         (size, name, words)
@@ -212,17 +215,18 @@ def _impact(problem: SolverReadyProblem, i: int, history: InterfaceHistory, time
     largest = float(history.normal_resultant().max(initial=0.0))
     if len(status) < 2 or not largest > 0.0:
         return 0.0, history.name, ""
-    jump = history.velocity[:-1, 0] - history.velocity[:-1, 1]
-    closing = np.einsum("tpc,pc->tp", jump, history.normals).clip(min=0.0)
+    first, second = (np.einsum("tpc,pc->tp", history.velocity[:-1, side], history.normals) for side in (0, 1))
+    closing = (first - second).clip(min=0.0)
     closing = np.where((status[:-1] == SEPARATION) & (status[1:] != SEPARATION), closing, 0.0)
     # along N
-    z = [assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1)]
-    both = z[0] if assembly.interfaces[i].against_ground else z[0] * z[1] / np.maximum(z[0] + z[1], 1e-300)
+    z, other = (assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1))
+    # no impedance: a side that cannot move
+    both = np.where(z * other > 0.0, z * other / np.maximum(z + other, 1e-300), np.maximum(z, other))
     force = closing @ (history.areas * both)
     at = int(np.argmax(force))
     hit = closing[at] > 0.5 * closing[at].max()
     speed = readable(float(closing[at].max()), problem.unit_system.label("m s-1"), 3)
-    when = readable(float(time[:: problem.output.interfaces_every][at]), "s", 3)
+    when = readable(float(time[at + 1]), "s", 3)
     share = 100 * history.areas[hit].sum() / history.areas.sum()
     return float(force[at]) / largest, history.name, f"closes by an impact at {when} ({share:.0f} % of it at {speed})"
 
