@@ -169,11 +169,12 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
 
 
 def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
-    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material."""
+    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material; not on shanks
+    that may yield, of which their bolts tell."""
+    yielding = {c.cut.table.substructure for c in problem.clamps if c.cut.table.hardening is not None}
     pascal, limits = problem.unit_system.label("Pa"), {n: problem.info[n].yield_stress or np.inf for n in stresses}
-    over = sorted(
-        (n for n in stresses if stresses[n].stress > limits[n]), key=lambda n: -stresses[n].stress / limits[n]
-    )
+    beyond = [n for n in stresses if n not in yielding and stresses[n].stress > limits[n]]
+    over = sorted(beyond, key=lambda n: -stresses[n].stress / limits[n])
     if not over:
         return []
     first, *others = (f"{readable(stresses[n].stress, pascal)} at {readable(stresses[n].time, 's', 3)}" for n in over)
@@ -184,7 +185,7 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
     more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
     return [
         f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
-        f"{first} or more, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
+        f"at least {first}, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
         + (f"; so are {', '.join(more)}" if more else "")
         + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
         "the loads, or take the results there for an estimate"
