@@ -186,7 +186,7 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
     return [
         f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
         f"at least {first}, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
-        + (f"; so are {', '.join(more)}" if more else "")
+        + (f"; also {', '.join(more)}" if more else "")
         + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
         "the loads, or take the results there for an estimate"
     ]

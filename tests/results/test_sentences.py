@@ -149,6 +149,7 @@ def test_the_largest_instant_stands_beside_the_mean_where_it_is_another(crushing
     higher[50] *= 1.05
     assert "raw peak" in said(crushing, known(0.01), **one(replace(pulse, traction=higher)))
     assert "raw peak" not in said(crushing, known(0.2), **one(replace(pulse, traction=higher)))
+    assert "raw peak" not in said(crushing, **one(replace(pulse, traction=higher)))  # no error is known: a tenth
 
 
 def test_the_largest_value_of_a_spectrum_has_its_error(crushing: Solution) -> None:

@@ -101,7 +101,7 @@ def test_many_bodies_are_one_sentence() -> None:
     (text,) = told(solution)
     assert text.startswith("substructure b6 is beyond its yield stress 80.00 MPa: von Mises stress of at least ")
     assert text.count(" MPa at ") == 5
-    assert "; so are b5 (" in text
+    assert "; also b5 (" in text
     assert "), 2 more. The model is elastic" in text
 
 
