@@ -338,6 +338,13 @@ def test_there_is_one_advice_on_the_scheme(
     assert remarks[0].endswith('choose time.scheme = "generalized_alpha" (--set time.scheme=generalized_alpha)')
 
 
+def test_the_advice_without_landings_is_the_automatic_choice() -> None:
+    gains = {"type": "newmark", "beta": 0.25, "gamma": 0.5}
+    told = explain(latin_fmu.scene_from_dict(slammed(0.2, 1.0, gains)))
+    (text,) = [str(remark) for remark in told.warnings if remark.code == "scheme"]
+    assert text.endswith('gains energy at contacts that open and close: choose time.scheme = "hht"')
+
+
 def slammed(courant: float, pulled: float, scheme: Any = None) -> dict[str, Any]:
     """Two bars that touch and are at rest: one is pulled off the other, which is held, and pushed back."""
     tables = Bars(10, courant, phase=0.0, section=1, other=(10, 1.0, 1.0), end=12.0, scheme=scheme).scene()

@@ -86,6 +86,14 @@ def test_a_bolt_below_its_yield_force_runs_once() -> None:
     assert (yields.bolts["b"].force == solve(scene_from_dict(elastic)).bolts["b"].force).all()
 
 
+def test_a_bolt_yields_over_the_stress_area_of_its_thread() -> None:
+    """400 MPa over the 84.3 mm2 of M12 are 33.7 kN, less than the 40 kN over the mesh."""
+    data = bar(0.0)
+    data["bolt"]["b"]["thread"] = "M12"
+    solution = solve(scene_from_dict(data))
+    assert solution.bolts["b"].force.max() == pytest.approx(YIELD * 84.3e-6, rel=1e-3)
+
+
 def test_law_of_a_history() -> None:
     """Play between F_y and -F_y about H q, whatever the steps."""
     trial = np.array([0.0, 5.0, 12.0, 8.0, -8.0, -20.0, 0.0])
