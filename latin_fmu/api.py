@@ -550,7 +550,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         warnings=(
             *problem.warnings,
             *remarks_of("accuracy", _thinning(recorder)),
-            *run_remarks(problem, histories, time, balance, ends, recorder.stresses.of(time)),
+            *run_remarks(problem, histories, time, recorder.rows.every, balance, ends, recorder.stresses.of(time)),
             *remarks_of("accuracy", accuracy_remarks(assembly.propagators)),
         ),
         settings=march.choices() | problem.choices,

@@ -66,6 +66,7 @@ def run_remarks(
     problem: SolverReadyProblem,
     histories: Mapping[str, InterfaceHistory],
     time: Array,
+    every: int,
     balance: Mapping[str, Resultants],
     ends: Mapping[str, BodyEnd],
     stresses: Mapping[str, LargestStress],
@@ -73,13 +74,14 @@ def run_remarks(
     """Remarks on drift, slip, rotations, strains, impacts, faces that never touch, resultants, and bodies
     beyond their yield stress.
 
-    ``time`` : (n_time,) instants of the run, s. ``ends`` : from ``body_ends``. ``stresses`` : of the run.
+    ``time`` : (n_time,) instants of the run, s; ``histories`` are kept at every ``every`` of them. ``ends`` : from
+    ``body_ends``. ``stresses`` : of the run.
     """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
     return [
         *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", moved),
-        *remarks_of("scheme", impact_remarks(problem, histories, time)),
+        *remarks_of("scheme", impact_remarks(problem, histories, time[::every])),
         *remarks_of("never_touched", untouched_remarks(histories, problem.unit_system)),
         *remarks_of("balance", balance_remarks(balance, problem.settings.tolerance, problem.unit_system)),
         *remarks_of("yield", yield_remarks(problem, stresses)),
@@ -167,11 +169,12 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
 
 
 def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
-    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material."""
+    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material; not on shanks
+    that may yield, of which their bolts tell."""
+    yielding = {c.cut.table.substructure for c in problem.clamps if c.cut.table.hardening is not None}
     pascal, limits = problem.unit_system.label("Pa"), {n: problem.info[n].yield_stress or np.inf for n in stresses}
-    over = sorted(
-        (n for n in stresses if stresses[n].stress > limits[n]), key=lambda n: -stresses[n].stress / limits[n]
-    )
+    beyond = [n for n in stresses if n not in yielding and stresses[n].stress > limits[n]]
+    over = sorted(beyond, key=lambda n: -stresses[n].stress / limits[n])
     if not over:
         return []
     first, *others = (f"{readable(stresses[n].stress, pascal)} at {readable(stresses[n].time, 's', 3)}" for n in over)
@@ -182,19 +185,20 @@ def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStr
     more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
     return [
         f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
-        f"{first} or more, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
-        + (f"; so are {', '.join(more)}" if more else "")
+        f"at least {first}, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
+        + (f"; also {', '.join(more)}" if more else "")
         + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
         "the loads, or take the results there for an estimate"
     ]
 
 
 def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:
-    """A sentence on the interface with the hardest impact that the time scheme was not chosen for.
+    """A sentence on the interface with the hardest impact that the time scheme was not chosen for; ``time`` : (n_time,)
+    of the histories, s.
 
     Points of area A that close in a step with the relative velocity v along N press each other like bars, with
-    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground); from ``_IMPACT`` of the largest
-    force of the interface on they make the noise of the scheme.
+    A v z z' / (z + z') by the impedances z and z' of their sides (A v z on the ground, or a rigid body that is held);
+    from ``_IMPACT`` of the largest force of the interface on they make the noise of the scheme.
     """
     found = [
         (size, name, words)
@@ -218,17 +222,18 @@ def _impact(problem: SolverReadyProblem, i: int, history: InterfaceHistory, time
     largest = float(history.normal_resultant().max(initial=0.0))
     if len(status) < 2 or not largest > 0.0:
         return 0.0, history.name, ""
-    jump = history.velocity[:-1, 0] - history.velocity[:-1, 1]
-    closing = np.einsum("tpc,pc->tp", jump, history.normals).clip(min=0.0)
+    first, second = (np.einsum("tpc,pc->tp", history.velocity[:-1, side], history.normals) for side in (0, 1))
+    closing = (first - second).clip(min=0.0)
     closing = np.where((status[:-1] == SEPARATION) & (status[1:] != SEPARATION), closing, 0.0)
     # along N
-    z = [assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1)]
-    both = z[0] if assembly.interfaces[i].against_ground else z[0] * z[1] / np.maximum(z[0] + z[1], 1e-300)
+    z, other = (assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1))
+    # no impedance: a side that cannot move
+    both = np.where(z * other > 0.0, z * other / np.maximum(z + other, 1e-300), np.maximum(z, other))
     force = closing @ (history.areas * both)
     at = int(np.argmax(force))
     hit = closing[at] > 0.5 * closing[at].max()
     speed = readable(float(closing[at].max()), problem.unit_system.label("m s-1"), 3)
-    when = readable(float(time[:: problem.output.interfaces_every][at]), "s", 3)
+    when = readable(float(time[at + 1]), "s", 3)
     share = 100 * history.areas[hit].sum() / history.areas.sum()
     return float(force[at]) / largest, history.name, f"closes by an impact at {when} ({share:.0f} % of it at {speed})"
 

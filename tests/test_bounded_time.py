@@ -72,7 +72,7 @@ def test_a_limit_that_is_not_reached_changes_nothing() -> None:
 @pytest.mark.usefixtures("scene")
 def test_a_limited_run_is_marked_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code, status, attributes; continued to the bits of a run without a limit."""
-    plain = ["run", "scene.toml", "--no-estimate", "--quiet", "--set", "time.end=4e-3", "--set", "time.instants=20000"]
+    plain = ["run", "scene.toml", "--no-estimate", "--quiet", "--set", "time.end=12e-3", "--set", "time.instants=60000"]
     assert main([*plain, "-o", "whole.nc"]) == 0
     assert main([*plain, "-o", "out.nc", "--max-cpu", "0.2"]) == 7
     assert "stopped by its limit of 0.2 s of CPU time at t = " in capsys.readouterr().err

@@ -15,6 +15,7 @@ import pytest
 
 from latin_fmu import SceneError, Solution, api, load_scene, open_results, scene_from_dict, solve
 from latin_fmu.assembly.build import discretise
+from latin_fmu.assembly.propagator_choice import PropagatorSettings, fitting
 from latin_fmu.cli import main
 from latin_fmu.effects import cost
 from latin_fmu.effects.cost import MemoryNeed, Prediction, memory_need
@@ -111,6 +112,10 @@ def test_what_other_processes_take_is_not_free(tmp_path, capsys, monkeypatch):
     assert "allowed: 400 MB (free now, of 25 GB of this machine)" in message
     assert main(["check", str(tmp_path / "scene.toml")]) == 0
     assert "400 MB may be taken (free now, of 25 GB of this machine)" in capsys.readouterr().out
+    # the propagator, and the numbers of a scene, do not depend on it
+    problem = discretise(load_scene(tmp_path / "scene.toml"))
+    monkeypatch.setattr("latin_fmu.machine.free_memory", lambda: 1000)
+    assert fitting(problem.classes, PropagatorSettings()).kind == "direct"
 
 
 @pytest.mark.parametrize(

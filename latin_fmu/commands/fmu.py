@@ -312,7 +312,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
     drive = opened(arguments.fmu, dict(_pair(text) for text in arguments.start), inputs)
     # 0 and none: that of the FMU
     step, stop = arguments.step or drive.step_size, arguments.stop or drive.stop_time
-    if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] > 0.0):
+    if inputs is not None and not (inputs["time"][0] < stop and inputs["time"][-1] >= 0.0):
         which, ends = ("first", "begins after") if inputs["time"][0] >= stop else ("last", "ends before")
         what = f"the table of inputs {ends} the simulation, from 0 to {stop:g} s: its {which} values are held"
         say(f"latin-fmu: warning: {what}; are its times in s?")

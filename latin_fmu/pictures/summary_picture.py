@@ -173,9 +173,10 @@ def energy_panel(axis: Axes, energy: xr.Dataset, scale: TimeAxis) -> None:
 
 def _own_legend(axis: Axes) -> None:
     """Legend of a panel: in it for few curves, below it for more, so that all panels of a column are of one width."""
-    if len(axis.get_legend_handles_labels()[1]) <= FEW:
+    n = len(axis.get_legend_handles_labels()[1])
+    if 0 < n <= FEW:
         axis.legend(fontsize="small")
-    else:
+    elif n:
         from matplotlib.transforms import ScaledTranslation
 
         # inches, below the label of the axis

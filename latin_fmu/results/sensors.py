@@ -269,7 +269,7 @@ class TensionEnd:
 
 def bolt_ends(outcome: Outcome) -> dict[str, TensionEnd]:
     """Tensions of the bolts at the end of a run, by name."""
-    still = any(history.quasi_static for history in outcome.interfaces.values())
+    still = bool(outcome.resultants)  # of a run without inertia, also of one without interfaces
     return {name: TensionEnd.of(bolt.force, outcome.time, still) for name, bolt in outcome.bolts.items()}
 
 

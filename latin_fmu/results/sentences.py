@@ -148,8 +148,8 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
 def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Errors) -> Iterator[str]:
     """The largest force of a single instant, where it is above the largest mean by more than its error or a tenth."""
     found = errors.get(f"{name}.{PEAK_FORCE_RAW.key}")
-    error = _LITTLE if found is None or not np.isfinite(found.error) else found.relative_error
-    if raw - peak > min(error, _APART) * raw:
+    error = _APART if found is None or not np.isfinite(found.error) else min(found.relative_error, _APART)
+    if raw - peak > error * raw:
         yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (a single instant)"
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..fem.elasticity import von_mises
 from ..fem.mesh import cell_blocks
 from ..latin.outcome import Array
 from .quantities import SENSOR
@@ -141,7 +142,7 @@ def _fields(instant: xr.Dataset, place: str) -> dict[str, NDArray[Any]]:
         if name not in ("cell_nodes", "cell_shape"):
             fields[name] = _plain(values)
         if "stress_component" in values.dims:
-            fields[name.replace("stress", "von_mises")] = _von_mises(fields[name])
+            fields[name.replace("stress", "von_mises")] = von_mises(fields[name])
     return fields
 
 
@@ -183,11 +184,3 @@ def _sensor_piece(instant: xr.Dataset) -> _Piece:
 
 def _plain(values: xr.DataArray) -> Array:
     return np.ascontiguousarray(values.values, dtype=float)
-
-
-def _von_mises(stress: Array) -> Array:
-    """Von Mises stress of (n_cell, 6) stresses in VTK order, Pa."""
-    xx, yy, zz, xy, yz, xz = stress.T
-    normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
-    equivalent: Array = np.sqrt(normal + 3.0 * (xy**2 + yz**2 + xz**2))
-    return equivalent

@@ -303,7 +303,7 @@ _COARSE_PITCHES: Final = {
     56: 5.5, 60: 5.5, 64: 6,
 }  # fmt: skip
 """Pitch of the coarse metric threads by their nominal diameter (ISO 261), mm."""
-_THREAD: Final = re.compile(r"M(\d+(?:\.\d+)?)(?:x(\d+(?:\.\d+)?))?")
+_THREAD: Final = re.compile(r"M(\d{1,3}(?:\.\d+)?)(?:x(\d{1,3}(?:\.\d+)?))?")
 
 
 def thread_sizes(thread: str) -> tuple[float, float] | None:

@@ -156,11 +156,11 @@ def test_bad_arguments(fmus, tmp_path, arguments, words, capsys):
 
 @pytest.mark.parametrize(
     ("times", "words"),
-    [((1, 2), "begins after the simulation"), ((-2, -1), "ends before the simulation"), ((0, 1), "")],
+    [((1, 2), "begins after the simulation"), ((-2, -1), "ends before the simulation"), ((0, 1), ""), ((0,), "")],
 )
 def test_inputs_at_other_times_than_those_of_the_simulation_are_told(fmus, tmp_path, times, words, capsys):
     table = tmp_path / "in.csv"
-    table.write_text(f"time,load.press.value\n{times[0]},1\n{times[1]},2\n")
+    table.write_text("\n".join(["time,load.press.value", *(f"{time},1" for time in times)]))
     asked = ["simulate", str(fmus["2"]), "--input", str(table), "--stop", "1e-6", "-o", str(tmp_path / "o.csv")]
     assert cli.main(asked) == 0
     said = capsys.readouterr().err

@@ -112,6 +112,14 @@ def test_small_changes_of_large_values_are_readable(crushing: Solution) -> None:
     assert shown == {"kinetic": pytest.approx(2.0), "elastic, less 10.0 J of the start": pytest.approx(1.0)}
 
 
+def test_energies_of_a_run_at_rest_have_no_legend(crushing: Solution) -> None:
+    """Nor a warning that there are no curves."""
+    outcome = replace(crushing.outcome, energy={"kinetic": np.zeros(crushing.time.size)})
+    figure = summary_figure(replace(crushing, outcome=outcome).to_datatree())
+    (axis,) = [a for part in figure.subfigs for a in part.axes if a.get_title().startswith("Energy")]
+    assert (len(axis.lines), axis.get_legend()) == (0, None)
+
+
 def test_many_sensors_are_named_and_a_stopped_run_says_so(crushing: Solution) -> None:
     motion = np.zeros((crushing.time.size, 3))
     motion[:, 1] = 1.0

@@ -555,6 +555,21 @@ def test_stress_areas_are_those_of_the_standard() -> None:
     assert mm.thread_area(UNIT_SYSTEMS["mm-t-s-MPa"]) == pytest.approx(1e6 * (mm.thread_area(SI) or 0.0))
 
 
+def test_a_tension_that_follows_a_load_in_statics_does_not_oscillate() -> None:
+    """A bar without interfaces whose end is moved to and fro: what is lost is that of the last value."""
+    times = np.linspace(0.0, 1.0, 21)
+    law = {"type": "table", "times": times.tolist(), "values": np.sin(7.0 * np.pi * times).tolist()}
+    moved = {"type": "displacement", "face": "bar.zmax", "components": ["z"], "value": [1e-6], "law": law}
+    data = bar(["zmin"], {"force": PRELOAD}, time={"end": 1.0, "instants": 20, "quasi_static": True})
+    data["boundary"]["moved"] = moved
+    data["load"] = {}
+    solution = solve(scene_from_dict(data))
+    force = solution.bolts["b"].force
+    assert np.ptp(force) > 0.1 * PRELOAD
+    assert float(solution.to_datatree()["bolts/b"]["end_force"]) == force[-1]
+    assert "oscillates" not in solution.summary()
+
+
 def test_cut_on_an_interface_is_refused() -> None:
     """A node of the cut that belongs to an interface, or is held along the axis, is counted in the sentence."""
     data = bar(["zmin", "zmax"], {"force": PRELOAD, "point": [0.005, 0.005, 0.012]})

@@ -7,14 +7,17 @@ finer mesh, the phase the share of a step after which the faces touch.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu import api
 from latin_fmu.effects.explanation import explain
 from latin_fmu.stability.scenes import Box, Material, placed
 
@@ -335,6 +338,13 @@ def test_there_is_one_advice_on_the_scheme(
     assert remarks[0].endswith('choose time.scheme = "generalized_alpha" (--set time.scheme=generalized_alpha)')
 
 
+def test_the_advice_without_landings_is_the_automatic_choice() -> None:
+    gains = {"type": "newmark", "beta": 0.25, "gamma": 0.5}
+    told = explain(latin_fmu.scene_from_dict(slammed(0.2, 1.0, gains)))
+    (text,) = [str(remark) for remark in told.warnings if remark.code == "scheme"]
+    assert text.endswith('gains energy at contacts that open and close: choose time.scheme = "hht"')
+
+
 def slammed(courant: float, pulled: float, scheme: Any = None) -> dict[str, Any]:
     """Two bars that touch and are at rest: one is pulled off the other, which is held, and pushed back."""
     tables = Bars(10, courant, phase=0.0, section=1, other=(10, 1.0, 1.0), end=12.0, scheme=scheme).scene()
@@ -366,6 +376,29 @@ def test_a_face_that_slams_shut_is_told_after_the_run(courant: float, pulled: fl
         assert "(100 % of it at " in remarks[0]
         assert "--set time.scheme=generalized_alpha" in remarks[0]
         assert ("chosen before the run because no body lands" in remarks[0]) == (scheme is None)
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_an_impact_is_told_of_thinned_histories_and_on_a_rigid_body(
+    rigid: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """At the same instant, to the step in which they are kept; a rigid body that is held has no impedance."""
+    tables = slammed(0.2, 1.0)
+    tables["substructure"]["low"]["rigid"] = rigid
+    tables["output"] = {}
+    told = []
+    for stream in (None, tmp_path):
+        solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables), stream=stream)
+        (text,) = [str(w) for w in solution.warnings if w.code == "scheme"]
+        found = re.search(r"closes by an impact at (\S+) s \(100 % of it", text)
+        assert found is not None, text
+        told.append(float(found[1]))
+        monkeypatch.setattr(api, "STREAMED", 0.0)
+        monkeypatch.setattr(api, "IN_MEMORY", 60)
+    assert solution.outcome.stream is not None
+    solution.outcome.stream.close()
+    assert solution.outcome.interfaces_every == 11
+    assert told[1] == pytest.approx(told[0], abs=11 * tables["time"]["step"])
 
 
 def test_the_scheme_is_chosen_by_the_bodies() -> None:

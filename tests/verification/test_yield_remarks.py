@@ -42,7 +42,8 @@ def test_a_rod_in_equilibrium_has_the_stress_of_its_load() -> None:
     """sigma = F / A in every element, largest at the turn of the load; nothing is told below the yield stress."""
     still = {"time": {"quasi_static": True, "end": END, "instants": 20}}
     (text,) = told(rod(80e6, **still))
-    assert "substructure rod is beyond its yield stress 80.00 MPa: von Mises stress of 100.0 MPa at 100 us or m" in text
+    assert "substructure rod is beyond its yield stress 80.00 MPa: von Mises stress of at least 100.0 MPa" in text
+    assert "MPa at 100 us, mean of the element" in text
     assert "10 of 10 elements above. The model is elastic" in text
     assert told(rod(101e6, **still)) == []
     assert told(rod(None, **still)) == []
@@ -64,7 +65,7 @@ def test_a_temperature_that_is_hindered_counts() -> None:
         temperature=heated,
         time={"quasi_static": True, "end": 1.0, "instants": 2},
     )
-    assert "von Mises stress of 120.0 MPa at " in told(solution)[0]
+    assert "von Mises stress of at least 120.0 MPa at " in told(solution)[0]
 
 
 @pytest.mark.parametrize("stored", [False, True], ids=["alone", "with stored stresses"])
@@ -76,7 +77,7 @@ def test_waves_are_seen_when_they_are_largest(stored: bool) -> None:
     watched = rod(80e6, output={"stress": stored})
     place = 0.005 + 0.01 * element
     (text,) = told(watched)
-    assert f"{stress.max() / 1e6:.1f} MPa at {1e6 * known.time[i]:.0f} us or more" in text
+    assert f"{stress.max() / 1e6:.1f} MPa at {1e6 * known.time[i]:.0f} us, mean" in text
     assert f"mean of the element at [0.005, 0.005, {place:.4g}]" in text
     assert f"{(stress[i] > 80e6).sum()} of 10 elements above" in text
     assert (watched.sensors["tip"].displacement == known.sensors["tip"].displacement).all()
@@ -98,9 +99,9 @@ def test_many_bodies_are_one_sentence() -> None:
         time={"quasi_static": True, "end": 1.0, "instants": 2},
     )
     (text,) = told(solution)
-    assert text.startswith("substructure b6 is beyond its yield stress 80.00 MPa: von Mises stress of ")
+    assert text.startswith("substructure b6 is beyond its yield stress 80.00 MPa: von Mises stress of at least ")
     assert text.count(" MPa at ") == 5
-    assert "; so are b5 (" in text
+    assert "; also b5 (" in text
     assert "), 2 more. The model is elastic" in text
 
 
