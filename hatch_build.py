@@ -3,7 +3,7 @@ the FMUs of this machine. It carries the models of ``latin-fmu demo``, too.
 
 ``LATIN_FMU_TARGET`` names other targets, with spaces between them. The wheel is for the first one (cross-built:
 linked, not tried); its FMUs run on each of them: ``linux-x86_64 windows-x86_64`` is a wheel for Linux whose FMUs run on
-Windows, too. Each further target costs half a minute or more, and 0.5 MB. ``none`` builds a wheel without a library,
+Windows, too. Each further target costs half a minute or more, and 0.4 MB. ``none`` builds a wheel without a library,
 whose kernels numba compiles at the first run. An editable install compiles the libraries into ``build/``, where the
 package finds them until a kernel changes; then see ``python -m latin_fmu.aot``.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
@@ -15,11 +15,13 @@ import numpy as np
 from .assembly.bolts import Yielding
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines
+from .assembly.copies import Marched, marched_beside
 from .assembly.free_bodies import loss_of_equilibrium
-from .assembly.models import KeptOperators
+from .assembly.models import Kept, KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
 from .assembly.propagator_choice import chosen_propagators
 from .assembly.sensitivities import Tangents
+from .assembly.statics import Stage
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
@@ -37,7 +39,7 @@ from .machine import one_thread, peak_memory
 from .propagator.base import accuracy_remarks, full_displacement
 from .remarks import Remark, remarks_of
 from .results.checkpoint import Checkpoint, scene_digest
-from .results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from .results.sensitivities import CHECKED, Sensitivities, scalars_of
 from .results.sensors import spectra_of
 from .results.solution import Solution
 from .results.spread import Bands
@@ -47,6 +49,16 @@ from .scene.schema import Scene
 from .scene.units import UnitSystem
 
 _THINNED: Final = "output.interfaces_every = {}: forces, impulses, contact times and estimates follow from these alone"
+_UNCHECKED: Final = (
+    "fields",
+    "stress",
+    "nodal_stress",
+    "principal_stress",
+    "strain",
+    "surfaces",
+    "reactions",
+    "energy",
+)
 _STREAMED: Final = (
     "long run: the results file holds all histories of the interfaces; forces, impulses, contact times and estimates "
     "shown here follow from every {}th instant"
@@ -319,7 +331,8 @@ def _derivatives(
         except SolverError as error:
             lost = str(error)
     if made is not None and scene.output.check_sensitivities != "none":
-        made, missing = _checked(scene, made, progress, limit, outcome.timings.march)
+        motion = tangent.motion(*ended)
+        made, missing = _checked(scene, made, outcome, (motion, tangent.statics), progress, limit)
         outcome = replace(outcome, warnings=(*outcome.warnings, *remarks_of("accuracy", missing)))
     outcome.timings.other += clock.process_time() - begin
     if made is None:
@@ -331,35 +344,76 @@ def _derivatives(
 
 
 def _checked(
-    scene: Scene, made: Sensitivities, progress: ProgressSink | None, limit: _CpuLimit, march: float
+    scene: Scene,
+    made: Sensitivities,
+    outcome: Outcome,
+    ended: tuple[Stage, Kept | None],
+    progress: ProgressSink | None,
+    limit: _CpuLimit,
 ) -> tuple[Sensitivities, list[str]]:
-    """Derivatives checked by runs, for every parameter or those by which many are flagged, and remarks on those of them
-    that have none; ``march`` : CPU seconds of the march of the run, which one that checks takes at least."""
-    plain = scene.undifferentiated
-    runs, missing, kept = list[dict[str, float] | None](), dict[str, list[str]](), KeptOperators()
-    every = scene.output.check_sensitivities == "all"
-    for d, share in zip(made.derivatives, made.flagged_shares, strict=True):
-        if not (every or share > GATHERED):
-            runs.append(None)
+    """Derivatives checked by runs, for every parameter or those by which a quantity is flagged, and remarks on those of
+    them that have none. ``ended`` : motion of the run, and operators of its static start; what is equal is taken."""
+    (motion, statics), (larger, why) = ended, _larger(scene, made)
+    runs: list[dict[str, float] | None] = [None] * len(made.derivatives)
+    known = {q.quantity: q.value for q in made.quantities}
+    steps, report = max(len(outcome.windows), 1), None if progress is None else progress.update
+    newton = sum(window.newton_steps for window in outcome.windows) / steps
+    together: list[tuple[Marched, Marched] | None] = [None] * len(larger)
+    march, left = outcome.timings.march, limit.left
+    # what cannot be computed together is run alone, and says why
+    if left is None or left > (len(larger) + 1) * march:
+        with suppress(LatinError), computable(), one_thread():
+            together = marched_beside(motion, list(larger.values()), statics, newton, report)
+    for (i, other), marched in zip(larger.items(), together, strict=True):
+        if marched is not None:
+            more, same = (_scalars(scene, outcome, copy) for copy in marched)
+            runs[i] = {key: known[key] + more[key] - same[key] for key in known.keys() & more.keys() & same.keys()}
             continue
-        why, run, left = "its value is 0", None, limit.left
-        if d.value != 0.0:
-            try:
-                stopped = left is not None and left <= march
-                if not stopped:
-                    more = plain.replace(d.name, (1.0 + CHECKED) * d.value)
-                    other = solve(more, kept=kept, progress=progress, max_cpu=left)
-                    stopped, why = bool(other.interrupted), other.status
-                    run = scalars_of(other.outcome, other.spectra) if other.converged else None
-                why = limit.sentence("their checks") if stopped else why
-            except LatinError as error:
-                why, kept = str(error.problems[0] if isinstance(error, InputError) else error), KeptOperators()
-        runs.append(run)
-        if run is None:
-            missing.setdefault(why, []).append(d.name)
+        kept, left = KeptOperators() if motion.problem.kept is None else motion.problem.kept.copy(), limit.left
+        if left is not None and left <= march:
+            why[i] = limit.sentence("their checks")
+            continue
+        try:
+            solution = solve(other, kept=kept, progress=progress, max_cpu=left)
+        except LatinError as error:
+            why[i] = str(error.problems[0] if isinstance(error, InputError) else error)
+            continue
+        if solution.converged:
+            runs[i] = scalars_of(replace(solution.outcome, energy=outcome.energy), solution.spectra)
+        else:
+            why[i] = limit.sentence("their checks") if solution.interrupted else solution.status
+    missing = dict[str, list[str]]()
+    for i in sorted(why):
+        missing.setdefault(why[i], []).append(made.derivatives[i].name)
     return made.checked(runs), [
-        f"the derivatives by {', '.join(names)} are not checked: {why}" for why, names in missing.items()
+        f"the derivatives by {', '.join(names)} are not checked: {reason}" for reason, names in missing.items()
     ]
+
+
+def _scalars(scene: Scene, outcome: Outcome, copy: Marched) -> dict[str, float]:
+    """Scalar quantities of a copy of a run with this outcome."""
+    ended = replace(outcome, interfaces=copy.interfaces, sensors=copy.sensors, bolts=copy.bolts)
+    return scalars_of(ended, spectra_of(ended, scene.sensor))
+
+
+def _larger(scene: Scene, made: Sensitivities) -> tuple[dict[int, Scene], dict[int, str]]:
+    """Scenes with a parameter larger by CHECKED that check derivatives, by its number, and why others have none."""
+    plain = scene.undifferentiated
+    unkept = plain.output.model_copy(update=dict.fromkeys(_UNCHECKED, False))
+    plain = plain.model_copy(update={"output": unkept})
+    larger, why = dict[int, Scene](), dict[int, str]()
+    every = scene.output.check_sensitivities == "all"
+    for i, (d, flagged) in enumerate(zip(made.derivatives, made.flagged, strict=True)):
+        if not (every or flagged):
+            continue
+        if d.value == 0.0:
+            why[i] = "its value is 0"
+            continue
+        try:
+            larger[i] = plain.replace(d.name, (1.0 + CHECKED) * d.value)
+        except InputError as error:
+            why[i] = str(error.problems[0])
+    return larger, why
 
 
 def _made(

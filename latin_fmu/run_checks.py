@@ -51,6 +51,7 @@ LARGEST_TURN = 10.0
 """Rotation of a body, degrees, beyond which a run is not trustworthy."""
 LARGEST_STRAIN = 0.05
 _EDGES = ((0, 1), (1, 2), (0, 3), (0, 4))  # of cells in VTK order: one along each direction at least
+_NAMED = 4  # bodies beyond their yield stress that a sentence names beside the worst
 _DRIFT = 1e-2  # of the largest displacement, reported from there on
 _ROUND_OFF = 1e-9  # of the displacement that the loads can bring
 _CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the elements, left where they cancel
@@ -166,21 +167,26 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
 
 
 def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
-    """Sentences on bodies whose von Mises stress has exceeded the yield stress of their material."""
-    remarks, units = [], problem.unit_system
-    for name, of in stresses.items():
-        info = problem.info[name]
-        if info.yield_stress is None or not of.stress > info.yield_stress:
-            continue
-        cell = np.asarray(info.cells)[of.element]
-        at = ", ".join(f"{x:.4g}" for x in info.nodes[cell[cell >= 0]].mean(axis=0))
-        remarks.append(
-            f"substructure {name} is beyond its yield stress: a von Mises stress of {of.stress:.4g} {units['Pa']} or "
-            f"more (yield_stress {info.yield_stress:.4g} {units['Pa']}) at {of.time:.4g} s, mean of the element at "
-            f"[{at}], in {of.above} of {len(info.cells)} elements; the model is elastic: beyond yield its stresses and "
-            "forces are too large and nothing stays bent; lower the loads, or take the results there for an estimate"
-        )
-    return remarks
+    """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material."""
+    pascal, limits = problem.unit_system.label("Pa"), {n: problem.info[n].yield_stress or np.inf for n in stresses}
+    over = sorted(
+        (n for n in stresses if stresses[n].stress > limits[n]), key=lambda n: -stresses[n].stress / limits[n]
+    )
+    if not over:
+        return []
+    first, *others = (f"{readable(stresses[n].stress, pascal)} at {readable(stresses[n].time, 's', 3)}" for n in over)
+    info, worst = problem.info[over[0]], stresses[over[0]]
+    cell = np.asarray(info.cells)[worst.element]
+    at = ", ".join(f"{x:.4g}" for x in info.nodes[cell[cell >= 0]].mean(axis=0))
+    more = [f"{name} ({words})" for name, words in zip(over[1:], others, strict=True)]
+    more[_NAMED:] = [f"{len(more) - _NAMED} more"] if len(more) > _NAMED else []
+    return [
+        f"substructure {over[0]} is beyond its yield stress {readable(limits[over[0]], pascal)}: von Mises stress of "
+        f"{first} or more, mean of the element at [{at}], {worst.above} of {len(info.cells)} elements above"
+        + (f"; so are {', '.join(more)}" if more else "")
+        + ". The model is elastic: beyond yield its stresses and forces are too large and nothing stays bent; lower "
+        "the loads, or take the results there for an estimate"
+    ]
 
 
 def impact_remarks(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> list[str]:

@@ -4,6 +4,10 @@ numba optimises and loads a kernel at every level of calls. Here its code genera
 build only, by one that keeps the code of each kernel as it is. All of them are joined, optimised once, and emitted as
 an object file for a target.
 
+numba counts the references to an array, and the count at zero frees it. A function that neither makes an array nor is
+given one by a function that it calls holds references of its callers alone. These outlast the call, and what it adds to
+counts it takes off again: it counts nothing here. A third of the machine code were tests of null pointers for that.
+
 Kernels count indices from the first entry of an array and take slices of what is there, without a step. numba's code
 for indices from the end, and for slices beyond the ends, is left out: in loops over some ten numbers it costs as much
 as they do, and it keeps others from being vectorised.
@@ -11,13 +15,14 @@ as they do, and it keeps others from being vectorised.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
 from numba.core import codegen
+from numba.core.itanium_mangler import mangle
 from numba.core.registry import cpu_target
 from numba.core.runtime.nrtdynmod import compile_nrt_functions
 from numba.cpython import slicing
@@ -30,10 +35,17 @@ from .linking import Target
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
 _NUMBERS: Final = {"i8": types.int64, "f8": types.float64, "b1": types.boolean, "f4": types.float32}
 _WORD, _STATUS = ir.IntType(64), ir.IntType(32)
+_GROUP: Final = 24  # modules, of five hundred
+_COUNTS: Final = ("NRT_incref", "NRT_decref")
 
 
 class _Library(codegen.JITCodeLibrary):
     """The code of one kernel, neither optimised nor loaded."""
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        if not _gives_arrays(ir_module):
+            _leave_out_counts(ir_module)
+        super().add_ir_module(ir_module)
 
     def add_llvm_module(self, ll_module: Any) -> None:
         self._final_module.link_in(ll_module)
@@ -75,6 +87,48 @@ class _Codegen(codegen.JITCPUCodegen):
         pass
 
 
+class _Declaration:
+    """``declare_function`` of numba's context, which marks functions whose result holds counted memory."""
+
+    def __init__(self, context: Any) -> None:
+        self._of_numba, self._models = context.declare_function, context.data_model_manager
+
+    def __call__(self, module: Any, description: Any) -> Any:
+        function = self._of_numba(module, description)
+        if isinstance(description.restype, types.Generator):  # numba does not free what one holds between its calls
+            raise TypeError(f"{description.qualname} yields; a kernel returns, or fills an array that it is given")
+        function.gives_array = self._models[description.restype].contains_nrt_meminfo()
+        return function
+
+
+def _short_name(name: str, _arguments: Any, *, uid: int, **_tags: Any) -> str:
+    """Name of a version of a kernel: by a number, not by the types of its arguments, a kilobyte for each record."""
+    return str(mangle(name, (), uid=uid))
+
+
+def _gives_arrays(module: Any) -> bool:
+    """Whether a function of a module, or one that it calls, returns memory: an array, or a pointer of numba's run time.
+    A call by a pointer may do so."""
+    for function in module.functions:
+        if getattr(function, "gives_array", False) or isinstance(function.return_value.type, ir.PointerType):
+            return True
+    return any(not isinstance(call.callee, ir.Function) for block in _blocks(module) for call in _calls(block))
+
+
+def _leave_out_counts(module: Any) -> None:
+    for block in _blocks(module):
+        counts = {id(call) for call in _calls(block) if call.callee.name in _COUNTS}
+        block.instructions = [item for item in block.instructions if id(item) not in counts]
+
+
+def _blocks(module: Any) -> Iterator[Any]:
+    return (block for function in module.functions for block in function.blocks)
+
+
+def _calls(block: Any) -> Iterator[Any]:
+    return (item for item in block.instructions if isinstance(item, ir.CallInstr))
+
+
 def _from_the_first(_builder: Any, index: Any, _size: Any) -> Any:
     """An index as it is (``slicing.fix_index``)."""
     return index
@@ -92,11 +146,13 @@ def _without_step(_context: Any, _builder: Any, kind: Any, _part: Any) -> None:
 
 
 def start() -> Any:
-    """Replace numba's code generator in this process, and its rules of indices; its target context."""
+    """Replace numba's code generator in this process, its rules of indices and of counts, and its names; its target
+    context."""
     slicing.fix_index, slicing.fix_slice = _from_the_first, _up_to_the_end
     slicing.guard_invalid_slice = _without_step
     context = cpu_target.target_context
     context._internal_codegen = _Codegen("latin_fmu")
+    context.declare_function, context.mangler = _Declaration(context), _short_name
     return context
 
 
@@ -214,14 +270,15 @@ def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str
     """One module of all, with only the exported functions visible; functions whose names begin as ``shared`` says are
     not inlined."""
     names, kept = set(exported), tuple(shared)
-    whole = llvm.parse_assembly("")
-    for module in modules:
+    parts = list(modules)
+    for module in parts:
         for function in module.functions:  # several modules hold the same helpers of numba
             if not function.is_declaration and function.name not in names:
                 function.linkage = "weak_odr"
-        whole.link_in(module, preserve=True)
+    # in groups: LLVM goes through all that is there for each module that it adds
+    whole = _linked([_linked(parts[i : i + _GROUP]) for i in range(0, len(parts), _GROUP)])
     for function in whole.functions:  # counts of references are null tests where arrays come from outside
-        if function.name in ("NRT_incref", "NRT_decref") and not function.is_declaration:
+        if function.name in _COUNTS and not function.is_declaration:
             function.add_function_attribute("alwaysinline")
     for item in (*whole.functions, *whole.global_variables):
         if not item.is_declaration and item.name not in names:
@@ -230,6 +287,13 @@ def joined(modules: Iterable[Any], exported: Iterable[str], shared: Iterable[str
             # numba's pointers to Python's objects: internal ones would be taken for the null that they are here, and
             # a kernel that uses Python would become one that fails
             item.linkage = "linkonce_any" if item.name.startswith(_ENVIRONMENT) else "internal"
+    return whole
+
+
+def _linked(modules: Iterable[Any]) -> Any:
+    whole = llvm.parse_assembly("")
+    for module in modules:
+        whole.link_in(module)
     return whole
 
 

@@ -76,10 +76,10 @@ def starting_equilibrium(
     store = store_of(discretised.scene)
     # derivatives need what was solved; laws of the caller have no digest
     if stages is not None or store.folder is None or not all(map(_own_law, discretised.units)):
-        return _solved_equilibrium(discretised, amplitudes, stages)
+        return solved_equilibrium(discretised, amplitudes, stages)
     name = store.name("start", *start_data(discretised, amplitudes))
     # a state of a few numbers may have taken minutes
-    made = store.remember(name, lambda: state_arrays(_solved_equilibrium(discretised, amplitudes, None)), smallest=0)
+    made = store.remember(name, lambda: state_arrays(solved_equilibrium(discretised, amplitudes, None)), smallest=0)
     return state_of(made)
 
 
@@ -88,16 +88,19 @@ def _own_law(unit: InterfaceUnit) -> bool:
     return type(unit.behaviour).__module__.startswith(f"{__name__.partition('.')[0]}.")
 
 
-def _solved_equilibrium(
-    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None
+def solved_equilibrium(
+    discretised: DiscretisedProblem,
+    amplitudes: Mapping[str, float],
+    stages: list[Stage] | None = None,
+    kept: Kept | None = None,
 ) -> InitialState | None:
-    """As ``starting_equilibrium``, solved."""
-    kept: Kept = {}
-    tight = tightened(discretised, kept, stages) if discretised.cuts else None
-    state = static_state(discretised, amplitudes, tight, kept, stages)
-    if stages is not None:
+    """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
+    own: Kept = {} if kept is None else kept
+    tight = tightened(discretised, own, stages) if discretised.cuts else None
+    state = static_state(discretised, amplitudes, tight, own, stages)
+    if stages is not None or kept is not None:
         return state
-    kept.clear()
+    own.clear()
     # runs and their images refer to each other: without this the static factors stay beside those of the march
     if sum(body.mesh.n_node for body in discretised.bodies.values()) > _LARGE:
         gc.collect()

@@ -72,6 +72,10 @@ class KeptOperators:
         """Operators for a scene that is compared with that of these ``bodies``; those here stay as they are."""
         return KeptOperators(bodies={**bodies}, compared=True, _parts={**self._parts})
 
+    def copy(self) -> KeptOperators:
+        """Operators for a scene that is solved beside the one solved last; those here stay as they are."""
+        return KeptOperators({**self.bodies}, self.models, self.propagators, self.made_with, _parts={**self._parts})
+
     def adopt(self, model: SubstructureModel) -> None:
         """Give a model the reduced matrices of one with equal matrices, where there is one."""
         known = self._like(model)

@@ -363,7 +363,7 @@ class DiscretisedProblem:
         return SolverReadyProblem(
             assembly,
             settings_of(scene),
-            self._output(classes, bolts),
+            self.output(bolts),
             self.info_of(bolts.shortening),
             warnings,
             timeline,
@@ -380,10 +380,10 @@ class DiscretisedProblem:
             unforeseen_landings(scene, self.bodies, units, scheme, self.dt),
         )
 
-    def _output(self, classes: list[ModelClass], bolts: TightBolts) -> OutputRequest:
-        """What the recorder keeps."""
+    def output(self, bolts: TightBolts) -> OutputRequest:
+        """What the recorder keeps; ``bolts`` as tightened."""
         keys = self.scene.output
-        models = {m.name: m for c in classes for m in c.members}
+        models = {m.name: m for c in self.classes for m in c.members}
         supported = supports(self.scene.boundary, self.bodies, models) if keys.reactions else {}
         if self.scene.port:
             supported |= port_supports(self.scene, self.bodies, models)

@@ -10,40 +10,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..errors import Problem, SceneError, SolverError, listed
 from ..interface.laws import coulomb_coefficient
-from ..latin.assembly import Array, Assembly, Index, InterfaceUnit, Layout
+from ..latin.assembly import Array, Assembly, InterfaceUnit, Layout
 from ..latin.probes import BoltPlace, OutputRequest
 from ..latin.recorder import Recorder
-from ..latin.search_direction import inertial_impedance
 from ..latin.tangent_run import SolvedFields, TangentRun
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.image import Image
 from ..propagator.model import share_operators
 from ..results.sensitivities import HistoryChanges
-from ..scene.fields import GROUND
 from ..scene.overrides import no_number, number_at
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
 from .body import body_sides
 from .bolts import Yielding, load_name
 from .build import discretise
-from .models import KeptOperators
+from .copies import MARK, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
+from .models import Kept, KeptOperators
 from .problem import DiscretisedProblem, SolverReadyProblem
-from .propagator_choice import chosen_propagators, made_propagators
 from .statics import Stage
 
 _STEP: Final = 1e-4
 """Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""
 _BALANCED: Final = 1e30
 """Traction beside which the unbalanced forces of a start in equilibrium count as balanced, Pa."""
-_COPY: Final = "|"
-T = TypeVar("T")
 _Pair = tuple[DiscretisedProblem, DiscretisedProblem]
 _Matrices = tuple[sp.csr_array | None, ...]
 
@@ -126,7 +122,7 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
         ends = []
         for sign in (1.0, -1.0):
             other = _changed(whole.replace(name, value + sign * step), problem, name, sign * step)
-            if reason := _differs(problem, other):
+            if reason := differences(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
         made.append(VariedParameter(name, value, 2.0 * step / (value or 1.0), *ends))
@@ -151,46 +147,6 @@ def _changed(scene: Scene, problem: DiscretisedProblem, name: str, change: float
 def _refused(name: str, reason: str) -> SceneError:
     remedy = "derivatives are known by friction, gaps, bolts, loads, motions, initial values, materials; leave it out"
     return SceneError([Problem("output.sensitivities", reason, name, None, remedy)], "the scene cannot be built")
-
-
-def _differs(problem: DiscretisedProblem, other: DiscretisedProblem) -> str:
-    """What a parameter changes beside loads, motions, initial values, gaps and laws; empty where nothing."""
-    own, its = (
-        [(u.name, type(u.behaviour), u.behaviour.n_component, u.geometry.n_point) for u in p.units]
-        for p in (problem, other)
-    )
-    if own != its or len(problem.time) != len(other.time) or problem.dt != other.dt or problem.scheme != other.scheme:
-        return "changes interfaces, instants or the time scheme"
-    for unit, changed in zip(problem.units, other.units, strict=True):
-        law, fixed = unit.behaviour, unit.behaviour.elastic and not unit.behaviour.opens
-        if fixed and not np.array_equal(law.point_parameters(1), changed.behaviour.point_parameters(1)):
-            return f"changes the stiffness of {unit.attached or unit.name}"
-    models, others = _models(problem), _models(other)
-    for name, model in models.items():
-        for key in ("channel_area", "positions", "nodal", "imposed_pattern"):
-            if not _equal(getattr(model, key), getattr(others[name], key)):
-                return f"changes the shape or the conditions of {name}"
-        for key in ("expansion", "trace"):
-            a, b = getattr(model, key), getattr(others[name], key)
-            if a is not b and (a.shape != b.shape or abs(a - b).max() > 0.0):
-                return f"changes the shape or the conditions of {name}"
-        reshaped = model.modal is not None and any(
-            abs(getattr(model, key) - getattr(others[name], key)).max() > 0.0 for key in ("stiffness", "inertia")
-        )
-        if model.modal != others[name].modal or reshaped:
-            return f"changes the damping of the modes of {name}"
-    return ""
-
-
-def _equal(a: Array | None, b: Array | None) -> bool:
-    if a is None or b is None:
-        return a is b
-    # equal to the last bit as a rule, and that test costs less
-    return np.array_equal(a, b) or (a.shape == b.shape and bool(np.allclose(a, b, rtol=1e-12)))
-
-
-def _models(problem: DiscretisedProblem) -> dict[str, SubstructureModel]:
-    return {m.name: m for c in problem.classes for m in c.members}
 
 
 @dataclass(frozen=True)
@@ -229,6 +185,15 @@ class Tangents:
         check_run(problem, elsewhere)
         return Tangents(problem, parameters_of(scene, problem), [])
 
+    @property
+    def statics(self) -> Kept | None:
+        """Operators of the static start; None where there is none."""
+        return self.stages[-1].kept if self.stages else None
+
+    def motion(self, ready: SolverReadyProblem, recorder: Recorder) -> Stage:
+        """The motion of the run as a stage."""
+        return Stage(self.problem, ready, recorder.rows, ready.start)
+
     def march(
         self, ready: SolverReadyProblem, recorder: Recorder, progress: Callable[[int, int], None] | None = None
     ) -> list[HistoryChanges]:
@@ -248,25 +213,19 @@ class Tangents:
             except SolverError as error:
                 how = f"tightening of {listed(stage.tightened)}" if stage.tightened else "static start"
                 where = f"where t goes from 0 to 1 s in the increments of the {how}, before the run"
-                remedy = (
-                    "bonded faces whose meshes do not match may leave them undetermined: take the points of such an "
-                )
-                remedy += "interface from the side that has fewer (points_from)"
+                remedy = "bonded faces whose meshes do not match may leave them undetermined: take the points of such "
+                remedy += "an interface from the side that has fewer (points_from)"
                 raise SolverError(f"{error}, {where}; {remedy}") from None
             states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
-        run = _march(Stage(self.problem, ready, recorder.rows, ready.start), parameters, states, progress)
+        run = _march(self.motion(ready, recorder), parameters, states, progress)
         interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
         bolts = run.recorder.bolt_histories()
         return [
-            HistoryChanges(p.name, p.value, _own(interfaces, i), _own(sensors, i), _own(bolts, i), _friction_changes(p))
+            HistoryChanges(
+                p.name, p.value, of_copy(interfaces, i), of_copy(sensors, i), of_copy(bolts, i), _friction_changes(p)
+            )
             for i, p in enumerate(parameters)
         ]
-
-
-def _own(table: Mapping[str, T], copy: int) -> dict[str, T]:
-    """Entries of a copy under their own names."""
-    head = f"{copy}{_COPY}"
-    return {name.removeprefix(head): values for name, values in table.items() if name.startswith(head)}
 
 
 def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
@@ -292,8 +251,8 @@ def _march(
         for copy, (p, (more, less)) in enumerate(zip(parameters, ends, strict=True))
         for i, unit in enumerate(problem.units)
     ]
-    layout, scheme, dt = Layout(units), problem.scheme, problem.dt
-    places = _places(base.layout, layout, len(problem.units), len(parameters))
+    layout, dt = Layout(units), problem.dt
+    places = places_in(base.layout, layout, len(problem.units), len(parameters))
     operators = OperatorChanges.of(stage, parameters, ends)
     made, histories = _copies(stage, parameters, states, ends, operators)
     classes = [
@@ -303,16 +262,12 @@ def _march(
     impedance = np.zeros(layout.n_flat)
     for to in places:
         impedance[to] = problem.impedance
-    propagators, _ = made_propagators(problem.scene, classes, scheme, dt, impedance, _twins(stage), stage.kept)
+    assembly = assembled(stage, classes, units, layout, impedance)
     # a start in equilibrium does not accelerate
-    at_rest = stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values())
-    level = _BALANCED if at_rest else 0.0
-    assembly = Assembly(propagators, [c.channels for c in classes], units, layout, impedance, level, scheme)
-    assembly.rest_traction = -1.0
-    if not isinstance(scheme, QuasiStatic) and any(body.rigid for body in problem.bodies.values()):
-        inertial_impedance(assembly)
+    if stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values()):
+        assembly.characteristic_traction = _BALANCED
     _hand_over(states, assembly)
-    for propagator in propagators:
+    for propagator in assembly.propagators:
         propagator.energy = False  # quadratic in the motion: derivatives have none
         propagator.begin([histories[name] for name in propagator.names], dt)
     assembly.begin(problem.time, dt, _ground(base, parameters, ends), assembly.ground.start)
@@ -327,13 +282,6 @@ def _march(
     for name, series in operators.tensions().items():
         recorder.series("tension")[name][...] += series
     return run
-
-
-def _twins(stage: Stage) -> KeptOperators:
-    """Operators of a stage, for the same substructures."""
-    problem = stage.problem
-    made_with = (problem.scheme, problem.dt, chosen_propagators(problem.scene, problem.classes)[0])
-    return KeptOperators({}, [c.members[0] for c in problem.classes], stage.ready.assembly.propagators, made_with)
 
 
 def _copies(
@@ -352,9 +300,9 @@ def _copies(
             for model in c.members:
                 made, driven = _copy(model, time, parameter, pair, states[copy], ramps[copy])
                 if operators is not None and (force := operators.start(copy, model.name)) is not None:
-                    made = replace(made, loads=[*made.loads, LoadTerm(_COPY, force)])
+                    made = replace(made, loads=[*made.loads, LoadTerm(MARK, force)])
                     driven = replace(driven, amplitudes=[*driven.amplitudes, np.eye(1, len(time))[0]])
-                members.append(replace(made, name=f"{copy}{_COPY}{model.name}"))
+                members.append(replace(made, name=named(copy, model.name)))
                 histories[members[-1].name] = driven
         share_operators(c.members[0], members[0])
         classes.append(members)
@@ -365,7 +313,7 @@ def _hand_over(states: Sequence[StateChange], assembly: Assembly) -> None:
     """Give an assembly the derivatives of the tractions that it starts with, and of its gaps, as ``InitialState`` does
     those themselves."""
     for i, unit in enumerate(assembly.interfaces):
-        copy, _, name = unit.name.partition(_COPY)
+        copy, _, name = unit.name.partition(MARK)
         state = states[int(copy)]
         if name in state.traction:
             assembly.start_tractions[i] = state.traction[name]
@@ -394,7 +342,7 @@ class OperatorChanges:
         self, stage: Stage, changes: Mapping[tuple[int, str], _Matrices], bolts: Mapping[str, BoltPlace], copies: int
     ) -> None:
         base, problem, self._copies = stage.ready.assembly, stage.problem, copies
-        ready = replace(problem, kept=_twins(stage)).build(stage.start, stage.kept)
+        ready = replace(problem, kept=twins(stage)).build(stage.start, stage.kept)
         ready.assembly.rest_traction = -1.0
         recorder = Recorder(ready.assembly, OutputRequest(bolts=bolts), {})
         solved = SolvedFields(base, stage.rows, [None])
@@ -419,7 +367,7 @@ class OperatorChanges:
         """Those of a stage; None where no parameter changes a matrix."""
         changes, bolts = dict[tuple[int, str], _Matrices](), dict[str, BoltPlace]()
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
-            more, less = (_models(end) for end in pair)
+            more, less = (models_of(end) for end in pair)
             for name, model in more.items():
                 made = tuple(
                     _difference(getattr(model, key), getattr(less[name], key), parameter.span)
@@ -431,7 +379,7 @@ class OperatorChanges:
                 cuts = [end.cuts[name] for end in (parameter.more, parameter.less)]
                 stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
                 pattern = parameter.of(cuts[0].pattern, cuts[1].pattern)
-                bolts[f"{copy}{_COPY}{name}"] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
+                bolts[named(copy, name)] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
         return OperatorChanges(stage, changes, bolts, len(parameters)) if changes else None
 
     def start(self, copy: int, name: str) -> Array | None:
@@ -532,22 +480,9 @@ def _unit(
 ) -> InterfaceUnit:
     """Copy of an interface for a parameter, with the derivatives of its gap and preload."""
     more, less = ends
-    first, second = (side if side == GROUND else f"{copy}{_COPY}{side}" for side in unit.sides)
     geometry = replace(unit.geometry, gap=parameter.of(more.geometry.gap, less.geometry.gap))
     preload = (more.preload - less.preload) / parameter.span
-    return replace(unit, name=f"{copy}{_COPY}{unit.name}", sides=(first, second), geometry=geometry, preload=preload)
-
-
-def _places(base: Layout, layout: Layout, n_unit: int, copies: int) -> list[Index]:
-    """Of every copy the places of the channels of the run among those of the copies."""
-    made = []
-    for copy in range(copies):
-        to = np.zeros(base.n_flat, dtype=np.int64)
-        for i in range(n_unit):
-            for side in (0, 1):
-                to[base.channels(i, side)] = layout.channels(copy * n_unit + i, side)
-        made.append(to)
-    return made
+    return replace(unit_of(copy, unit), geometry=geometry, preload=preload)
 
 
 def _copy(
@@ -559,14 +494,14 @@ def _copy(
     ramps: Mapping[str, tuple[float, float]],
 ) -> tuple[SubstructureModel, Histories]:
     """A substructure with the derivatives of its loads, motions and initial values; ``ramps`` of the bolts."""
-    more, less = (_models(end)[model.name] for end in ends)
+    more, less = (models_of(end)[model.name] for end in ends)
     driven = [end.timeline.histories(own, time) for end, own in zip(ends, (more, less), strict=True)]
     loads, amplitudes = list[LoadTerm](), list[Array]()
     for own, history, sign in zip((more, less), driven, (1.0, -1.0), strict=True):
         for load, amplitude in zip(own.loads, history.amplitudes, strict=True):
             same = next((k for k, known in enumerate(loads) if np.array_equal(known.pattern, load.pattern)), len(loads))
             if same == len(loads):
-                loads.append(replace(load, name=f"{_COPY}{load.name}"))
+                loads.append(replace(load, name=f"{MARK}{load.name}"))
                 amplitudes.append(np.zeros(len(time)))
             amplitudes[same] = amplitudes[same] + sign / parameter.span * amplitude
     for load in model.loads:
@@ -616,19 +551,15 @@ def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequenc
 def _request(request: OutputRequest, copies: int) -> OutputRequest:
     """Sensors and bolts of the copies."""
 
-    def copied(places: Mapping[str, Any]) -> dict[str, Any]:
-        return {
-            f"{copy}{_COPY}{name}": replace(place, substructure=f"{copy}{_COPY}{place.substructure}")
-            for copy in range(copies)
-            for name, place in places.items()
-        }
-
-    bolts = {
+    def with_changes(bolt: BoltPlace) -> BoltPlace:
         # a temperature has another name among the derivatives of loads
-        name: replace(place, terms=dict(place.terms) | {f"{_COPY}{load}": t for load, t in place.terms.items()})
-        for name, place in copied(request.bolts).items()
-    }
-    return OutputRequest(sensors=copied(request.sensors), bolts=bolts)
+        return replace(bolt, terms=dict(bolt.terms) | {f"{MARK}{load}": t for load, t in bolt.terms.items()})
+
+    sensors, bolts = dict[str, Any](), dict[str, Any]()
+    for copy in range(copies):
+        sensors |= copied(request.sensors, copy)
+        bolts |= copied(request.bolts, copy, with_changes)
+    return OutputRequest(sensors=sensors, bolts=bolts)
 
 
 def _law_changes(
@@ -646,7 +577,7 @@ def _state_after(
     stage: Stage, run: TangentRun, copy: int, parameter: VariedParameter, state: StateChange
 ) -> StateChange:
     """Derivative of the state at the end of a static stage, as ``statics.state_at_end`` and ``statics._locked``."""
-    assembly, head = run.assembly, f"{copy}{_COPY}"
+    assembly, head = run.assembly, named(copy, "")
     displacement, traction, closure = dict[str, Array](), dict[str, Array](), dict[str, Array]()
     for p in assembly.propagators:
         imposed = p.forcing.imposed_u(p.instant)

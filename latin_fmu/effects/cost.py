@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import scipy.sparse as sp
 
+from ..assembly.copies import MOST
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem, characteristic_traction, settings_of
 from ..assembly.propagator_choice import (
@@ -589,7 +590,9 @@ def _derivative_bytes(p: Prediction, numbers: float) -> float:
     if not names:
         return 0.0
     images = _IMAGE + (_VARIED if any(name.startswith("material.") for name in names) else 0.0)
-    return 8.0 * len(names) * numbers + images * p.memory
+    # copies of the run for the runs that check derivatives
+    copies = 0 if p.scene.output.check_sensitivities == "none" else min(len(names) + 1, MOST)
+    return 8.0 * (len(names) + copies) * numbers + images * p.memory
 
 
 def _newton_bytes(p: Prediction) -> float:

@@ -160,16 +160,26 @@ def from_face(pools: Any, c: int, values: Array) -> None:
 
 
 @kernel
+def refers(pools: Any, c: int) -> bool:
+    """Whether tractions close to those of the instant are among the loads of a class with inertia: those of the last
+    one where steps are short, or where Y is float32; in long steps otherwise only where some are expected."""
+    run = pools.run[0]
+    if run.referenced < 2:
+        return bool(run.referenced == 1)
+    return bool(pools.classes[c].halved == 1 or (run.predicted == 1 and 0.0 < pools.moving[run.misfit] < 1.0))
+
+
+@kernel
 def add_reference(pools: Any, c: int) -> None:
-    """Add the tractions of the last instant, as the reference of the new ones, to the load of a class; none where it
-    rests, and without inertia."""
+    """Add the tractions of the last instant, or those that are expected (``prediction``), as the reference of the new
+    ones, to the load of a class; none where it rests, and without inertia."""
     row, run, work = pools.classes[c], pools.run[0], pools.moving
     m, n_inner, size = row.m, row.n_inner, row.n_channel * row.m
     reference, nodal = work[row.reference : row.reference + size], work[row.channel : row.channel + size]
     inner, load = work[row.inner : row.inner + n_inner * m], work[row.load : row.load + row.n * m]
     # 0 where nothing is added
     reference[:] = 0.0
-    if run.from_last == 0 or work[row.passed] == 1.0 or row.kind == STATIC:
+    if not refers(pools, c) or work[row.passed] == 1.0 or row.kind == STATIC:
         return
     channels = pools.fixed_int[row.channels : row.channels + size]
     area, dofs = pools.fixed[row.area : row.area + row.n_channel], pools.fixed_int[row.dofs : row.dofs + n_inner]
@@ -178,6 +188,8 @@ def add_reference(pools: Any, c: int) -> None:
         for j in range(m):
             at = i * m + j
             reference[at] = f_hat[channels[at]]
+            if run.predicted == 1:
+                reference[at] += work[run.ahead + channels[at]]
             nodal[at] = weight * area[i] * reference[at]
     inner[:] = 0.0
     add_spread(pools, c, nodal, inner)

@@ -317,14 +317,16 @@ def _add_norms(pools: Any, c: int, i: int, start: int, n: int, compliance: int, 
     f_hat = work[run.local_f + i * run.n_flat : run.local_f + (i + 1) * run.n_flat]
     r = work[run.r + i * run.n_flat : run.r + (i + 1) * run.n_flat]
     x = work[row.vectors : row.vectors + 2 * m * n]
-    table = pools.fixed[compliance : compliance + symmetric_size(n, row.plain_response, m)]
+    size = symmetric_size(n, row.plain_response, m)
+    single = pools.fixed_single[compliance : compliance + (size if row.halved_norms == 1 else 0)]
+    table = pools.fixed[compliance : compliance + (0 if row.halved_norms == 1 else size)]
     force, half, cross = 0.0, 0.0, 0.0
     if m < TILED and row.plain_response == 0:  # two rows (2, n) per member
         for j in range(m):
             for e in range(n):
                 at = channels[measured[e] * m + j]
                 x[e], x[n + e] = area[at] * f_hat[at], 0.5 * area[at] * r[at]
-            own, other, both = two_norms(n, table, x)
+            own, other, both = two_norms(n, single, x) if row.halved_norms == 1 else two_norms(n, table, x)
             force += own
             half += other
             cross += both

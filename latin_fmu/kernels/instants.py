@@ -11,11 +11,13 @@ from ..compiled import kernel
 from .callouts import SUM, call_out, has_failed
 from .energy import open_account
 from .energy_parts import ELASTIC, INSTANTS, KINETIC, N_TERM, N_WORK, OF_DRIFT, OF_GROUND, STORED
+from .half_solves import refers
 from .indicator import cross_of_classes, work_of_error
 from .iteration import begin_window, iterate, precise, rewind
 from .local_stage import add_made_up, follow_drift, open_window, read_gaps, take_drift
 from .matrices import probe, read_channels
 from .newton import MADE, POWER, RESIDUAL, keep_course
+from .prediction import expect
 from .products import add_dense
 from .sparse_response import MOST_CORRECTIONS, squared_defect
 from .sums import exchange
@@ -186,12 +188,13 @@ def correct(pools: Any, instant: int, call: int) -> int:
 
 @kernel
 def first_guess(pools: Any, instant: int) -> None:
-    """q of the first iterate of an instant: that of the last tractions and of the velocities under them, or of the last
-    velocities where steps are long; where no traction acted, that of the free motion, which is the solution as long as
-    no gap closes. With ``direct_bonds`` the solution itself.
+    """q of the first iterate of an instant: that of the last tractions, or of those expected (``prediction``), and of
+    the velocities under them; of the last velocities where steps are long and the tolerance is rough. Where no traction
+    acted, that of the free motion, which is the solution as long as no gap closes. With ``direct_bonds`` the solution
+    itself.
 
-    The fields are not extrapolated: an extrapolation accepted within the tolerance would feed its own error and gain
-    energy.
+    At rough tolerances nothing is extrapolated: an extrapolation accepted within the tolerance would feed its own error
+    and gain energy.
     """
     run, work, state, direction = pools.run[0], pools.moving, pools.moving, pools.fixed
     n = run.n_flat
@@ -221,7 +224,7 @@ def first_guess(pools: Any, instant: int) -> None:
         q[j] = f_hat[j] + k[j] * w[j]
     if touched or run.static == 1:
         guess_from_reference(pools, q, False)
-        if run.from_last == 1 and run.static == 0:
+        if run.referenced > 0:
             exchange(pools, run.q, n, 1)
         return
     free_motion(pools, instant, w)
@@ -233,14 +236,12 @@ def first_guess(pools: Any, instant: int) -> None:
 @kernel
 def guess_from_reference(pools: Any, q: Array, sparse: bool) -> None:
     """q of the reference tractions and of the velocities that they give at the channels of classes with inertia,
-    ``sparse``: of those with a table of Y alone. Not where steps are long: there the last velocities are closer to the
-    new ones."""
+    ``sparse``: of those with a table of Y alone. Not where steps are long and nothing is expected: there the last
+    velocities are closer to the new ones."""
     run, work = pools.run[0], pools.moving
-    if run.from_last == 0:
-        return
     for c in range(len(pools.classes)):
         row = pools.classes[c]
-        if sparse and row.sparse == 0:
+        if not refers(pools, c) or (sparse and row.sparse == 0):
             continue
         for at in range(row.n_channel * row.m):
             j = pools.fixed_int[row.channels + at]
@@ -300,6 +301,8 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
     to_f, to_w = run.history_f + row * n, run.history_w + row * n
     last_f, last_w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]
     kept_f, kept_w = output[to_f : to_f + n], output[to_w : to_w + n]
+    if run.predicted == 1:
+        expect(pools, f_hat)
     for j in range(n):
         last_f[j], last_w[j] = f_hat[j], w_hat[j]
         kept_f[j], kept_w[j] = f_hat[j], w_hat[j]

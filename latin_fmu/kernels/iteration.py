@@ -35,6 +35,7 @@ from .newton import (
     share_to_meet,
     steps_made,
 )
+from .prediction import counted
 from .sums import exchange_parts
 from .tasks import NORMS, each_class, each_point
 
@@ -51,6 +52,9 @@ EXACT = 1e-9
 PRECISE, IDLE = 0.03, 1e-7
 """Share of the tolerances within which the work of the error does not count: it changes its sign from iterate to
 iterate. Tolerance up to which it never does: of bodies at rest it is round-off there."""
+AHEAD = 0.5
+"""Share of the tolerances that ends an instant whose tractions were extrapolated: in a series of them what is left of
+the velocities is up to twice as large at the same residual."""
 MOST = 6
 """Newton steps of an instant after which the work of the error does not count. Where steps are long none are made for
 it: they gain a factor of two each there, and the scheme takes most of the energy of an instant anyway."""
@@ -59,15 +63,32 @@ CONVERGED, BEST, STALLED, BROKEN = 1, 2, 4, 8
 
 
 @kernel
-def measure(pools: Any, window: int, made: int) -> None:
-    """sqrt(eta) into ``measure[0]`` and, where that is below tolerance, the force residual into ``measure[1]``. The
-    processes of a run exchange the sums of the next step of the acceleration with them, after ``made`` steps."""
+def measure(pools: Any, window: int, iteration: int, made: int) -> None:
+    """sqrt(eta) into ``measure[0]`` and, where that may end the window or is below tolerance for the first time, the
+    force residual into ``measure[1]``. The processes of a run exchange the sums of the next step of the acceleration
+    with them, after ``made`` steps."""
     residual_parts(pools, window)
     if pools.run[0].shared == 1:
         difference_parts(pools, window, made)
         exchange_parts(pools)
-    if set_error(pools, window) <= pools.run[0].tolerance:  # else its products with C decide nothing
+    run, work = pools.run[0], pools.moving
+    error = set_error(pools, window)
+    # its products with C decide nothing where the indicator is larger; the first ones give the ratio of both merits
+    if error <= run.tolerance and (
+        error <= share_of(pools, window, iteration) * run.tolerance or (iteration > 0 and work[run.measure + 5] == 1.0)
+    ):
         force_residual(pools, window)
+
+
+@kernel
+def share_of(pools: Any, window: int, iteration: int) -> float:
+    """Share of the tolerances that the measures of this iterate have to meet. Where the tractions were extrapolated
+    (``prediction``) the iterations that this saved count, at the rate of those made, and the share is AHEAD of that."""
+    run, work = pools.run[0], pools.moving
+    if window > 1 or work[run.course + MADE] != 0.0 or not run.tolerance > EXACT:
+        return 1.0
+    share = AHEAD if run.predicted == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0 else 1.0
+    return float(share * share_to_meet(counted(pools, iteration)))
 
 
 @kernel
@@ -90,22 +111,23 @@ def force_norms(pools: Any, window: int) -> None:
 
 
 @kernel
-def stage(pools: Any, window: int, first: int, iteration: int, made: int) -> None:
-    """One iteration from the q of ``work``: fields of both stages, residual, measures."""
-    linear_stage(pools, window, first, iteration)
+def stage(pools: Any, window: int, first: int, number: int, begin: int, made: int) -> None:
+    """One iteration from the q of ``work``: fields of both stages, residual, measures; its ``number`` in the window,
+    ``begin`` of them under another reference."""
+    linear_stage(pools, window, first, number - begin)
     each_point(pools, window)
-    measure(pools, window, made)
+    measure(pools, window, number, made)
 
 
 @kernel
-def newton_step(pools: Any, first: int) -> bool:
+def newton_step(pools: Any, first: int, iteration: int) -> bool:
     """An iterate by a Newton step from the last one (``newton``), with its measures; False where there is none."""
     if not propose(pools):
         return False
     linear_stage(pools, 1, first, 1)
     keep_end(pools)
     search(pools)
-    measure(pools, 1, 0)  # no differences for the acceleration
+    measure(pools, 1, iteration, 0)  # no differences for the acceleration
     return True
 
 
@@ -118,11 +140,11 @@ def next_stage(pools: Any, window: int, first: int, iteration: int, begin: int, 
     if iteration == begin:
         course[:] = 0.0
     if window == 1 and course[ACTIVE] == 1.0:
-        if newton_step(pools, first):
+        if newton_step(pools, first, iteration):
             return
         leave(pools, iteration)
     # 0 after a new reference too: what was solved under the old one is not taken again
-    stage(pools, window, first, iteration - begin, steps_made(pools, window, iteration, phase))
+    stage(pools, window, first, iteration, begin, steps_made(pools, window, iteration, phase))
 
 
 @kernel
@@ -147,13 +169,11 @@ def judge(pools: Any, window: int, phase: int, iteration: int, accelerated: bool
         if merit > 0.0:
             numbers[5] = known / merit
     merits[2 * iteration], merits[2 * iteration + 1] = merit, known
-    allowed = 1.0
-    if window == 1 and work[run.course + MADE] == 0.0 and run.tolerance > EXACT:
-        allowed = share_to_meet(float(iteration + 1))
+    allowed = share_of(pools, window, iteration)
     met = error <= allowed * run.tolerance and forces <= allowed * run.force_tolerance
     steps = work[run.course + MADE]
     if numbers[8] > 1.0 and steps <= (MOST if run.from_last == 1 else 0):  # the work of the error
-        share = precise(run.tolerance)
+        share = min(precise(run.tolerance), allowed)
         met = error <= share * run.tolerance and forces <= share * run.force_tolerance
     work[run.course + LAST] = float(iteration)
     # a first guess just within tolerance is not accepted: its error would grow from instant to instant

@@ -124,9 +124,9 @@ def add_dense_members(rows: int, columns: int, table: Array, m: int, x: Array, o
 
 
 @kernel
-def packed_product(n: int, a: Array, x: Array, out: Array) -> None:
-    """out = A x, A given by the rows of its lower triangle one after the other. Half of the memory is read, and reading
-    is the cost of a product with a matrix larger than the cache. Two rows at a time."""
+def packed_product(n: int, a: Any, x: Array, out: Array) -> None:
+    """out = A x, A given by the rows of its lower triangle one after the other, float64 or float32. Half of the memory
+    is read, and reading is the cost of a product with a matrix larger than the cache. Two rows at a time."""
     at, i = 0, 0
     while i + 2 <= n:
         first, second = a[at : at + i], a[at + i + 1 : at + 2 * i + 1]  # rows i and i + 1
@@ -192,7 +192,7 @@ def product(n: int, matrix: Array, plain: int, m: int, x: Array, out: Array, scr
 
 
 @kernel
-def two_norms(n: int, a: Array, x: Array) -> tuple[float, float, float]:
+def two_norms(n: int, a: Any, x: Array) -> tuple[float, float, float]:
     """x A x of the two rows x_0, x_1 of x (2, n), and x_1 A x_0, A packed (``packed_product``)."""
     x0, x1 = x[:n], x[n : 2 * n]
     first, second, cross, at = 0.0, 0.0, 0.0, 0
@@ -329,8 +329,8 @@ def add_dense_tile(
 
 
 # -- from matrices of SciPy and NumPy to the forms above ----------------------------------------------------------
-@entry("f8[:, ::1], i8[::1], f8[::1]")
-def pack_triangle(matrix: Array, picked: Any, out: Array) -> None:
+@entry("f8[:, ::1], i8[::1], f8[::1]", "f8[:, ::1], i8[::1], f4[::1]")
+def pack_triangle(matrix: Array, picked: Any, out: Any) -> None:
     """out = lower triangle, row by row, of the picked rows and columns of a symmetric matrix."""
     at = 0
     for i in range(len(picked)):

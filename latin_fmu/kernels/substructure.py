@@ -36,7 +36,7 @@ from ..compiled import kernel
 from .callouts import BACKWARD, FORWARD, call_out
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
-from .products import symmetric_size, tile_width
+from .products import packed_product, symmetric_size, tile_width
 from .records import STATIC
 from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute
 
@@ -286,8 +286,12 @@ def add_condensed(pools: Any, c: int, incoming: Array, w: Array) -> None:
     for i in range(n_live):  # in ascending order
         for j in range(m):
             incoming[i * m + j] = incoming[live[i] * m + j]
-    table = pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)]
-    dense(pools, c, n_live, table, plain, m, incoming[: n_live * m], answer)
+    if row.halved == 1:  # of one member
+        half = pools.fixed_single[row.response : row.response + symmetric_size(n_live, plain, m)]
+        packed_product(n_live, half, incoming[:n_live], answer)
+    else:
+        table = pools.fixed[row.response : row.response + symmetric_size(n_live, plain, m)]
+        dense(pools, c, n_live, table, plain, m, incoming[: n_live * m], answer)
     for i in range(n_live):
         for j in range(m):
             w[channels[live[i] * m + j]] += answer[i * m + j]

@@ -96,6 +96,8 @@ def make_image(
         "ground": ground,
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
+        # copies for derivatives solve every instant exactly
+        "predicted": int(direction.predicted and not more.get("linear")),
         "make_up": 1.0 / assembly.dt,
         "longest_step": _LONGEST_STATIC if static else np.inf,
         **({} if direction.coarse is None else direction.coarse.sizes),
@@ -337,10 +339,10 @@ class Stages:
 
     def free_motion(self) -> None:
         """Velocities of all channels without tractions, into ``w``: in the rest of the window there is no reference."""
-        from_last = self.image.run_fields["from_last"]
-        self.image.set({"from_last": 0})
+        referenced = self.image.run_fields["referenced"]
+        self.image.set({"referenced": 0})
         self.begin(FREE)
-        self.image.set({"from_last": from_last})
+        self.image.set({"referenced": referenced})
 
     def ended(self) -> None:
         """Called at the end of an instant."""

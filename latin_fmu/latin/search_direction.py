@@ -37,6 +37,7 @@ from .tied_bodies import tied_fields, tied_size
 _STATIC = 1.5
 RESOLVED = (0.3, 3.0)
 WARNED = (0.2, 5.0)
+_CLOSE: Final = 1e-7  # tolerance from which on dense tables may be in single precision
 _ROUGHLY: Final = 0.03  # residual of resistances that are printed with two digits
 _ROUGH, _ROUGHEST = 50.0, 0.03  # share of a residual that a step leaves times stiffness over inertia; largest share
 LARGEST: Final = 2100**2
@@ -256,11 +257,20 @@ class Direction:
         return self._n == 1 and not self.assembly.quasi_static and not self._long_steps
 
     @property
+    def predicted(self) -> bool:
+        """Whether the tractions of an instant are extrapolated from the last ones (``kernels.prediction``)."""
+        usable = self._n == 1 and not self.assembly.quasi_static and self._settings.anderson_depth > 0
+        return usable and self._settings.tolerance <= ROUGH
+
+    @property
     def _single(self) -> bool:
-        """Whether the iteration may take factors in single precision, read in half the time: the motion is marched with
-        the others, so that the contact laws alone are met to some 1e-6 of what changes within an instant."""
+        """Whether the iteration may take factors and tables in single precision, read in half the time: the motion is
+        marched with the others, so that the contact laws alone are met to some 1e-6 of what changes within an instant,
+        with dense tables to some 1e-8."""
         tolerance = min(self._settings.tolerance, self._settings.force_tolerance)
-        return self.short and self.assembly.swept and tolerance >= ROUGH
+        if self.assembly.swept:
+            return self.short and tolerance >= ROUGH
+        return (self.short or self.predicted) and tolerance >= _CLOSE
 
     def _of_long_range(self) -> bool:
         """Whether steps are so long that the iteration alone is slow."""
@@ -354,7 +364,7 @@ class Direction:
         proximal = _PROXIMAL / _WIDENING if krylov else _PROXIMAL  # the same share of z
         sparse = any("y" in p.tables for p in self.whole.assembly.propagators)
         fields |= {"newton": int(self.newton), "proximal": proximal, "sparse": int(sparse)}
-        fields["from_last"] = int(self.short)
+        fields |= {"from_last": int(self.short), "referenced": 1 if self.short else 2 * int(self.predicted)}
         fields["newton_z"] = self.newton_z
         fields["newton_price"] = 0.0
         if self.assembly.quasi_static:

@@ -205,7 +205,7 @@ class Run(WindowRun):
         operator = None if self.part is not None else bonds.incoming(direction.k)
         self._direct_bonds = True
         # the operator acts on velocities without any traction
-        fields = {**direction.run_fields(), "from_last": 0}
+        fields = {**direction.run_fields(), "from_last": 0, "referenced": 0}
         if operator is None:
             self._bonds = bonds
         else:

@@ -217,7 +217,7 @@ class Propagator(ABC):
 
     def bind(self, k: Array, single: bool = False) -> None:
         """Search direction k (n_channel,), Pa s m-1: Y = (1 + C a k)^-1 C a, symmetrised through sqrt(a k). ``single``:
-        the factor that gives Y of a swept class may be float32."""
+        what gives Y may be float32, the factor of a swept class or a large table."""
         if np.array_equal(k, self.k[:, 0]) and single == self.single:
             return
         self.k, self.single, self.tables, self._condensed = k[:, None], single, {}, None

@@ -26,6 +26,7 @@ Halves = dict[int, tuple[int, int, int, int]]
 """Places of the row starts, columns and rows together of lower triangles and their numbers of entries, by the ``id`` of
 the column indices of the whole matrix, which is kept as long."""
 _NONE = np.zeros(1, dtype=np.int64)
+_LARGE = 1000  # channels from which on a triangle of their table is larger than the cache of a core
 _NO_TERMS = MappingProxyType({f"{name}_terms": 0 for name in SUMS})
 
 
@@ -156,25 +157,35 @@ def is_diagonal(matrix: Array) -> bool:
     return not np.count_nonzero(matrix) > np.count_nonzero(matrix.diagonal())
 
 
-def put_dense(block: BlockLayout, matrix: Array, parts: Sequence[Index], m: int, diagonal: bool) -> int:
+def put_dense(
+    block: BlockLayout, matrix: Array, parts: Sequence[Index], m: int, diagonal: bool, single: bool = False
+) -> int:
     """Picked rows and columns of a symmetric matrix, part after part, as ``products.product`` reads them for m members:
-    the diagonal alone, the lower triangle row by row, or whole."""
+    the diagonal alone, the lower triangle row by row, or whole; ``single``: such a triangle as float32."""
     if diagonal:
         return block.put(np.concatenate([np.diagonal(matrix)[picked] for picked in parts]))
     if m >= TILED:
         return block.put(np.concatenate([matrix[np.ix_(picked, picked)].ravel() for picked in parts]))
     matrix = np.ascontiguousarray(matrix)
     sizes = [len(picked) * (len(picked) + 1) // 2 for picked in parts]
-    first = at = block.reserve(sum(sizes))
+    kind, numbers = (np.float32, 2) if single else (np.float64, 1)
+    # a place in numbers of its kind
+    first = at = numbers * block.reserve(-(-sum(sizes) // numbers))
     for picked, size in zip(parts, sizes, strict=True):
         # bound now: a lambda would see the last turn of the loop
-        block.fill_later(partial(_fill_triangle, matrix, picked, slice(at, at + size)))
+        block.fill_later(partial(_fill_triangle, matrix, picked, slice(at, at + size), kind))
         at += size
     return first
 
 
-def _fill_triangle(matrix: Array, picked: Index, part: slice, data: Array) -> None:
-    pack_triangle(matrix, picked, data[part])
+def _halves(n: int, row: Row) -> bool:
+    """Whether a dense table (n, n) of a class is so large that reading it is the cost of a product, and may be kept in
+    single precision: of a lower triangle alone."""
+    return row["m"] == 1 and row["kind"] == DIRECT and row["plain_response"] == 0 and n >= _LARGE
+
+
+def _fill_triangle(matrix: Array, picked: Index, part: slice, kind: type[np.generic], data: Array) -> None:
+    pack_triangle(matrix, picked, data.view(kind)[part])
 
 
 def constants(
@@ -263,7 +274,9 @@ def _dense_interface(block: BlockLayout, row: Row, propagator: Any, live: Index,
     blocks = [live[is_normal[live]], live[~is_normal[live]]]
     row["n_normal"] = len(blocks[0])
     row["measured"] = block.put(np.concatenate(blocks), np.int64)
-    row["compliance"] = put_dense(block, ops.compliance, blocks, m, bool(plain))
+    single = _halves(len(live), row)
+    row["halved_norms"] = int(single)
+    row["compliance"] = put_dense(block, ops.compliance, blocks, m, bool(plain), single)
     if isinstance(ops.trace, np.ndarray):
         row["dense_trace"] = 1
         row["trace_table"], row["spread_table"] = (block.put(ops.trace), block.put(np.ascontiguousarray(ops.trace.T)))
@@ -378,7 +391,9 @@ def direction(block: BlockLayout, propagator: Any, constant: Row, run: Row) -> R
         row["single"] = 0 if numbers == 1 else 1 + int(propagator.operators.factor.dtype == np.float64)
         propagator.release()
         return row
-    row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]))
+    single = propagator.single and _halves(len(live), constant)
+    row["halved"] = int(single)
+    row["response"] = put_dense(block, propagator.condensed, [live], m, bool(constant["plain_response"]), single)
     if run.get("newton") and constant["kind"] != STATIC:
         compliance = propagator.operators.compliance
         row["admittance"] = put_dense(block, compliance, [live], m, bool(constant["plain_response"]))

@@ -21,6 +21,7 @@ from ..kernels.energy_parts import N_TERM, N_WORK
 from ..kernels.krylov import SMALL, VECTORS
 from ..kernels.local_stage import POINT
 from ..kernels.newton import N_COURSE, N_FINISH
+from ..kernels.prediction import KEPT, ORDER
 from ..kernels.products import padded
 from ..kernels.tasks import CHUNK
 from ..kernels.team import LINE, MARKS, PARTS
@@ -38,7 +39,7 @@ _KNOWN: Final[dict[str, Any]] = {
     **{"isqrt": isqrt, "max": max, "prod": prod, "padded": padded, "STATIC": records.STATIC},
     **{"LANES": LANES, "SPARE": SPARE, "TILED": TILED, "LINE": LINE, "MARKS": MARKS, "PARTS": PARTS},
     **{"FIELDS": FIELDS, "N_COURSE": N_COURSE, "N_FINISH": N_FINISH, "N_TERM": N_TERM, "N_WORK": N_WORK},
-    **{"SCRATCH": SCRATCH, "POINT": POINT, "SMALL": SMALL, "VECTORS": VECTORS},
+    **{"SCRATCH": SCRATCH, "POINT": POINT, "SMALL": SMALL, "VECTORS": VECTORS, "KEPT": KEPT, "ORDER": ORDER},
 }
 
 

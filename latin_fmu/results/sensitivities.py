@@ -21,8 +21,8 @@ force at its event by its height times the shift, which the steps resolve to som
   peak that becomes the largest, a wave that arrives at another instant and slip that turns bend it without any change
   of state.
 
-A parameter by which more than ``GATHERED`` of the quantities are flagged has a run in which it is larger by ``CHECKED``
-(``output.check_sensitivities``: none has, or all have): its secant takes the place of a change that is flagged, or
+Every parameter has a run in which it is larger by ``CHECKED`` (``output.check_sensitivities``: none has, or those have
+by which a quantity is flagged): its secant takes the place of a change that is flagged, or
 further from it than ``APART`` of the secant and ``NOTHING`` of the value.
 """
 
@@ -92,8 +92,6 @@ _STEP: Final = 1e-6
 """Change of a parameter, over its value, in the differences of scalar quantities."""
 CHECKED: Final = 0.05
 """Change of a parameter, over its value, in the run that checks derivatives."""
-GATHERED: Final = 0.25
-"""Share of the quantities that are flagged by a parameter from which on a run checks it."""
 APART, NOTHING = 0.1, 0.01
 """Share of the secant and of the value of a quantity within which a derivative agrees with it."""
 PART: Final = 0.1
@@ -175,10 +173,10 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
     tried: tuple[str, ...] = ()
 
     @property
-    def flagged_shares(self) -> Array:
-        """Share (n,) of the quantities that are flagged, by parameter."""
-        flags = np.array([q.flagged for q in self.quantities]).reshape(-1, len(self.derivatives))
-        return np.asarray(flags.sum(axis=0) / max(len(flags), 1))
+    def flagged(self) -> NDArray[np.bool_]:
+        """Whether any quantity is flagged (n,), by parameter."""
+        flags = np.array([q.flagged for q in self.quantities], dtype=bool).reshape(-1, len(self.derivatives))
+        return np.asarray(flags.any(axis=0))
 
     @staticmethod
     def of(
@@ -288,7 +286,7 @@ class Sensitivities(ByQuantity[QuantitySensitivity]):
             f"by runs with {100 * CHECKED:g} % more {', '.join(map(in_words, self.tried))}" if self.tried else "no"
         )
         if len(self.tried) < len(self.derivatives):
-            checked += '; output.check_sensitivities = "all" checks every parameter by a run'
+            checked += '; output.check_sensitivities = "all" checks every parameter that has a value 5 % larger'
         made.append(("checked", checked))
         return named_lines(made)
 
@@ -422,7 +420,8 @@ def scalars_of(outcome: Outcome, spectra: Mapping[str, ShockSpectrum]) -> dict[s
     for name, bolt in outcome.bolts.items():
         owned.append((name, bolt_scalars(bolt)))
     if outcome.energy is not None:
-        owned.append((ENERGY_OWNER, {FRICTION_ENERGY.key: float(outcome.energy[FRICTION_ENERGY.key][-1])}))
+        works = [own[FRICTION_WORK.key] for _, own in owned if FRICTION_WORK.key in own]
+        owned.append((ENERGY_OWNER, {FRICTION_ENERGY.key: sum(work or 0.0 for work in works)}))
     pairs = ((f"{name}.{key}", value) for name, own in owned for key, value in own.items())
     return {quantity: value for quantity, value in pairs if value is not None}
 

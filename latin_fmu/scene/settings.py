@@ -196,13 +196,12 @@ class Output(SceneTable):
         ),
     ] = ()
     check_sensitivities: Annotated[
-        Literal["flagged", "all", "none"],
+        Literal["all", "flagged", "none"],
         about(
-            "parameters for which the scene is run once more, 5 % larger: those by which more than a quarter of the "
-            "quantities are flagged, all or none; changes that are flagged, or that the run contradicts, are those of "
-            "that run"
+            "parameters for which the scene is run once more, 5 % larger: all, those by which a quantity is flagged, "
+            "or none; changes that are flagged, or that the run contradicts, are those of that run"
         ),
-    ] = "flagged"
+    ] = "all"
     peak_duration: Annotated[
         Real | None,
         about(

@@ -54,7 +54,7 @@ class Indicator:
         q = f_hat + self._k * w_hat - residual
         n = self._put(scales, q=q, f=f, w=w, local_f=f_hat, local_w=w_hat)
         self.image.set({"tolerance": 1e-300})  # the force residual is not computed
-        call(iteration.measure, self.image, n, 0)
+        call(iteration.measure, self.image, n, 0, 0)
         actual = self.image.field("r", n, self.image.n_flat)
         assert actual == pytest.approx(residual, rel=1e-9, abs=1e-9 * (np.abs(f_hat).max() + 1e-300))
         measure = self.image.field("measure", 8)

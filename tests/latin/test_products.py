@@ -42,11 +42,12 @@ def written(block: BlockLayout) -> np.ndarray:
     return data
 
 
-def packed(matrix: np.ndarray, m: int, diagonal: bool) -> np.ndarray:
+def packed(matrix: np.ndarray, m: int, diagonal: bool, single: bool = False) -> np.ndarray:
     """A whole symmetric matrix as it lies in the fixed block."""
-    block = BlockLayout()
-    at = put_dense(block, matrix, [np.arange(len(matrix))], m, diagonal)
-    return written(block)[at:]
+    block = BlockLayout(8)
+    at = put_dense(block, matrix, [np.arange(len(matrix))], m, diagonal, single)
+    data = written(block)
+    return data.view(np.float32)[at:] if single else data[at:]
 
 
 @pytest.mark.parametrize("m", MEMBERS)
@@ -114,6 +115,20 @@ def test_symmetric_dense_product(m: int, n: int) -> None:
     assert len(diagonal) >= products.symmetric_size(n, 1, m)
     products.product(n, diagonal, 1, m, x.ravel(), out.reshape(-1), scratch(n))
     np.testing.assert_allclose(out, np.diag(matrix)[:, None] * x, rtol=1e-14)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 30])
+def test_large_tables_in_single_precision(n: int) -> None:
+    """Rounded entries, sums in double precision: products and norms with the rounded matrix are those of NumPy."""
+    matrix, x = definite(n).toarray() + 0.3, RNG.normal(size=(2, n))
+    kept, rounded = packed(matrix, 1, False, True), matrix.astype(np.float32).astype(float)
+    assert kept.dtype == np.float32
+    assert np.abs(rounded - matrix).max() > 0.0
+    out = np.zeros(n)
+    products.packed_product(n, kept, x[0], out)
+    np.testing.assert_allclose(out, rounded @ x[0], rtol=0, atol=1e-12)
+    actual = products.two_norms(n, kept, x.ravel())
+    np.testing.assert_allclose(actual[:2], np.einsum("ij,jk,ik->i", x, rounded, x), rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])

@@ -6,7 +6,7 @@ Scenes are shipped models and, of the odd seeds, random solids (``solid_stranger
 parameters the first friction, load, velocity and bolt force of each, modulus and density of its first material. A
 change is off where it is so far from the secant of the run that ``output.check_sensitivities = "all"`` replaces it
 without a flag. Precision is the share of the flagged ones that are off, recall the share of those off that are flagged.
-Left are those off that have no flag and whose parameter has no run by default.
+Left are those off that have no flag and whose parameter has no run with "flagged".
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import latin_fmu
 from latin_fmu.errors import LatinError
-from latin_fmu.results.sensitivities import CHECKED, GATHERED, Sensitivities, scalars_of
+from latin_fmu.results.sensitivities import CHECKED, Sensitivities, scalars_of
 from tests.scenes import MODELS
 
 from .solid_strangers import solid
@@ -43,7 +43,7 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Pairs:
     """Pairs of quantity and parameter of a scene (n,): kind of the quantity, what holds for each, and how many of the
-    parameters have a run by default."""
+    parameters have a run with ``output.check_sensitivities = "flagged"``."""
 
     kinds: NDArray[np.str_]
     off: Mask
@@ -113,7 +113,7 @@ def judged(scene: latin_fmu.Scene) -> Pairs | None:
     runs = list[dict[str, float] | None]()
     for d in made.derivatives:
         more = latin_fmu.solve(scene.replace(d.name, (1.0 + CHECKED) * d.value))
-        runs.append(scalars_of(more.outcome, scene.sensor) if more.converged else None)
+        runs.append(scalars_of(more.outcome, more.spectra) if more.converged else None)
     return _pairs(made, runs)
 
 
@@ -121,7 +121,7 @@ def _pairs(made: Sensitivities, runs: list[dict[str, float] | None]) -> Pairs:
     none = np.zeros(len(runs), dtype=bool)
     without_flags = replace(made, quantities=[replace(q, flagged=none) for q in made.quantities])
     off = without_flags.checked(runs)
-    checked = made.flagged_shares > GATHERED
+    checked = made.flagged
     rows = [
         (q.quantity.rpartition(".")[2], off.is_secant(q)[i], q.flagged[i], checked[i])
         for q in made.quantities
@@ -150,7 +150,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="1:44", help="FIRST:END")
     first, end = map(int, parser.parse_args().seeds.split(":"))
     kinds: dict[str, list[Pairs]] = {}
-    print("| scene | pairs | off | flagged | precision | recall | runs by default | left |\n" + "|---" * 8 + "|")  # noqa: T201
+    print("| scene | pairs | off | flagged | precision | recall | runs with flagged | left |\n" + "|---" * 8 + "|")  # noqa: T201
     with tempfile.TemporaryDirectory() as folder:
         for kind, name, scene in scenes(first, end, Path(folder)):
             try:

@@ -11,7 +11,9 @@ import pytest
 
 import latin_fmu
 from latin_fmu import api
+from latin_fmu.assembly import copies
 from latin_fmu.assembly.build import build
+from latin_fmu.assembly.problem import DiscretisedProblem, SolverReadyProblem
 from latin_fmu.assembly.sensitivities import Tangents
 from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
@@ -507,13 +509,18 @@ def test_a_secant_takes_the_place_of_a_change_that_is_flagged_or_contradicted() 
         assert checked.tried == CRUSHING[2][:1]
 
 
-def test_a_run_checks_the_parameters_by_which_many_are_flagged() -> None:
-    """Two of the seven quantities are flagged by the friction, above a quarter, none by the pressure."""
+def test_a_run_checks_the_parameters_by_which_a_quantity_is_flagged() -> None:
+    """Two of the seven quantities are flagged by the friction, none by the pressure."""
     plain = differentiated(CRUSHING).sensitivities
-    shares = [np.mean([q.flagged[i] for q in plain.quantities]) for i in range(2)]
-    np.testing.assert_allclose(plain.flagged_shares, shares)
-    assert shares == pytest.approx([2 / 7, 0.0])
-    checked = latin_fmu.solve(scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))).sensitivities
+    assert [sum(int(q.flagged[i]) for q in plain.quantities) for i in range(2)] == [2, 0]
+    assert plain.flagged.tolist() == [True, False]
+    one = replace(
+        plain, quantities=[plain.quantities[0], replace(plain.quantities[1], flagged=np.array([False, True]))]
+    )
+    assert one.flagged.tolist() == [bool(plain.quantities[0].flagged[0]), True]
+    scene = scene_of(CRUSHING).replace("output.sensitivities", list(CRUSHING[2]))
+    assert latin_fmu.solve(scene).sensitivities.tried == CRUSHING[2]
+    checked = latin_fmu.solve(scene.replace("output.check_sensitivities", "flagged")).sensitivities
     assert checked.tried == CRUSHING[2][:1]
     for own, q in zip(plain.quantities, checked.quantities, strict=True):
         assert q.changes[1] == own.changes[1]
@@ -543,18 +550,74 @@ def test_a_parameter_of_0_and_a_run_that_fails_keep_their_flags(monkeypatch: pyt
 
 
 def test_the_table_of_flags_counts_what_runs_replace() -> None:
-    """Off or flagged: the changes that ``check_sensitivities = "all"`` replaces; left: those of no run by default."""
+    """Off or flagged: the changes that are replaced by default; left: those of no run with "flagged"."""
     scene = scene_of(CRUSHING)
     pairs = sensitivity_flags.judged(scene)
     wanted = scene.replace("output.sensitivities", sensitivity_flags.parameters_of(scene))
     checked = latin_fmu.solve(wanted.replace("output.check_sensitivities", "all")).sensitivities
     replaced = np.concatenate([checked.is_secant(q) for q in checked.quantities])
     np.testing.assert_array_equal(pairs.off | pairs.flagged, replaced)
-    usual = latin_fmu.solve(wanted).sensitivities
+    usual = latin_fmu.solve(wanted.replace("output.check_sensitivities", "flagged")).sensitivities
     agreed = np.concatenate([usual.is_secant(q) | q.flagged for q in usual.quantities])
     np.testing.assert_array_equal(pairs.left, replaced & ~agreed)
-    assert 0 < pairs.left.sum() < pairs.off.sum()
+    assert 0 < pairs.off.sum() < len(pairs.off)
+    held = np.array([[True, False, False], [True, True, False], [True, False, True], [False, False, False]]).T
+    made = sensitivity_flags.Pairs(np.full(4, "slip"), *held, parameters=1, runs=1)
+    assert made.left.tolist() == [True, False, False, False]
     assert pairs.runs == len(usual.tried)
+
+
+@pytest.mark.parametrize("case", [MATERIALS, BOLTED], ids=["materials", "tightened bolt"])
+def test_runs_that_check_are_the_same_together_and_one_by_one(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copies with the operators of the run share its classes, others have their own; friction and a bolt force change
+    the start, too."""
+    scene = scene_of((case[0], (*case[1], "output.check_sensitivities=all"), ()))
+    wanted = scene.replace("output.sensitivities", list(case[2]))
+    together, members = list[list[bool]](), list[list[int]]()
+    beside, march = api.marched_beside, copies.Run.all
+
+    def marched(*given: object) -> list[object]:
+        made = beside(*given)
+        together.append([pair is not None for pair in made])
+        return made
+
+    def counted(run: copies.Run) -> None:
+        members.append([len(p.members) for p in run.assembly.propagators])
+        march(run)
+
+    monkeypatch.setattr(api, "marched_beside", marched)
+    alone = latin_fmu.solve(wanted).sensitivities
+    # at this tolerance instants take Newton steps
+    monkeypatch.setattr(copies, "_LARGE", 0)
+    monkeypatch.setattr(copies, "_NEWTON", np.inf)
+    monkeypatch.setattr(copies.Run, "all", counted)
+    own = latin_fmu.solve(wanted).sensitivities
+    assert together == [[False] * 3, [True] * 3]
+    assert sum(members[-1]) == 4 * len(scene.substructure)
+    assert max(members[-1]) >= (4 if case is BOLTED else 3)
+    assert own.tried == alone.tried == tuple(wanted.output.sensitivities)
+    assert sum(alone.is_secant(q).sum() for q in alone.quantities) > 0
+    for first, second in zip(alone.quantities, own.quantities, strict=True):
+        np.testing.assert_array_equal(alone.is_secant(first), own.is_secant(second), err_msg=first.quantity)
+        limit = 1e-5 * np.maximum(np.abs(first.changes), abs(first.value))
+        assert (np.abs(first.changes - second.changes) <= limit).all(), first.quantity
+
+
+def test_a_run_that_checks_takes_the_operators_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction changes none of them, the modulus of steel those of one of two bodies."""
+    solved, known = api.solver_ready, list[list[bool]]()
+
+    def ready(problem: DiscretisedProblem, *given: object) -> SolverReadyProblem:
+        before = [] if problem.kept is None else [id(p.operators) for p in problem.kept.propagators]
+        made = solved(problem, *given)
+        known.append([id(p.operators) in before for p in made.assembly.propagators])
+        return made
+
+    monkeypatch.setattr(api, "solver_ready", ready)
+    scene = scene_of((MATERIALS[0], (*MATERIALS[1], "output.check_sensitivities=all"), ()))
+    names = ["material.steel.young_modulus", "interface.crush.friction_coefficient"]
+    latin_fmu.solve(scene.replace("output.sensitivities", names))
+    assert known == [[False, False], [True, False], [True, True]]
 
 
 def test_parameters_that_cannot_be_larger_keep_their_flags() -> None:
