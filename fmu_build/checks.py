@@ -20,11 +20,11 @@ import numpy as np
 
 from latin_fmu import api
 from latin_fmu.accuracy.quantities import Quantities, measure_solution
-from latin_fmu.cosim.input_table import inputs_of, with_laws
-from latin_fmu.errors import InputError, Problem, SolverError
+from latin_fmu.cosim.input_table import inputs_of, sources_of, with_laws
+from latin_fmu.errors import InputError, Problem, SolverError, did_you_mean, listed
 from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
-from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.schema import TEMPERATURE, Scene
 
 from .build import build_fmu
 
@@ -42,24 +42,26 @@ class Inputs:
 
 
 def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
-    """Make loads of a scene inputs.
+    """Make laws of a scene inputs.
 
-    names : loads, or ``all``. A load that is an input already keeps its start value as history.
+    names : of loads, and of what else drives the scene as its inputs are called (``boundary.NAME``,
+    ``gravity.acceleration``, ...), or ``all`` for every load. A law that is an input already keeps its start value as
+    history.
 
-    Raises InputError for a load that is not there.
+    Raises InputError for a name that is not there.
     """
+    # temperatures are never set from outside
+    known = {s.name: s.law for s in sources_of(scene) if not s.name.startswith(TEMPERATURE)}
     wanted = list(scene.load) if list(names) == ["all"] else list(names)
-    unknown = [name for name in wanted if name not in scene.load]
-    if unknown:
-        known = ", ".join(scene.load) or "none"
-        raise InputError([Problem(f"load {name}", "no such load", None, known) for name in unknown])
-    laws: dict[str, TimeLaw] = {name: scene.load[name].law for name in wanted}
+    if unknown := [name for name in wanted if name not in known]:
+        close = {name: did_you_mean(name, known) for name in unknown}
+        close |= {n: f"did you mean {full!r}?" for n in unknown for full in known if full.rpartition(".")[2] == n}
+        what = "no such load, and nothing else that drives the scene"
+        raise InputError([Problem(f"input {n}", what, None, listed(known), close[n]) for n in unknown])
+    laws: dict[str, TimeLaw] = {name: known[name] for name in wanted}
     laws.update(inputs_of(scene))
-    loads = dict(scene.load)
-    for name in wanted:
-        start = float(laws[name].sample(np.zeros(1))[0])  # at t = 0
-        loads[name] = loads[name].model_copy(update={"law": InputLaw(start_value=start)})
-    return Inputs(scene.model_copy(update={"load": loads}), laws)
+    given = {name: InputLaw(start_value=float(laws[name].sample(np.zeros(1))[0])) for name in wanted}  # at t = 0
+    return Inputs(with_laws(scene, given), laws)
 
 
 _SCHEMAS = {"2.0": "fmi2/fmi2ModelDescription.xsd", "3.0": "fmi3/fmi3ModelDescription.xsd"}

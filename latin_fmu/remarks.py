@@ -34,7 +34,7 @@ REMARKS: Final = MappingProxyType(
         "start": "a static start that has not converged far enough",
         "step": "a step of doubtful length",
         "torn": "a part in several pieces",
-        "unjoined": "bodies without an interface",
+        "unjoined": "bodies, or faces that touch, without an interface",
         "yield": "bodies beyond their yield stress",
     }
 )

@@ -8,7 +8,7 @@ and the iteration slow, so such a point takes no part in the held direction, as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -269,7 +269,7 @@ def completed(scene: Scene) -> Scene:
 
 def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remarks: list[Remark] | None = None) -> Scene:
     """As ``completed``, for bodies that have been built; overlaps deeper than a search are added to ``problems``, pairs
-    that touch at an edge or a point only to ``remarks``."""
+    that touch at an edge or a point only, or on faces beside those of their own interfaces, to ``remarks``."""
     if not scene.contact:
         return scene
     edges: list[str] = []
@@ -282,9 +282,11 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
         names = [n for n in bodies if table.parts is None or n in table.parts]
         for first, second in _near_pairs(names, surfaces, table.search):
             pair = frozenset((first, second))
+            one, other = surfaces[first], surfaces[second]
+            if remarks is not None and pair in by_hand and pair not in table.exceptions:
+                remarks += _left_open(scene, name, bodies, (first, second), table.search)
             if pair in taken or pair in table.exceptions:
                 continue
-            one, other = surfaces[first], surfaces[second]
             # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
@@ -310,6 +312,28 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
         remedy = "give them faces that are opposite each other, or except them"
         remarks.append(Remark("edge", f"{', '.join(edges[:_NAMED])}{more} meet {text}; {remedy}"))
     return scene.model_copy(update={"interface": {**scene.interface, **interfaces}, "contact": {}})
+
+
+def _left_open(
+    scene: Scene, name: str, bodies: dict[str, Body], pair: tuple[str, str], search: float
+) -> Iterator[Remark]:
+    """A remark on faces of a pair with interfaces of its own that are within ``search`` and in none of them. A pair
+    that is bonded somewhere has none: a screw touches the wall of its hole beside the thread."""
+    own = {n: i for n, i in scene.interface.items() if {split_face(side)[0] for side in i.sides} == set(pair)}
+    if any(i.behaviour == "perfect" for i in own.values()):
+        return
+    first, second = (bodies[n].surface(ALL_OF_IT) for n in pair)
+    area = _common(first, second, search)[0]
+    for interface in own.values():
+        one, other = (Surface(body.mesh.nodes, facets) for body, facets in (_side(bodies, s) for s in interface.sides))
+        area -= _common(one, other, search)[0]
+    if area > _LEAST * min(first.facet_area, second.facet_area):
+        text = (
+            f"{pair[0]} and {pair[1]} are within search on {area:.3g} {scene.unit_system['m2']} that no interface has"
+        )
+        why = f"a search leaves a pair that has interfaces in the scene ({', '.join(own)}) as it is"
+        remedy = "add an [interface.NAME] for these faces, or except the pair"
+        yield Remark("unjoined", f"contact {name}: {text}, and can move into each other there: {why}; {remedy}")
 
 
 def _near_pairs(names: list[str], surfaces: dict[str, Surface], search: float) -> list[tuple[str, str]]:

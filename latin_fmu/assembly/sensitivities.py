@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import scipy.sparse as sp
 
-from ..errors import Problem, SceneError
+from ..errors import Problem, SceneError, SolverError, listed
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Assembly, InterfaceUnit, Layout
 from ..latin.probes import BoltPlace, OutputRequest
@@ -104,7 +104,7 @@ def value_of(scene: Scene, name: str) -> float:
     """
     value = number_at(scene.tables(), name)
     if value is None:
-        raise SceneError([no_number("output.sensitivities", name)], "the scene cannot be built")
+        raise SceneError([no_number("output.sensitivities", scene.tables(), name)], "the scene cannot be built")
     return value
 
 
@@ -121,13 +121,27 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
         step = _STEP * abs(value) or _STEP
         ends = []
         for sign in (1.0, -1.0):
-            scene = whole.replace(name, value + sign * step)
-            other = discretise(scene, None, (problem.kept or KeptOperators()).beside(problem.bodies))
+            other = _changed(whole.replace(name, value + sign * step), problem, name, sign * step)
             if reason := differences(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
         made.append(VariedParameter(name, value, 2.0 * step / (value or 1.0), *ends))
     return made
+
+
+def _changed(scene: Scene, problem: DiscretisedProblem, name: str, change: float) -> DiscretisedProblem:
+    """The problem of a scene with another value of a parameter. A gap that the meshes have, too, is another one at the
+    points alone: the meshes do not agree with the other number."""
+    try:
+        return discretise(scene, None, (problem.kept or KeptOperators()).beside(problem.bodies))
+    except SceneError as error:
+        if not name.endswith(".gap") or {p.where for p in error.problems} != {name}:
+            raise
+    units = list(problem.units)
+    for i, unit in enumerate(units):
+        if name == f"interface.{unit.name}.gap":
+            units[i] = replace(unit, geometry=replace(unit.geometry, gap=unit.geometry.gap + change))
+    return replace(problem, units=units, layout=Layout(units))
 
 
 def _refused(name: str, reason: str) -> SceneError:
@@ -183,8 +197,8 @@ class Tangents:
     def march(
         self, ready: SolverReadyProblem, recorder: Recorder, progress: Callable[[int, int], None] | None = None
     ) -> list[HistoryChanges]:
-        """Derivatives by each parameter, from the histories of the run; ``progress`` is called with the instants of a
-        static stage, or of the motion, that are done, and all. What it raises ends the march.
+        """Derivatives by each parameter, from the histories of the run; ``progress`` is called at the start of a static
+        stage, and with the instants of the motion that are done, and all. What it raises ends the march.
 
         Raises
         ------
@@ -192,7 +206,16 @@ class Tangents:
         """
         parameters, states = self.parameters, [StateChange() for _ in self.parameters]
         for stage in self.stages:
-            run = _march(stage, parameters, states, progress)
+            if progress is not None:
+                progress(0, len(stage.problem.time))  # what it raises is no failure of the stage
+            try:
+                run = _march(stage, parameters, states)
+            except SolverError as error:
+                how = f"tightening of {listed(stage.tightened)}" if stage.tightened else "static start"
+                where = f"where t goes from 0 to 1 s in the increments of the {how}, before the run"
+                remedy = "bonded faces whose meshes do not match may leave them undetermined: take the points of such "
+                remedy += "an interface from the side that has fewer (points_from)"
+                raise SolverError(f"{error}, {where}; {remedy}") from None
             states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
         run = _march(self.motion(ready, recorder), parameters, states, progress)
         interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)

@@ -44,11 +44,11 @@ examples:
   latin-fmu fmu scene.toml --model-exchange --modes 20
   latin-fmu fmu models -o fmus
 
-A load with law = "input" becomes an input of the FMU, also one named by --inputs; other loads keep their law.
+A load or motion with law = "input" becomes an input of the FMU, also one named by --inputs; others keep their law.
 Energies are outputs where the scene says output.energy = true (--set output.energy=true).
 Of a folder the FMU of every scene file in it and below is made, in the folder -o, named after folder and file.
 The FMU carries a reference run by the layered standard FMI-LS-REF: experiment, inputs and outputs, in the folder
-extra/org.fmi-standard.fmi-ls-ref. A load named by --inputs follows the law it had in the scene.
+extra/org.fmi-standard.fmi-ls-ref. What --inputs names follows the law it had in the scene.
 The FMU is machine code and factors, and needs no Python where it runs; its time step and tolerance are those of the
 scene. --python makes one that solves the scene by a Python of its host: time step and tolerance are parameters, and a
 results file may have error estimates. It is made, with a remark, where the scene needs Python (an explicit march with
@@ -86,7 +86,8 @@ def _register_fmu(add: AddParser) -> None:
     text = "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder"
     option(parser, "-o --output", "X.fmu", text, output_file)
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
-    option(parser, "--inputs", "LOAD,...", "loads that become inputs; 'all' for every load", default="")
+    text = "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for every load"
+    option(parser, "--inputs", "NAME,...", text, default="")
     text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
     option(parser, "--reference", "RUN", text, choices=REFERENCES, default=REFERENCES[0])
     switch(parser, "--python", "an FMU that needs a Python where it runs; time step and tolerance are parameters")

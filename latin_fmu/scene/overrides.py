@@ -132,6 +132,11 @@ def number_at(data: Mapping[str, Any], path: str) -> float | None:
     >>> number_at({"load": {"pull": {"traction": [0.0, 2]}}}, "load.pull.traction.1")
     2.0
     """
+    here = _at(data, path)
+    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
+
+
+def _at(data: Mapping[str, Any], path: str) -> object:
     here: object = data
     for key in path.split("."):
         if isinstance(here, Mapping):
@@ -140,13 +145,20 @@ def number_at(data: Mapping[str, Any], path: str) -> float | None:
             here = here[index]
         else:
             return None
-    return float(here) if isinstance(here, int | float) and not isinstance(here, bool) else None
+    return here
 
 
-def no_number(where: str, path: str | None = None) -> Problem:
-    """The problem where ``number_at`` finds none; ``path`` : what is looked for, where it is not in ``where``."""
+def no_number(where: str, data: Mapping[str, Any], path: str) -> Problem:
+    """The problem where ``number_at`` finds none under a path in the data of a scene."""
+    found, named = _at(data, path), path if path not in where else None
+    if isinstance(found, list | tuple):
+        items = f"{path}.0 to {path}.{len(found) - 1}"
+        return Problem(where, "a list of numbers, not one of them", named, items, "name one item")
+    if isinstance(found, str):
+        return Problem(where, "no number under this name", named or shown(found), "a number", "give the key a number")
     allowed = "a number of the scene, as in --set, e.g. interface.joint.friction_coefficient"
-    return Problem(where, "no number under this name", path, allowed, "write the key in full")
+    remedy = "write the key in full, and in the scene where it is left out (a measured gap as a number)"
+    return Problem(where, "no number under this name", named, allowed, remedy)
 
 
 def text_with_numbers(text: str, numbers: Mapping[str, float], named: Collection[str]) -> str | None:

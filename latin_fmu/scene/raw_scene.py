@@ -22,9 +22,12 @@ _MAX_BITS = 4096  # some 1200 digits; Python prints 4300
 
 
 def plain(data: Any, depth: int = _DEPTH) -> Any:
-    """The data with tables built in Python replaced by dictionaries of what was given."""
-    if isinstance(data, BaseModel):  # keys that were not given stay away
-        return data.model_dump(exclude_unset=True)
+    """The data with tables built in Python replaced by dictionaries of what was given, their types included."""
+    if isinstance(data, BaseModel):  # other keys that were not given stay away
+        keys = [key for key in type(data).model_fields if key in data.model_fields_set or key == "type"]
+        return {key: plain(getattr(data, key), depth) for key in keys}
+    if isinstance(data, list | tuple):
+        return [plain(item, depth - 1) for item in data] if depth > 0 else data
     if depth > 0 and isinstance(data, Mapping):
         return {key: plain(item, depth - 1) for key, item in data.items()}
     tolist = getattr(data, "tolist", None)

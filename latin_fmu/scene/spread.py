@@ -77,7 +77,7 @@ def spread_problems(spread: Mapping[str, Any], tables: Mapping[str, Any]) -> Ite
     for name, written in spread.items():
         where, value = f"spread.{name}", number_at(tables, name)
         if value is None:
-            yield no_number(where)
+            yield no_number(where, tables, name)
         elif isinstance(written, tuple) and not written[0] <= value <= written[1]:
             ends = f"{written[0]:g} to {written[1]:g}"
             yield Problem(where, "the value of the scene is not in its range", f"{value:g}", ends)

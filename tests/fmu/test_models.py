@@ -19,6 +19,7 @@ from fmu_build.checks import validate, with_inputs
 from fmu_build.drive import Drive
 from fmu_build.reference import FOLDER, reference_of
 from latin_fmu.errors import InputError
+from latin_fmu.scene.laws import InputLaw
 from tests.scenes import MINUTES, MODELS
 
 from .host import hosts_folder
@@ -123,5 +124,18 @@ def test_inputs_by_name():
     scene = latin_fmu.load_scene(MODELS / "two_specimen_crushing" / "scene.toml")
     assert with_inputs(scene, []).scene == scene
     assert with_inputs(scene, ["press"]).scene.load["press"].law.type == "input"
-    with pytest.raises(InputError, match="no such load"):
+    with pytest.raises(InputError, match=r"no such load.*did you mean 'press'"):
         with_inputs(scene, ["pres"])
+
+
+def test_a_driven_face_becomes_an_input_by_its_name():
+    """Its history is the law that it had, and the input starts at the value of that at t = 0."""
+    law = "{type='half_sine',start=-1e-3,duration=2e-3}"
+    shaken = f"boundary.shaker={{type='acceleration',face='lower.xmax',components=['z'],value=[9.0],law={law}}}"
+    scene = latin_fmu.load_scene(MODELS / "two_specimen_crushing" / "scene.toml", [shaken])
+    made = with_inputs(scene, ["boundary.shaker"])
+    assert made.laws == {"boundary.shaker": scene.boundary["shaker"].law}
+    assert made.scene.boundary["shaker"].law == InputLaw(start_value=1.0)
+    assert made.scene.load == scene.load
+    with pytest.raises(InputError, match=r"did you mean 'boundary\.shaker'"):
+        with_inputs(scene, ["shaker"])

@@ -134,6 +134,32 @@ def test_tables_in_python_are_those_of_the_file() -> None:
     assert set(dir(latin_fmu)) == {"__version__", *latin_fmu.__all__}
 
 
+def test_tables_of_python_keep_their_types() -> None:
+    """Where defaults are completed (a static start for temperatures), and in the shape of a file, with a mesh read."""
+    steel = tables.Material(young_modulus=210e9, poisson_ratio=0.3, density=7800.0, thermal_expansion=12e-6)
+    box = tables.Box(size=(0.02, 0.02, 0.02), elements=(2, 2, 2))
+    given: dict[str, Any] = {
+        "name": "oven",
+        "material": {"steel": steel},
+        "substructure": {"cube": tables.Substructure(material="steel", box=box)},
+        "boundary": {"base": tables.Fixed(face="cube.zmin")},
+        "load": {"push": tables.Load(face="cube.zmax", pressure=1e6, law=tables.HalfSineLaw(duration=1e-5))},
+        "spring": {
+            "rest": tables.Spring(
+                ends=(tables.End(face="cube.zmax"), tables.End(face="cube.zmin")),
+                direction=(0.0, 0.0, 1.0),
+                stiffness=1e5,
+            )
+        },
+        "temperature": {"warm": tables.Temperature(change=60.0)},
+        "time": tables.Time(end=1e-5, step=1e-6),
+    }
+    scene = Scene(**given)
+    assert scene.time.start.type == "static"
+    assert scene == scene_from_dict(given)
+    assert scene == scene_from_dict(scene.tables())
+
+
 def test_every_table_is_offered_in_python() -> None:
     def below(table: type) -> set[type]:
         return {table}.union(*(below(other) for other in table.__subclasses__()))

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.body import build_bodies
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.interfaces import completed
+from latin_fmu.assembly.interfaces import completed, with_found
 from latin_fmu.cosim.session import Session
-from latin_fmu.errors import SceneError
+from latin_fmu.errors import Problems, SceneError
+from latin_fmu.remarks import Remark
 from latin_fmu.stability.scenes import STEEL, Box, placed
 
 PLATE = (0.04, 0.04, 0.01)
@@ -59,6 +61,25 @@ def test_a_pair_named_by_hand_wins() -> None:
     data = tables()
     data["interface"] = {"mine": {"sides": ["plate.zmax", "block.zmin"], "behaviour": "perfect"}}
     assert list(units(data)) == ["mine", "block_lid"]
+
+
+def test_faces_that_interfaces_by_hand_leave_open_are_told() -> None:
+    """The search leaves plate and block as they are: their seat, 4e-4 m2, is in no interface but the one that has it,
+    and parts that are bonded somewhere cannot move into each other."""
+    texts = []
+    for sides, behaviour in (
+        (["plate.zmax", "block.zmin"], "contact"),
+        (["plate.xmax", "block.xmin"], "perfect"),
+        (["plate.xmax", "block.xmin"], "contact"),
+    ):
+        scene = latin_fmu.scene_from_dict(tables() | {"interface": {"mine": {"sides": sides, "behaviour": behaviour}}})
+        remarks: list[Remark] = []
+        with_found(scene, build_bodies(scene, Problems()), Problems(), remarks)
+        texts.append([r for r in remarks if r.code == "unjoined"])
+    assert texts[:2] == [[], []]
+    assert len(texts[2]) == 1
+    for word in ("plate and block", "0.0004 m2", "(mine)", "add an [interface.NAME]"):
+        assert word in texts[2][0]
 
 
 def test_exceptions_and_parts() -> None:

@@ -19,8 +19,10 @@ from latin_fmu.errors import ResultsError, SceneError, SolverError
 from latin_fmu.interface.laws import SLIP, STICK
 from latin_fmu.latin import search_direction, tangent_run
 from latin_fmu.latin.search_direction import relative_operator
+from latin_fmu.latin.tangent_run import TangentRun
 from latin_fmu.pictures.sensitivity_picture import tornado_figure
 from latin_fmu.results import sensitivities
+from latin_fmu.stability.scenes import STEEL, Box, placed
 from tests.results import synthetic
 from tests.scenes import MODELS
 from tests.verification import sensitivity_flags
@@ -394,7 +396,9 @@ def test_without_parameters_there_is_nothing() -> None:
 @pytest.mark.parametrize(
     ("parameter", "words"),
     [
-        ("interface.wall.behaviour", "no number under this name"),
+        ("interface.wall.behaviour", "give the key a number"),
+        ("substructure.bar.body_force", "list of numbers.*substructure.bar.body_force.0 to .*2; name one item"),
+        ("interface.wall.form.radius", "no number under this name.*in the scene where it is left out"),
         ("substructure.bar.box.size.2", "changes the shape"),
         ("time.end", "changes interfaces, instants or the time scheme"),
     ],
@@ -410,6 +414,40 @@ def test_materials_of_a_body_in_modal_damping_are_refused() -> None:
     scene = scene_of(DAMPED).replace("output.sensitivities", [f"material.{material}.density"])
     with pytest.raises(SceneError, match="changes the damping of the modes of bar"):
         latin_fmu.solve(scene)
+
+
+def test_a_gap_of_the_meshes_has_the_derivatives_of_one_of_the_scene() -> None:
+    """A block that flies through a gap: the meshes are as far apart as the number says, or touch. What it hits starts
+    from its equilibrium on another block, by an interface that is found."""
+    made = []
+    for place in (0.02, 0.02 + 2e-5):
+        bodies = {
+            "base": (Box(STEEL, (0.02, 0.02, 0.02), (2, 2, 2)), (0.0, 0.0, -0.02)),
+            "low": (Box(STEEL, (0.02, 0.02, 0.02), (2, 2, 2)), (0.0, 0.0, 0.0)),
+            "high": (Box(STEEL, (0.02, 0.02, 0.02), (2, 2, 2)), (0.0, 0.0, place)),
+        }
+        data = placed(bodies, {"end": 2e-5, "step": 5e-7, "start": "static"})
+        data["boundary"] = {"frame": {"type": "fixed", "face": "base.zmin"}}
+        data["contact"] = {"all": {"search": 1e-6, "behaviour": "perfect"}}
+        data["load"] = {"push": {"face": "low.xmax", "pressure": 1e5}}
+        data["substructure"]["high"]["initial_velocity"] = [0.0, 0.0, -3.0]
+        data["interface"] = {"meet": {"sides": ["low.zmax", "high.zmin"], "gap": 2e-5}}
+        data["output"] = {"sensitivities": ["interface.meet.gap"], "check_sensitivities": "none"}
+        (change,) = latin_fmu.solve(latin_fmu.scene_from_dict(data)).sensitivities.derivatives
+        made.append(change.interfaces["meet"].traction)
+    assert np.abs(made[0]).max() > 0.0
+    np.testing.assert_allclose(made[1], made[0], atol=1e-6 * np.abs(made[0]).max())
+
+
+def test_an_increment_without_a_derivative_is_no_instant_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise SolverError("the derivatives by parameters have no unique value at t = 0.2 s")
+
+    monkeypatch.setattr(TangentRun, "march", fails)
+    scene = scene_of(BOLTED).replace("output.sensitivities", ["contact.all.friction_coefficient"])
+    (warning,) = [w for w in latin_fmu.solve(scene).warnings if "no derivatives" in w]
+    for words in ("at t = 0.2 s, where t goes from 0 to 1 s", "tightening of m6, before the run", "points_from"):
+        assert words in warning
 
 
 def test_runs_without_derivatives_are_refused() -> None:
