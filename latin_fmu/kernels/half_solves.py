@@ -166,7 +166,7 @@ def refers(pools: Any, c: int) -> bool:
     run = pools.run[0]
     if run.referenced < 2:
         return bool(run.referenced == 1)
-    return bool(pools.classes[c].halved == 1 or (run.predicted == 1 and 0.0 < pools.moving[run.misfit] < 1.0))
+    return bool(pools.classes[c].halved == 1 or (run.expects == 1 and 0.0 < pools.moving[run.misfit] < 1.0))
 
 
 @kernel
@@ -188,7 +188,7 @@ def add_reference(pools: Any, c: int) -> None:
         for j in range(m):
             at = i * m + j
             reference[at] = f_hat[channels[at]]
-            if run.predicted == 1:
+            if run.expects == 1:
                 reference[at] += work[run.ahead + channels[at]]
             nodal[at] = weight * area[i] * reference[at]
     inner[:] = 0.0

@@ -301,7 +301,7 @@ def keep_fields(pools: Any, instant: int, i: int) -> None:
     to_f, to_w = run.history_f + row * n, run.history_w + row * n
     last_f, last_w = state[run.f_hat : run.f_hat + n], state[run.w_hat : run.w_hat + n]
     kept_f, kept_w = output[to_f : to_f + n], output[to_w : to_w + n]
-    if run.predicted == 1:
+    if run.expects == 1:
         expect(pools, f_hat)
     for j in range(n):
         last_f[j], last_w[j] = f_hat[j], w_hat[j]

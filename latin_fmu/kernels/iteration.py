@@ -87,7 +87,7 @@ def share_of(pools: Any, window: int, iteration: int) -> float:
     run, work = pools.run[0], pools.moving
     if window > 1 or work[run.course + MADE] != 0.0 or not run.tolerance > EXACT:
         return 1.0
-    share = AHEAD if run.predicted == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0 else 1.0
+    share = AHEAD if run.expects == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0 else 1.0
     return float(share * share_to_meet(counted(pools, iteration)))
 
 

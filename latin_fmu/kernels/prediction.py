@@ -40,7 +40,7 @@ def counted(pools: Any, iteration: int) -> float:
     """Iterations of an instant up to this one, and those that its expected tractions saved at the rate of these."""
     run, work = pools.run[0], pools.moving
     count = float(iteration + 1)
-    if run.predicted == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0:
+    if run.expects == 1 and iteration > 0 and 0.0 < work[run.misfit] < 1.0:
         first, now = work[run.merits], max(work[run.measure] / run.tolerance, 1e-300)
         if first > now:
             count *= 1.0 - np.log10(work[run.misfit]) / np.log10(first / now)

@@ -97,7 +97,8 @@ def make_image(
         # without inertia no energy is added where a penetration within the tolerance is pushed out
         "deepest": -np.inf if static else 0.0,
         # copies for derivatives solve every instant exactly
-        "predicted": int(direction.predicted and not more.get("linear")),
+        "predicted": int(direction.predictable and not more.get("linear")),
+        "expects": int(direction.predicted and not more.get("linear")),
         "make_up": 1.0 / assembly.dt,
         "longest_step": _LONGEST_STATIC if static else np.inf,
         **({} if direction.coarse is None else direction.coarse.sizes),

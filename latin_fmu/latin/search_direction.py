@@ -257,10 +257,14 @@ class Direction:
         return self._n == 1 and not self.assembly.quasi_static and not self._long_steps
 
     @property
+    def predictable(self) -> bool:
+        """Whether the tractions of an instant can be extrapolated from the last ones (``kernels.prediction``)."""
+        return self._n == 1 and not self.assembly.quasi_static and self._settings.anderson_depth > 0
+
+    @property
     def predicted(self) -> bool:
-        """Whether the tractions of an instant are extrapolated from the last ones (``kernels.prediction``)."""
-        usable = self._n == 1 and not self.assembly.quasi_static and self._settings.anderson_depth > 0
-        return usable and self._settings.tolerance <= ROUGH
+        """Whether they are: at tolerances far below the change of an instant."""
+        return self.predictable and self._settings.tolerance <= ROUGH
 
     @property
     def _single(self) -> bool:

@@ -79,4 +79,4 @@ def test_short_instants_expect_nothing() -> None:
 
 
 def test_rough_tolerances_extrapolate_nothing() -> None:
-    assert image_of(1e-3).run_fields["predicted"] == 0
+    assert image_of(1e-3).run_fields["expects"] == 0
