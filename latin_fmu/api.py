@@ -360,7 +360,7 @@ def _checked(
     newton = sum(window.newton_steps for window in outcome.windows) / steps
     together: list[tuple[Marched, Marched] | None] = [None] * len(larger)
     march, left = outcome.timings.march, limit.left
-    # what cannot be computed together is run alone, and says why
+    # what cannot be computed together is run alone, and its error has the reason
     if left is None or left > (len(larger) + 1) * march:
         with suppress(LatinError), computable(), one_thread():
             together = marched_beside(motion, list(larger.values()), statics, newton, report)

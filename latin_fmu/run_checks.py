@@ -170,7 +170,7 @@ def _largest_strain(info: SubstructureInfo, end: BodyEnd, bolts: Sequence[Clamp]
 
 def yield_remarks(problem: SolverReadyProblem, stresses: Mapping[str, LargestStress]) -> list[str]:
     """A sentence on the bodies whose von Mises stress has exceeded the yield stress of their material; not on shanks
-    that may yield, of which their bolts tell."""
+    that may yield: their bolts have a line of their own."""
     yielding = {c.cut.table.substructure for c in problem.clamps if c.cut.table.hardening is not None}
     pascal, limits = problem.unit_system.label("Pa"), {n: problem.info[n].yield_stress or np.inf for n in stresses}
     beyond = [n for n in stresses if n not in yielding and stresses[n].stress > limits[n]]

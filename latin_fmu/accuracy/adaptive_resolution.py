@@ -121,7 +121,7 @@ class RefinementSequence:
             scene = at_resolution(self.scene, resolution)
             run, solution = self._solve(scene, resolution)
             self._runs[resolution] = run
-            # a run stopped at the limit answers nothing: the one before it may be the result
+            # a run stopped at the limit is no result: the one before it may be
             if solution.complete and (self._finest is None or _fineness(resolution) >= _fineness(self._finest[0])):
                 self._finest = resolution, scene.output, solution
         return self._runs[resolution]

@@ -177,8 +177,8 @@ def marched_beside(
 ) -> list[tuple[Marched, Marched] | None]:
     """Histories of scenes that differ from that of a run in numbers, marched together, each with those of the copy of
     the run beside it; None for each that has to be run on its own: a single one, without inertia, with another time
-    scheme or other interfaces, where it cannot be built, where all bodies
-    are small, or where the copies do not converge together.
+    scheme or other interfaces, where it cannot be built, where all bodies are small, or where the copies do not
+    converge together.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def marched_beside(
 
 
 def _built(stage: Stage, scene: Scene, statics: Kept | None) -> _Copy | None:
-    """A scene with its static start; None where it has to be run on its own, which says why it cannot be."""
+    """A scene with its static start; None where it has to be run on its own, whose error has the reason."""
     base = stage.problem
     try:
         static, kept = scene.time.start.type == "static", base.kept or KeptOperators()

@@ -211,7 +211,7 @@ def _largest(history: SensorHistory, row: StoredQuantity, time: Array) -> tuple[
 _TIGHT: Final = 0.1  # of the largest tension: a bolt with less at the start is loaded by the run, not by tightening
 
 
-_LAST: Final = (0.5, 0.25, 0.125)  # of a run: stretches before its end whose range tells how large a swing is
+_LAST: Final = (0.5, 0.25, 0.125)  # of a run: stretches before its end whose range is the size of a swing
 _SWING: Final = 0.25  # of that range: smaller returns are no swings
 _PERIODS: Final = 3  # at the end, over which the mean is taken
 

@@ -40,7 +40,7 @@ from .summary import percent, readable
 
 _OPEN, _SLIP = 0, 2
 _LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out
-_APART: Final = 0.1  # of a force: two values are told apart, however large their errors are
+_APART: Final = 0.1  # of a force: two values are given apart, however large their errors are
 WIDTH: Final = 110
 """Columns of the text."""
 STANDARD_GRAVITY: Final = 9.80665  # m s-2
