@@ -18,13 +18,14 @@ from .scene.boundaries import (
     PrescribedVelocity,
     Symmetry,
 )
+from .scene.damping import DampingRatios
+from .scene.damping import DampingTable as Damping
 from .scene.face_form import Crown, FaceTable, Polynomial
 from .scene.fields import LocalAxes
 from .scene.initial_fields import DisplacementFile, VelocityFile
 from .scene.initial_fields import InitialStateTable as InitialState
 from .scene.interfaces import ContactSearch, GroundPlane, GroundVelocity, Interface
 from .scene.laws import ConstantLaw, CsvLaw, HalfSineLaw, InputLaw, RectangularPulseLaw, StepLaw, TableLaw
-from .scene.materials import DampingRatios
 from .scene.materials import MaterialTable as Material
 from .scene.materials import OrthotropicTable as Orthotropic
 from .scene.ports import Port
@@ -78,6 +79,7 @@ __all__ = [
     "Coupling",
     "Crown",
     "CsvLaw",
+    "Damping",
     "DampingRatios",
     "Diagonal",
     "DirectPropagator",

@@ -109,7 +109,7 @@ EDITS: Edits = {  # file: what stands there, what stands there then
             "from .contact import Contact\n",
             "from .cohesive_contact import CohesiveContact\nfrom .contact import Contact\n",
         ),
-        ("SoftContact, ViscousJoint)\n", "SoftContact, ViscousJoint, CohesiveContact)\n"),
+        ("    MaxwellJoint,\n)\n", "    MaxwellJoint,\n    CohesiveContact,\n)\n"),
     ],
     "latin_fmu/scene/interfaces.py": [
         (

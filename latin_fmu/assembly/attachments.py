@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -143,6 +144,7 @@ def sensor_places(scene: Scene, bodies: Mapping[str, Body], problems: Problems) 
 
 
 _NONE: Index = np.zeros(0, dtype=np.int64)
+_TIME: Final = "relaxation_time"  # the parameter that is not per area
 _TOGETHER = 1e-9  # of the size of an end: ends closer to each other have no direction
 
 
@@ -292,5 +294,6 @@ def _end(bodies: dict[str, Body], end: End, where: str, problems: Problems) -> P
 def _law(interface: Interface, area: float) -> Behaviour:
     """The layer that has the stiffness, or viscosity, of the whole on this area, m2."""
     keys = TAKES[interface.behaviour]
-    values = {key: getattr(interface, key) / area for key in PARAMETERS if key in keys}
+    values = {key: getattr(interface, key) / area for key in PARAMETERS if key in keys and key != _TIME}
+    values |= {_TIME: interface.relaxation_time} if _TIME in keys else {}
     return BEHAVIOURS[interface.behaviour](**values)

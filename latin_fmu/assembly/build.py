@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import Problems, SceneError
 from ..interface import Behaviour
 from ..latin.assembly import InterfaceUnit
+from ..laws.maxwell_joint import MaxwellJoint
 from ..remarks import Remark, remarks_of
 from ..scene.boundaries import Boundary
 from ..scene.ports import Port
@@ -23,6 +24,7 @@ from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
+from .drag import drag_problems
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
@@ -123,6 +125,8 @@ def discretise(
         raise SceneError(problems, "the scene cannot be built")
     remarks: list[Remark] = []
     store_of(scene).recount()
+    if scene.damping is not None:
+        scene = scene.damping.completed(scene)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
@@ -139,6 +143,7 @@ def discretise(
     if scene.contact:
         scene = with_found(scene, bodies, problems, remarks)
         remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
+        scene = scene if scene.damping is None else scene.damping.completed(scene)  # the interfaces found
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
@@ -170,6 +175,11 @@ def discretise(
         problems += start_problems(scene, bodies, conditions, units)
         if not problems:
             remarks += remarks_of("free", free_remarks(start_groups(scene, bodies, conditions, units)))
+    if scene.solver.window != 1 and any(isinstance(unit.behaviour, MaxwellJoint) for unit in units):
+        what = "springs that relax are solved in windows of one instant"
+        problems.add("solver.window", what, str(scene.solver.window), "1", "leave the window out")
+    if not problems:
+        problems += drag_problems(scene, bodies, conditions, units)
     cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
@@ -235,7 +245,8 @@ def _units(
 ) -> list[InterfaceUnit]:
     """Interfaces of a scene, and those that stand for its springs and couplings; ``known`` : of the scene solved
     last."""
-    made = [build_interface(n, i, bodies, conditions, problems, remarks, known) for n, i in scene.interface.items()]
+    faces = {name: joint for n, i in scene.interface.items() for name, joint in ((n, i), *i.dampers(n).items())}
+    made = [build_interface(n, i, bodies, conditions, problems, remarks, known) for n, i in faces.items()]
     if scene.spring:
         made += spring_units(scene, bodies, problems)
     if scene.coupling:

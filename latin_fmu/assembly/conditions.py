@@ -434,7 +434,7 @@ def rigid_model(
     mass = sp.csr_array(held.basis.T @ held.body.mass @ held.basis)
     n_full = mass.shape[0]
     # of Rayleigh damping the part of the mass alone: nothing is strained
-    share = body.shape.material.rayleigh[0]
+    share = body.shape.material.drag
     still, start = np.zeros(3), held.start()
     return SubstructureModel(
         name=body.name,

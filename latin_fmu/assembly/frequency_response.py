@@ -14,8 +14,8 @@ rigid translation of all bodies, damping acts on the motion v relative to the ba
     (K + i w C - w^2 M) v = w^2 M r s,        transmissibility (r s + v) / s
 
 C is 2 zeta_j omega_j of each Ritz vector, or what the scene has: Rayleigh damping, modal damping of bodies, dampers,
-viscous joints, absorbing faces, wave ports, which may couple the modes. Friction and the numerical damping of a run are
-not in it.
+viscous joints, absorbing faces, wave ports, which may couple the modes. The Maxwell branches of materials make K depend
+on w (``dynamic_stiffness``). Friction and the numerical damping of a run are not in it.
 
 Groups of a file::
 
@@ -44,6 +44,7 @@ from ..results.quantities import AXES, LABELS, named, rows
 from ..results.summary import aligned
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem, unit_text
+from .dynamic_stiffness import ProjectedStiffness, curve_lines, eigenvalues
 from .modal_damping import Modes
 from .modes import JoinedAssembly, Joints, damped, pressed_points, without_scheme
 
@@ -138,10 +139,11 @@ def frf(
         kind=kind,
         joints=joints,
         damping=_in_words(ratios),
-        natural_frequency=basis.omega[basis.n_rigid : basis.n_mode] / (2 * np.pi),
+        natural_frequency=basis.damped[0] / (2 * np.pi),
         n_static=len(basis.omega) - basis.n_mode,
         frequency=given,
         response=response,
+        curves=tuple(curve_lines(scene.material)) if ratios is None else (),
         units=scene.unit_system,
     )
 
@@ -275,7 +277,7 @@ class _Basis:
     Attributes
     ----------
     vectors : (n, m) mass-orthonormal: rigid motions, elastic modes (``n_mode`` of both), static responses.
-    omega : (m,), s-1. damping : (m,) of each coordinate or (m, m), s-1.
+    omega : (m,), s-1. damping : (m,) of each coordinate or (m, m), s-1. strained : stiffnesses with Maxwell branches.
     """
 
     vectors: Array
@@ -283,6 +285,7 @@ class _Basis:
     damping: Array
     n_rigid: int
     n_mode: int
+    strained: tuple[ProjectedStiffness, ...] = ()
 
     @staticmethod
     def of(excitations: _Excitations, forces: Array, highest: float | None, ratios: Array | None) -> _Basis:
@@ -310,10 +313,20 @@ class _Basis:
             what = "modal damping without a limit is that of a reduced basis"
             where, remedy = f"substructure.{reduced[0]}.modal_damping", "give 'below', or a damping ratio of the modes"
             raise InputError([Problem(where, what, remedy=remedy)], _HEADING)
-        damping = joined.damping_of(joined.expansion @ vectors)
-        if not np.abs(damping).max(initial=0.0) > 0.0:
+        full = joined.expansion @ vectors
+        damping, strained = joined.damping_of(full), tuple(joined.strained_of(full))
+        if not (strained or np.abs(damping).max(initial=0.0) > 0.0):
             raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
-        return _Basis(vectors, omega, damping, modes.n_rigid, n_mode)
+        return _Basis(vectors, omega, damping, modes.n_rigid, n_mode, strained)
+
+    @cached_property
+    def damped(self) -> tuple[Array, Array]:
+        """Natural angular frequencies of the elastic modes, s-1, and their damping ratios."""
+        elastic = slice(self.n_rigid, self.n_mode)
+        if not self.strained:
+            return self.omega[elastic], self.ratio[elastic]
+        found = eigenvalues(self.omega, self.damping, self.strained, self.n_mode)[elastic]
+        return np.abs(found), -found.real / np.abs(found)
 
     @property
     def ratio(self) -> Array:
@@ -325,7 +338,8 @@ class _Basis:
 
     def frequencies(self, lowest: float | None, highest: float | None, points: int) -> Array:
         """Frequencies, Hz, by equal factors, and some at each peak. Raises InputError: no elastic mode, bad ends."""
-        own, ratio = self.omega[self.n_rigid : self.n_mode] / (2 * np.pi), self.ratio[self.n_rigid : self.n_mode]
+        omega, ratio = self.damped
+        own = omega / (2 * np.pi)
         if not len(own) and (lowest is None or highest is None):
             raise InputError.of(_HEADING, "frequencies", "the assembly has no elastic mode", remedy="give both ends")
         last = float(own[min(len(own), _FIRST) - 1]) if highest is None else highest
@@ -348,7 +362,11 @@ class _Basis:
         stiffness, made = np.diag(self.omega**2), []
         for part in np.array_split(w, max(1, len(w) * m * m // _AT_ONCE)):
             square = part[:, :, None] ** 2 * np.eye(m)
-            made.append(np.linalg.solve(stiffness - square + 1j * part[:, :, None] * self.damping, load[None]))
+            dynamic = stiffness - square + 1j * part[:, :, None] * self.damping
+            for strained in self.strained:
+                rise = strained.branches.modulus((1j * part[:, 0]).astype(np.complex128)) - 1.0
+                dynamic = dynamic + rise[:, None, None] * strained.stiffness
+            made.append(np.linalg.solve(dynamic, load[None]))
         return np.concatenate(made)
 
 
@@ -385,6 +403,7 @@ class FrequencyResponse(Stored):
         taken. damping : in words. natural_frequency : (n,) of the elastic modes of the basis, Hz. n_static : static
         responses beside them.
     frequency : (n_frequency,), Hz. response : complex (n_frequency, 3) along x, y, z, by drive and by sensor.
+    curves : lines on materials whose stiffness depends on frequency.
     """
 
     name: str
@@ -396,6 +415,7 @@ class FrequencyResponse(Stored):
     n_static: int
     frequency: Array
     response: Mapping[str, Mapping[str, Complex]]
+    curves: tuple[str, ...] = ()
     units: UnitSystem = SI
 
     def kind_of(self, drive: str) -> str:
@@ -422,7 +442,7 @@ class FrequencyResponse(Stored):
                 phase = f"{np.degrees(np.angle(peak)):.0f} deg"
                 row = (drive, sensor, self.kind_of(drive), size, AXES[axis], f"{f[at]:.6g} Hz", phase)
                 table.append(row)
-        return [head, f"  {basis}", "", *aligned(table)]
+        return [head, f"  {basis}", "", *aligned(table), *self.curves]
 
     def report(self) -> dict[str, Any]:
         """Plain data for strict JSON: what the root of a file has, and of each drive its sensors."""

@@ -67,8 +67,9 @@ def merge(
 
     Raises
     ------
-    ValueError : a substructure is rigid (its dofs are not those of its nodes); bonds of non-matching faces that cannot
-        be written as constraints, or that join bodies which start with a spin; conditions that couple directions.
+    ValueError : a substructure is rigid (its dofs are not those of its nodes); unlike Maxwell branches; bonds of
+        non-matching faces that cannot be written as constraints, or that join bodies which start with a spin;
+        conditions that couple directions.
     """
     models = {m.name: m for m in members}
     if any(m.nodal is not None for m in members):
@@ -77,6 +78,9 @@ def merge(
         raise ValueError("modal damping is that of one substructure, not of several bonded ones")
     if not all(copies(m.expansion) for m in members):
         raise ValueError("faces held along directions that are no axes, or rigid ones")
+    branches = {m.branches for m in members}
+    if len(branches) > 1:
+        raise ValueError("substructures whose damping by strain is not the same")
     names = list(models)
     where, total = consecutive({n: model.n_full for n, model in models.items()})
     paired = [unit for unit in interfaces if is_selection(unit)]
@@ -106,6 +110,7 @@ def merge(
         imposed_pattern=pattern,
         imposed_start=np.concatenate([models[n].imposed_start for n in names]),
         ordering=_rank(names, info, same),
+        branches=branches.pop(),
     )
     return Merged(model, list(members), where)
 

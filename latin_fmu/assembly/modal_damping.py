@@ -18,15 +18,16 @@ Matrices C of velocities give, to first order, for a mode phi of the mass M that
 
 or what the weights of the scheme make of it. C is the viscosity of the layer of elements at faces that may open
 (``assembly.models.contact_layers``), closed or not and in every direction, or the damping of the bodies: Rayleigh's and
-that of absorbing faces, wave ports, dampers and viscous joints, and modal damping up to a frequency. Not in it:
+that of absorbing faces, wave ports, dampers and viscous joints, and modal damping up to a frequency. Where materials
+have Maxwell branches the ratio of the bodies is that of the eigenvalue of the mode (``dynamic_stiffness``). Not in it:
 friction, modal damping of a reduced basis without such a limit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import scipy.linalg as la
@@ -40,6 +41,7 @@ from ..scene.schema import Scene
 from ..scene.settings import GeneralizedAlphaTable, ReducedPropagatorTable
 from ..time_scheme import HHT, GeneralizedAlpha, QuasiStatic, TimeScheme
 from ..time_scheme.scheme import coefficients
+from .dynamic_stiffness import Complex
 from .models import chosen_scheme, contact_layers
 from .problem import DiscretisedProblem
 
@@ -186,15 +188,31 @@ def run_matrices(
     return RunMatrices(scene, scheme, reason, discretised.dt, *whole)
 
 
-def modal_damping(matrices: RunMatrices, modes: Modes, damping: Callable[[Array], Array]) -> ModalDamping:
-    """Damping of modes in a run (module docstring); ``damping`` : Phi^T C Phi (m, m) of the assembly from motions
-    (n_full, m)."""
+class DampedAssembly(Protocol):
+    """Damping of an assembly with linear joints."""
+
+    def damping_of(self, full: Array, /) -> Array:
+        """Phi^T C Phi (m, m) of motions (n_full, m)."""
+
+    def eigenvalues(self, modes: Modes, /) -> Complex | None:
+        """Those of modes, s-1, where materials have Maxwell branches."""
+
+
+def modal_damping(matrices: RunMatrices, modes: Modes, assembly: DampedAssembly) -> ModalDamping:
+    """Damping of modes in a run (module docstring)."""
     scheme, dt = matrices.scheme, matrices.dt
     omega, vectors = _marched(modes, matrices.mass)
     full, elastic = modes.expansion @ vectors, np.flatnonzero(omega > 0.0)
     of_scheme, of_layer, of_bodies = np.zeros((3, len(omega)))
-    for ratio, squares in ((of_layer, _squares(matrices.viscosity, full)), (of_bodies, np.diagonal(damping(full)))):
+    damping = assembly.damping_of(full)
+    for ratio, squares in ((of_layer, _squares(matrices.viscosity, full)), (of_bodies, np.diagonal(damping))):
         ratio[elastic] = (squares / (2 * np.maximum(omega, 1e-300)))[elastic]
+    if (damped := assembly.eigenvalues(modes)) is not None:
+        of_bodies[elastic] = -damped[elastic].real / np.abs(damped[elastic])
+        # nodes without mass change the frequencies of the march little, and their rise by less
+        rise = np.abs(damped[elastic]) / modes.omega[elastic]
+        omega = omega.copy()  # that of the modes, where no node has lost its mass
+        omega[elastic] *= rise
     of_scheme[elastic] = [scheme_damping(scheme, float(w), dt) for w in omega[elastic]]
     for i in np.flatnonzero(of_layer):  # its velocities have the weights of the scheme
         of_layer[i] = scheme_damping(scheme, float(omega[i]), dt, float(of_layer[i])) - of_scheme[i]

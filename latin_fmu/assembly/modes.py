@@ -13,7 +13,9 @@ Rows of C with one or two entries (nodes against nodes) make dofs one, or hold t
 gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
 a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
 
-The modes are undamped. The damping ratio that a run of the scene gives each of them is added (``modal_damping``), and
+The shapes are those of the undamped assembly with its static stiffness. Where materials have Maxwell branches the
+frequency is that of the stiffness at this frequency (``dynamic_stiffness``). The damping ratio that a run of the scene
+gives each mode is added (``modal_damping``), and
 how a base that moves along an axis excites it: with the rigid translation r of all bodies, held dofs included,
 
     Gamma = phi^T M r / (phi^T M phi),    effective mass = (phi^T M r)^2 / (phi^T M phi)
@@ -49,8 +51,10 @@ from ..interface import Rods
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, InterfaceUnit
 from ..latin.recorder import SubstructureInfo
+from ..laws.maxwell_joint import MaxwellJoint
 from ..laws.viscous_joint import ViscousJoint
 from ..propagator import SubstructureModel
+from ..propagator.reduction import orthonormal_to
 from ..propagator.vibration import Vibration
 from ..results.dataset import Stored
 from ..results.groups import StoredGroup, describe_mesh, in_units, root_attributes
@@ -62,8 +66,10 @@ from ..scene.fields import split_face
 from ..scene.schema import Scene
 from ..scene.settings import GivenStart
 from ..scene.units import SI, UnitSystem
+from ..time_scheme import MaxwellBranches
 from .body import consecutive
 from .build import discretise, starting_equilibrium
+from .dynamic_stiffness import BranchedStiffness, Complex, ProjectedStiffness, curve_lines, eigenvalues, strained_bodies
 from .initial_state import InitialState
 from .merged_assembly import jump, kept_together
 from .modal_damping import ModalDamping, Modes, modal_damping, run_matrices
@@ -108,7 +114,7 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     joined = JoinedAssembly.of(scene, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)
-    damping = None if matrices is None else modal_damping(matrices, modes, joined.damping_of)
+    damping = None if matrices is None else modal_damping(matrices, modes, joined)
     return _named(joined, modes, damping, joints)
 
 
@@ -121,8 +127,10 @@ def without_scheme(scene: Scene) -> DiscretisedProblem:
 def damped(problem: DiscretisedProblem) -> bool:
     """Whether a body or a joint of a discretised scene has damping."""
     models = (model for cls in problem.classes for model in cls.members)
-    return any(isinstance(unit.behaviour, ViscousJoint) for unit in problem.units) or any(
-        model.modal is not None or (model.damping is not None and bool(model.damping.count_nonzero()))
+    return any(isinstance(unit.behaviour, ViscousJoint | MaxwellJoint) for unit in problem.units) or any(
+        model.modal is not None
+        or len(model.branches) > 0
+        or (model.damping is not None and bool(model.damping.count_nonzero()))
         for model in models
     )
 
@@ -135,7 +143,8 @@ class JoinedAssembly:
     ----------
     discretised : the scene with a scheme that moves no mass. parts : matrices of its substructures, full dofs.
     vibration : stiffness and mass (n, n) of the dofs that are left. expansion : (n_full, n) from these to the full
-        dofs. damping : (n_full, n_full) of bodies and viscous joints, N s m-1. remarks : how each interface was taken.
+        dofs. damping : (n_full, n_full) of bodies and viscous joints, N s m-1. strained : stiffnesses whose springs
+        relax, of bodies and Maxwell joints, full dofs. remarks : how each interface was taken.
     """
 
     discretised: DiscretisedProblem
@@ -143,6 +152,7 @@ class JoinedAssembly:
     vibration: Vibration
     expansion: sp.csr_array
     damping: sp.csr_array
+    strained: tuple[BranchedStiffness, ...]
     remarks: tuple[str, ...]
 
     @staticmethod
@@ -155,6 +165,7 @@ class JoinedAssembly:
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
         rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []
+        relaxing = list[BranchedStiffness]()
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and scene.bolt:
@@ -162,10 +173,12 @@ class JoinedAssembly:
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
+            if isinstance(unit.behaviour, MaxwellJoint):
+                branch = MaxwellBranches((1.0,), (unit.behaviour.relaxation_time,))
+                relaxing.append(BranchedStiffness(branch, _layer(unit, parts, _stiffness(unit), _every(unit))))
             if isinstance(unit.behaviour, ViscousJoint):
                 viscosity = [unit.behaviour.normal_viscosity, unit.behaviour.tangential_viscosity]
-                every = np.ones(unit.geometry.n_point, dtype=bool)
-                dashpots.append(_layer(unit, parts, np.repeat(viscosity, [1, 2]), every))
+                dashpots.append(_layer(unit, parts, np.repeat(viscosity, [1, 2]), _every(unit)))
         if joints == "open":
             # g g^T / k: bolts without tension let their shanks slide
             springs += [-parts.of_body(cut.table.substructure, cut.softening()) for cut in discretised.cuts.values()]
@@ -177,7 +190,8 @@ class JoinedAssembly:
             weight = _STIFF * float(k.diagonal().max())
             k = sp.csr_array(k + weight * (left.T @ left))
         vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
-        return JoinedAssembly(discretised, parts, vibration, expansion, sum(dashpots, parts.damping), tuple(remarks))
+        damping, strained = sum(dashpots, parts.damping), (*parts.strained, *relaxing)
+        return JoinedAssembly(discretised, parts, vibration, expansion, damping, strained, tuple(remarks))
 
     def damping_of(self, full: Array) -> Array:
         """Phi^T C Phi (m, m) of motions (n_full, m), modal damping of bodies included where it has a limit."""
@@ -187,6 +201,29 @@ class JoinedAssembly:
                 rates = model.modal_rows @ full[self.parts.where[name]]
                 projected += rates.T @ rates
         return projected
+
+    def strained_of(self, full: Array) -> list[ProjectedStiffness]:
+        """Stiffnesses whose springs relax in a basis of motions (n_full, m)."""
+        return [part.projected(full) for part in self.strained]
+
+    def eigenvalues(self, modes: Modes) -> Complex | None:
+        """Eigenvalues s (n_mode,), s-1, of modes with the stiffness at their frequencies; None where nothing relaxes.
+
+        Where materials differ the branches couple the modes: the basis gets the static responses to the forces that the
+        bodies with branches exert in each mode, which are the first-order changes of the shapes.
+        """
+        if not self.strained:
+            return None
+        rigid, elastic = modes.vectors[:, : modes.n_rigid], modes.vectors[:, modes.n_rigid :]
+        full = modes.expansion @ elastic
+        forces = np.hstack([modes.expansion.T @ (part.stiffness @ full) for part in self.strained])
+        size = np.linalg.norm(forces, axis=0)
+        static = self.vibration.static(rigid, forces[:, size > 0.0] / size[size > 0.0])
+        # orthogonal to the modes in K as in M
+        added, squares = orthonormal_to(static, modes.vectors, self.vibration.mass, self.vibration.stiffness)
+        omega = np.concatenate([modes.omega, np.sqrt(squares)])
+        motions = modes.expansion @ np.hstack([modes.vectors, added])
+        return eigenvalues(omega, self.damping_of(motions), self.strained_of(motions), len(modes.omega))
 
     def modes(self, count: int) -> Modes:
         """Rigid motions and at least ``count`` elastic modes where there are as many."""
@@ -260,6 +297,11 @@ class Parts:
         """Mass of all substructures, kg."""
         return float(self.translations[:, 0] @ (self.mass @ self.translations[:, 0]))
 
+    @cached_property
+    def strained(self) -> tuple[BranchedStiffness, ...]:
+        """Stiffness of the bodies with Maxwell branches, full dofs."""
+        return strained_bodies(self.models, self.where, self.n)
+
     def jump(self, unit: InterfaceUnit, local: bool) -> sp.csr_array:
         """Displacement of the owner's side less that of the other at the points, (3 n_point, n), global axes or local
         frames."""
@@ -283,9 +325,10 @@ def _joint(
         return parts.jump(unit, local=True)[::3], None, "joined"
     if kind == "perfect" or (unit.behaviour.opens and joints == "bonded"):
         return parts.jump(unit, local=False), None, "joined"
+    if isinstance(unit.behaviour, MaxwellJoint):
+        return None, None, "open: its springs are relaxed"
     if unit.behaviour.elastic and not unit.behaviour.opens:
-        stiffness = np.repeat([unit.behaviour.normal_stiffness, unit.behaviour.tangential_stiffness], [1, 2])  # type: ignore[attr-defined]
-        return None, _layer(unit, parts, stiffness, np.ones(geometry.n_point, dtype=bool)), "elastic layer"
+        return None, _layer(unit, parts, _stiffness(unit), _every(unit)), "elastic layer"
     if not unit.behaviour.opens:
         return None, None, "open: it has no stiffness"
     if joints == "open":
@@ -303,6 +346,17 @@ def _joint(
     rows = parts.jump(unit, local=True)[np.flatnonzero((closed[:, None] & components).ravel())]
     spring = None if layer is None else _layer(unit, parts, np.array([layer, 0.0, 0.0]), closed)
     return sp.csr_array(rows), spring, words
+
+
+def _stiffness(unit: InterfaceUnit) -> Array:
+    """Stiffness per area (3,) of an elastic layer or Maxwell joint, N m-3."""
+    law = unit.behaviour
+    return np.repeat([law.normal_stiffness, law.tangential_stiffness], [1, 2])  # type: ignore[attr-defined]
+
+
+def _every(unit: InterfaceUnit) -> np.ndarray:
+    """All points of an interface."""
+    return np.ones(unit.geometry.n_point, dtype=bool)
 
 
 def _layer(unit: InterfaceUnit, parts: Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
@@ -346,6 +400,9 @@ def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, j
     """The modes by substructure, the largest nodal displacement of each 1."""
     parts, scene = joined.parts, joined.discretised.scene
     full, omega, shapes = modes.expansion @ modes.vectors, modes.omega, {}
+    frequency = omega / (2 * np.pi)
+    if (damped := joined.eigenvalues(modes)) is not None:
+        frequency = np.abs(damped) / (2 * np.pi)
     for name, model in parts.models.items():
         own = full[parts.where[name]]
         own = own if model.nodal is None else model.nodal @ own
@@ -359,7 +416,8 @@ def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, j
         scene=scene.text(),
         name=scene.name,
         joints=joints,
-        frequency=omega / (2 * np.pi),
+        frequency=frequency,
+        static_frequency=omega / (2 * np.pi),
         rigid=np.arange(len(omega)) < modes.n_rigid,
         modal_mass=modal,
         participation=participation,
@@ -368,6 +426,7 @@ def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, j
         meshes=joined.discretised.info,
         remarks=joined.remarks,
         damping=damping,
+        curves=tuple(curve_lines(scene.material)),
         units=scene.unit_system,
     )
 
@@ -375,6 +434,7 @@ def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, j
 _MODES: Final = rows(
     """
     frequency  | Hz | mode | natural frequency, 0 for rigid motions
+    static_frequency | Hz | mode | the same with the static stiffness | without the rise of moduli with frequency
     rigid      | -  | mode | whether the mode is a rigid motion | | elastic rigid
     modal_mass | kg | mode | modal mass | of the shape whose largest nodal displacement is 1
     participation | 1 | mode component | participation factor | of that shape, for a base that moves along x, y, z
@@ -410,18 +470,20 @@ class VibrationModes(Stored):
     Attributes
     ----------
     scene, name : text and name of the scene. joints : how interfaces that may open were taken.
-    frequency : (n_mode,), Hz, 0 for rigid motions, which come first. rigid : (n_mode,) whether it is one.
+    frequency : (n_mode,), Hz, 0 for rigid motions, which come first; static_frequency : with the static stiffness.
+    rigid : (n_mode,) whether it is one.
     modal_mass : (n_mode,), kg, with shapes whose largest nodal displacement is 1.
     participation : (n_mode, 3), of these shapes for a base that moves along x, y, z. mass : of the assembly, kg.
     shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
     damping : ratios in a run with the time scheme and the step of the scene; None where the scene has no inertia.
-    units : system of units of the scene.
+    curves : lines on materials whose stiffness depends on frequency. units : system of units of the scene.
     """
 
     scene: str
     name: str
     joints: str
     frequency: Array
+    static_frequency: Array
     rigid: NDArray[np.bool_]
     modal_mass: Array
     participation: Array
@@ -430,6 +492,7 @@ class VibrationModes(Stored):
     meshes: Mapping[str, SubstructureInfo]
     remarks: tuple[str, ...]
     damping: ModalDamping | None = None
+    curves: tuple[str, ...] = ()
     units: UnitSystem = SI
 
     @property
@@ -475,7 +538,7 @@ class VibrationModes(Stored):
         weight = readable(self.mass, self.units.label("kg"), 4)
         total = f"effective masses of these modes: {self._shares(self.effective_mass.sum(axis=0))} of {weight}"
         top = [head, *(f"  {remark}" for remark in self.remarks), ""]
-        return [*top, *aligned(rows), total, *self._damping_lines()]
+        return [*top, *aligned(rows), total, *self._damping_lines(), *self.curves]
 
     def _shares(self, masses: Array) -> str:
         """Effective masses (3,) as shares of the mass of the assembly."""

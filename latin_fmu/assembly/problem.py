@@ -18,6 +18,7 @@ from ..latin.probes import OutputRequest, SensorPlace
 from ..latin.recorder import SubstructureInfo
 from ..latin.search_direction import inertial_impedance, unresolved_sides
 from ..latin.settings import SearchDirection, SolverSettings
+from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.interface_probing import SHARE
 from ..propagator.model import diagonal_matrix, share_patterns
@@ -26,11 +27,12 @@ from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
+from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.substructures import Temperature
 from ..scene.units import SI, UnitSystem
-from ..time_scheme import QuasiStatic, TimeScheme
+from ..time_scheme import MaxwellBranches, QuasiStatic, TimeScheme, joint_weights
 from .body import Body, body_sides, flexibility, side_impedance, side_stiffness
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
@@ -225,6 +227,7 @@ class DiscretisedProblem:
         scheme, reason = chosen_scheme(scene, bodies, units)
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         dt = float(time[1] - time[0])
+        units = [_in_step(unit, scheme, dt) for unit in units]
         left, untouched = {name: body for name, body in bodies.items() if name not in names}, None
         layers = contact_layers(bodies, units, scheme, dt, names)
         if names:
@@ -403,6 +406,14 @@ class DiscretisedProblem:
         )
 
 
+def _in_step(unit: InterfaceUnit, scheme: TimeScheme, dt: float) -> InterfaceUnit:
+    """The interface in the march of a scheme, on which the stiffness of Maxwell joints over a step depends."""
+    if not isinstance(unit.behaviour, MaxwellJoint):
+        return unit
+    share = joint_weights(scheme, dt, np.array([unit.behaviour.relaxation_time]))[0, 1]
+    return replace(unit, behaviour=unit.behaviour.in_step(float(share)))
+
+
 def _unstrained(
     per_kelvin: Array,
     acting: Sequence[Temperature],
@@ -502,9 +513,16 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         lumped_mass=body.lumped_mass if scheme.explicit else None,
         lumped_damping=_lumped_damping(body, held) if scheme.explicit else None,
         landing=None if layer is None else layer.viscosity,
+        branches=branches_of(body.shape.material),
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
+
+
+def branches_of(material: MaterialTable) -> MaxwellBranches:
+    """Maxwell branches of the damping of a material."""
+    damping = material.damping
+    return MaxwellBranches(damping.strengths, damping.times)
 
 
 def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:
@@ -524,7 +542,8 @@ def _loosened(model: SubstructureModel, cuts: Sequence[BoltCut]) -> Substructure
 
 
 def _damping(body: Body, held: Conditions, layer: ContactLayer | None) -> sp.csr_array | None:
-    (a, b), viscosity = body.shape.material.rayleigh, None if layer is None else layer.viscosity
+    material, viscosity = body.shape.material, None if layer is None else layer.viscosity
+    a, b = material.drag, material.damping.viscosity
     if not (a or b):
         return total(held.dashpots, viscosity)
     mass = body.mass if layer is None else layer.mass
@@ -537,7 +556,7 @@ def _lumped_damping(body: Body, held: Conditions) -> sp.csr_array | None:
     mass = body.lumped_mass
     if mass is None:
         return None
-    return total(diagonal_matrix(body.shape.material.rayleigh[0] * mass), held.lumped_dashpots)
+    return total(diagonal_matrix(body.shape.material.drag * mass), held.lumped_dashpots)
 
 
 def _dashpots_key(scene: Scene, name: str) -> bytes:

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..latin.windows import Run
 from ..machine import one_thread
 from ..propagator import Propagator
 from ..propagator.base import full_displacement, full_velocity
-from ..propagator.forcing import MotionState
+from ..propagator.forcing import STRAIN, MotionState
 from ..propagator.layout import COMMUNICATION_ROWS
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -401,13 +402,13 @@ class SegmentedRun(SegmentState):
 
 # -- motions from outside: part of the state in the image --------------------------------------------------------------
 def motion_size(assembly: Assembly) -> int:
-    """Numbers that prescribed motions (u, v, a of each class) and the ground (u, a) go on from."""
-    return sum(3 * k * m for k, m in map(_motions_of, assembly.propagators)) + 6 * len(assembly.ground.start)
+    """Numbers that prescribed motions (u, v, a, elongations of each class) and the ground (u, a) go on from."""
+    return sum(map(prod, map(_motions_of, assembly.propagators))) + 6 * len(assembly.ground.start)
 
 
 def packed_motions(assembly: Assembly, instant: int) -> Array:
     """These numbers at an instant of the segment."""
-    forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[0]]
+    forcings = [p.forcing for p in assembly.propagators if _motions_of(p)[1]]
     ends = assembly.ground.end(instant)
     of_ground = [np.asarray(field) for i in assembly.ground.start for field in ends[i]]
     return np.concatenate([np.zeros(0), *(f.motion_table()[:, instant].ravel() for f in forcings), *of_ground])
@@ -416,17 +417,19 @@ def packed_motions(assembly: Assembly, instant: int) -> Array:
 def unpacked_motions(assembly: Assembly, state: Array) -> tuple[list[list[MotionState]], dict[int, GroundState]]:
     """Motions of the members by class, and the ground by interface; views of the numbers."""
     motions, at = list[list[MotionState]](), 0
-    for k, m in map(_motions_of, assembly.propagators):
-        u, v, a = state[at : at + 3 * k * m].reshape(3, k, m)
-        motions.append([(u[:, j], a[:, j], v[:, j]) for j in range(m)])
-        at += 3 * k * m
+    for n, k, m in map(_motions_of, assembly.propagators):
+        u, v, a, *rest = state[at : at + n * k * m].reshape(n, k, m)
+        elongations = np.reshape(rest, (n - STRAIN, k, m))
+        motions.append([(u[:, j], a[:, j], v[:, j], elongations[:, :, j]) for j in range(m)])
+        at += n * k * m
     grounds = enumerate(assembly.ground.start)
     return motions, {i: GroundState(*state[at + 6 * e : at + 6 * e + 6].reshape(2, 3)) for e, i in grounds}
 
 
-def _motions_of(propagator: Propagator) -> tuple[int, int]:
-    """Prescribed motions of a member, and members."""
-    return propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
+def _motions_of(propagator: Propagator) -> tuple[int, int, int]:
+    """Histories of a prescribed motion, prescribed motions of a member, and members."""
+    histories = STRAIN + len(propagator.branches)
+    return histories, propagator.members[0].imposed_pattern.shape[1], len(propagator.members)
 
 
 # -- the check of what comes from outside ------------------------------------------------------------------------------

@@ -325,8 +325,9 @@ def _hand_over(states: Sequence[StateChange], assembly: Assembly) -> None:
 class OperatorChanges:
     """Changes of stiffness, damping and mass by parameters: the forces with which they act on the derivatives.
 
-    With P = C' v + K' u of the run, w = ``force_weight``, o = ``force_old`` - ``memory_weight`` and the weights of M a
-    in the scheme, the force g of an instant, which the scheme takes with the weights of loads, obeys
+    With P = C' v + K' u of the run, and with Maxwell branches what these add to it (``_Strains``), w =
+    ``force_weight``, o = ``force_old`` - ``memory_weight`` and the weights of M a in the scheme, the force g of an
+    instant, which the scheme takes with the weights of loads, obeys
 
         w g + o g_old = -(w P + o P_old + mass_weight M' a + mass_old M' a_old),    g = -(P + M' a) at t = 0.
 
@@ -334,12 +335,18 @@ class OperatorChanges:
 
     Parameters
     ----------
-    stage : of the run. changes : (M', C', K') on the full dofs, each None where it is zero, by copy and body.
+    stage : of the run. changes : (M', C', K') on the full dofs, each None where it is zero, by copy and body; strains :
+    Maxwell branches likewise.
     bolts : by copy and name, with the derivatives of stiffness and pattern.
     """
 
     def __init__(
-        self, stage: Stage, changes: Mapping[tuple[int, str], _Matrices], bolts: Mapping[str, BoltPlace], copies: int
+        self,
+        stage: Stage,
+        changes: Mapping[tuple[int, str], _Matrices],
+        strains: Mapping[tuple[int, str], _Strains],
+        bolts: Mapping[str, BoltPlace],
+        copies: int,
     ) -> None:
         base, problem, self._copies = stage.ready.assembly, stage.problem, copies
         ready = replace(problem, kept=twins(stage)).build(stage.start, stage.kept)
@@ -350,6 +357,7 @@ class OperatorChanges:
         self._recorder, self._changes = recorder, changes
         places = [(c, j) for c, p in enumerate(ready.assembly.propagators) for j in range(len(p.members))]
         self._places = {ready.assembly.propagators[c].names[j]: (c, j) for c, j in places}
+        self._strains = {key: strains for key, strains in strains.items() if strains.branches}
         # u, v, a (3, n) of the bodies at the last instant marched; g, P and M' a there, by change
         self._motion = {name: self._start(*place) for name, place in self._places.items()}
         self._last: dict[tuple[int, str], tuple[Array, Array, Array]] = {}
@@ -366,6 +374,8 @@ class OperatorChanges:
     def of(stage: Stage, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> OperatorChanges | None:
         """Those of a stage; None where no parameter changes a matrix."""
         changes, bolts = dict[tuple[int, str], _Matrices](), dict[str, BoltPlace]()
+        strains, present = dict[tuple[int, str], _Strains](), models_of(stage.problem)
+        dt, scheme = stage.problem.dt, stage.problem.scheme
         for copy, (parameter, pair) in enumerate(zip(parameters, ends, strict=True)):
             more, less = (models_of(end) for end in pair)
             for name, model in more.items():
@@ -373,14 +383,17 @@ class OperatorChanges:
                     _difference(getattr(model, key), getattr(less[name], key), parameter.span)
                     for key in ("mass", "damping", "stiffness")
                 )
-                if any(matrix is not None for matrix in made):
+                own, ends_of = present[name].branches.marched(scheme), (model.branches, less[name].branches)
+                if any(matrix is not None for matrix in made) or (len(own) and ends_of[0] != ends_of[1]):
                     changes[copy, name] = made
+                    weights = [branches.weights(scheme, dt) for branches in (own, *ends_of)]
+                    strains[copy, name] = _Strains(len(own) > 0, weights, model.stiffness, made[2], parameter.span)
             for name, place in stage.ready.output.bolts.items():
                 cuts = [end.cuts[name] for end in (parameter.more, parameter.less)]
                 stiffness = (cuts[0].stiffness - cuts[1].stiffness) / parameter.span
                 pattern = parameter.of(cuts[0].pattern, cuts[1].pattern)
                 bolts[named(copy, name)] = replace(place, pattern=pattern, terms={load_name(name): stiffness})
-        return OperatorChanges(stage, changes, bolts, len(parameters)) if changes else None
+        return OperatorChanges(stage, changes, strains, bolts, len(parameters)) if changes else None
 
     def start(self, copy: int, name: str) -> Array | None:
         """Force (n_full,) on a body at t = 0, N."""
@@ -427,6 +440,9 @@ class OperatorChanges:
             static, inertia = self._parts(key, first, now, before)
             # what the next instant takes of this one has the velocity of the state
             kept = self._parts(key, first, now, None)[0] if weights["force_old"] != 0.0 else static
+            if key in self._strains:
+                strained = self._strained(key, first, motion)
+                static, kept = static + strained, kept + strained
             force, earlier, inertia_before = self._last[key]
             made = np.empty_like(static)
             for i in range(n):
@@ -436,6 +452,17 @@ class OperatorChanges:
                 earlier, inertia_before = kept[:, i], inertia[:, i]
             self._last[key] = force.copy(), earlier.copy(), inertia_before.copy()
             self._known[key].append(made)
+
+    def _strained(self, key: tuple[int, str], first: int, motion: Array) -> Array:
+        """What Maxwell branches add to P (n_full, n) of a body at instants from ``first`` on; ``motion`` (3, n_dof,
+        n + 1) from the instant before."""
+        c, j = self._places[key[1]]
+        propagator = self._run.assembly.propagators[c]
+        whole = propagator.members[j].expansion @ motion[0]
+        if propagator.forcing.moves:
+            imposed = propagator.forcing.imposed_u
+            whole += np.stack([imposed(first - 1 + i)[:, j] for i in range(whole.shape[1])], axis=1)
+        return self._strains[key].forces(whole)
 
     def tensions(self) -> dict[str, Array]:
         """What the changes of the cuts of bolts add to the derivatives of their tensions, by copy and name."""
@@ -465,6 +492,42 @@ class OperatorChanges:
                 whole += np.stack([given(first + i)[:, j] for i in range(u.shape[1])], axis=1)
             (static if number else inertia)[...] += matrix @ whole
         return static, inertia
+
+
+@dataclass
+class _Strains:
+    """Maxwell branches of a body whose matrices or branches change by a parameter: K' s + K s', s = sum_j g_j e_j of
+    the run and s' its derivative by the branches, both along the displacements of the run (``kernels.maxwell``).
+
+    Attributes
+    ----------
+    branches : whether there are any. weights : of the branches of the run, and with the parameter a little larger and a
+        little smaller (4, n_branch). stiffness : K. change : K', None where it does not change. span : difference of
+        the parameter.
+    """
+
+    branches: bool
+    weights: Sequence[Array]
+    stiffness: sp.csr_array
+    change: sp.csr_array | None
+    span: float
+
+    def __post_init__(self) -> None:
+        n = self.stiffness.shape[0]
+        self._elongations = [np.zeros((weights.shape[1], n)) for weights in self.weights]
+
+    def forces(self, displacement: Array) -> Array:
+        """Forces (n_full, n) at n instants, from the displacements (n_full, n + 1) at these and at the one before."""
+        strains = np.zeros((3, *displacement[:, 1:].shape))
+        for number, ((strength, kept, moved, _), elongation) in enumerate(
+            zip(self.weights, self._elongations, strict=True)
+        ):
+            for i, step in enumerate(np.diff(displacement, axis=1).T):
+                elongation[:] = kept[:, None] * elongation + moved[:, None] * step
+                strains[number, :, i] = strength @ elongation
+        present, more, less = strains
+        forces: Array = self.stiffness @ ((more - less) / self.span)
+        return forces if self.change is None else forces + self.change @ present
 
 
 def _difference(more: sp.csr_array | None, less: sp.csr_array | None, span: float) -> sp.csr_array | None:

@@ -335,7 +335,8 @@ def static_interfaces(scene: Scene) -> list[str]:
     return [
         name
         for name, interface in scene.joints.items()
-        if interface.behaviour != "viscous_joint" and all(split_face(side)[0] in still for side in interface.sides)
+        if interface.behaviour not in ("viscous_joint", "maxwell_joint")
+        and all(split_face(side)[0] in still for side in interface.sides)
     ]
 
 
@@ -378,8 +379,11 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
             # faces stay driven, at zero
             boundary |= {"value": [0.0] * len(boundary["value"])} if "value" in boundary else {}
     for material in data["material"].values():
-        for key in (*DAMPING_KEYS, "at_frequency"):
+        for key in (*DAMPING_KEYS, "at_frequency", "frame"):
             material.pop(key, None)
+    # springs that relax carry nothing at rest
+    for joint in (*data["interface"].values(), *data["spring"].values()):
+        joint.pop("damping_ratios", None)
     # no time: a parameter of the loads
     data["time"] = {"end": 1.0, "instants": scene.time.start.increments, "quasi_static": True}
     # tolerance and all else: the defaults without inertia
@@ -387,7 +391,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
-    for key in ("sensor", "accuracy", "output", "bolt", "spread"):
+    for key in ("sensor", "accuracy", "output", "bolt", "spread", "damping"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
 

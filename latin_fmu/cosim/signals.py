@@ -17,8 +17,9 @@ from ..kernels.outputs import ENERGIES, N_SUMMARY, READ, WRITTEN
 from ..latin.assembly import Assembly
 from ..latin.interface_rows import NO_CONTACT, InterfaceRows
 from ..latin.outcome import Array, PointFields
-from ..latin.probes import Probes
+from ..latin.probes import ProbePlace, Probes
 from ..latin.recorder import Recorder
+from ..propagator.forcing import STRAIN
 from ..scene.ports import COMPONENTS
 from ..scene.schema import Scene
 from .drives import Drives
@@ -66,23 +67,25 @@ class SignalPlaces:
             m, rows, slides = len(propagator.members), self.probes.rows[c], self.probes.slide.rows[c]
             self._n_sensor.append(0 if rows is None else rows.shape[0])
             self._sensed.append(at)
-            self._probed.append(at + 3 * self._n_sensor[-1] * m)
+            self._probed.append(at + propagator.n_sensed * self._n_sensor[-1] * m)
             at = self._probed[-1] + (0 if slides is None else slides.shape[0] * m)
             self._motions.append(of_motion)
-            of_motion += 3 * propagator.members[0].imposed_pattern.shape[1] * m
+            n_history = STRAIN + len(propagator.branches)
+            of_motion += n_history * propagator.members[0].imposed_pattern.shape[1] * m
         self._drive = at
         self._energies = at + drives.n_state + 2 * len(drives.sources) + 1
         self._one = self._energies - 1
         self.n = self._energies
 
     def _sensor(self, c: int, kind: int, row: int, member: int) -> int:
-        """Place of the displacement, velocity or acceleration of a sensor row of a class."""
+        """Place of the displacement, velocity, acceleration or ``STRAIN`` of a sensor row of a class."""
         m = len(self._assembly.propagators[c].members)
-        # all displacements of a class, then its velocities, then its accelerations; members run fastest
+        # all displacements of a class, then its velocities, then its accelerations, then the strains of its branches;
+        # members run fastest
         return int(self._sensed[c] + (kind * self._n_sensor[c] + row) * m + member)
 
     def _motion(self, c: int, kind: int, k: int, member: int) -> int:
-        """Place of the displacement, velocity or acceleration of a prescribed motion."""
+        """Place of the displacement, velocity, acceleration or, from 3 on, of an elongation of a prescribed motion."""
         members = self._assembly.propagators[c].members
         row = kind * members[0].imposed_pattern.shape[1] + k
         return int(self._drive + self._motions[c] + row * len(members) + member)
@@ -105,6 +108,17 @@ class SignalPlaces:
         c, kind, member = of
         for k in np.flatnonzero(shapes):
             rows[row, self._motion(c, kind, int(k), member)] += shapes[k]
+
+    def _add_strains(self, rows: Any, row: int, place: ProbePlace, at: int, shapes: Array, factor: float = 1.0) -> None:
+        """Add ``factor`` times what Maxwell branches add to a displacement that is read from row ``at`` of a place and
+        from prescribed motions by ``shapes`` (n_motion,)."""
+        branches = self._assembly.propagators[place.number].branches
+        if not len(branches):
+            return
+        rows[row, self._sensor(place.number, STRAIN, at, place.member)] += factor
+        for j, strength in enumerate(branches.strengths):
+            moved = factor * strength * shapes
+            self._add_motions(rows, row, (place.number, STRAIN + j, place.member), moved)
 
 
 class Signals(SignalPlaces):
@@ -267,6 +281,7 @@ class Signals(SignalPlaces):
             for kind in range(3):
                 rows[axis, self._sensor(c, kind, first + 3 * kind + axis, member)] = 1.0
                 self._add_motions(rows, axis, (c, kind, member), place.shapes[3 * kind + axis])
+            self._add_strains(rows, axis, place, first + axis, place.shapes[axis])
             terms = zip(forcing.members[member].loads, forcing.amplitudes[member], support.loads, strict=True)
             for load, amplitude, resultant in terms:
                 self._add_load(rows, axis, load.name, amplitude, -resultant[axis])
@@ -281,6 +296,7 @@ class Signals(SignalPlaces):
         rows = sp.lil_array((1, self.n))
         rows[0, self._sensor(place.number, 0, place.part.start, place.member)] = -1.0
         self._add_motions(rows, 0, (place.number, 0, place.member), -place.shapes[0])
+        self._add_strains(rows, 0, place, place.part.start, place.shapes[0], -1.0)
         forcing = self._assembly.propagators[place.number].forcing
         terms = zip(forcing.members[place.member].loads, forcing.amplitudes[place.member], strict=True)
         for load, amplitude in terms:

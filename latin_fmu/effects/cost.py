@@ -47,7 +47,7 @@ from ..machine import memory_room
 from ..propagator.direct import ConjugateGradients
 from ..propagator.interface_probing import ROUGH, Points, truncation_of
 from ..propagator.interface_sweeps import SET_UP, long_steps, stiffness_over_inertia
-from ..propagator.model import SubstructureModel
+from ..propagator.model import SubstructureModel, operator_weights
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE
 from ..time_scheme import TimeScheme
@@ -468,7 +468,7 @@ def _reach(
     number of points within the distance: by columns of conjugate gradients for points in the middle and at the ends of
     a face, without any factor."""
     mass, damping, stiffness = model.reduced
-    weights = scheme.operator(dt)
+    weights = operator_weights(model, scheme, dt)
     matrix = weights[0] * mass + weights[2] * stiffness + (0.0 if damping is None else weights[1] * damping)
     trace, picked = model.reduced_trace, points.picked()[:4]
     at, component = np.nonzero(points.channels[picked] >= 0)

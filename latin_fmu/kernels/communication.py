@@ -226,7 +226,7 @@ def continuation(pools: Any, j: int) -> float:
                 change += weight * of_p * of_q
         product += n * n
         at += row.force_terms + row.inertia_terms + row.velocity_terms + row.displacement_terms
-        at += row.acceleration_terms + row.work_terms + 3 * row.n_motion * row.m
+        at += row.acceleration_terms + row.work_terms + (3 + row.n_branch) * row.n_motion * row.m
     same = False
     for e in range(run.n_ground):
         # the ground moves on as it did
@@ -253,7 +253,7 @@ def spread_columns(pools: Any, instant: int) -> None:
         at = spread(pools, at, row.acceleration_amplitudes + instant * row.acceleration_terms, row.acceleration_terms)
         at = spread(pools, at, row.work_amplitudes + instant * row.work_terms, row.work_terms)
         size = row.n_motion * row.m
-        for kind in range(3):
+        for kind in range(3 + row.n_branch):
             at = spread(pools, at, row.motions + (kind * run.n_time + instant) * size, size)
     n = run.n_ground
     at = spread(pools, at, run.ground_velocity + instant * n, n)
@@ -383,7 +383,7 @@ def put_back(pools: Any) -> None:
     for c in range(len(pools.classes)):
         row = pools.classes[c]
         size = row.n_motion * row.m
-        for kind in range(3):
+        for kind in range(3 + row.n_branch):
             move(pools, at, row.motions + kind * run.n_time * size, size)
             at += size
 

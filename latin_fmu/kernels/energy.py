@@ -3,14 +3,15 @@
 Dofs and prescribed motions together, D the change over a step from instant n to n + 1, ( )_w weighted over the instants
 n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.energy_weights``):
 
-    DIRECT    D T + D V + Du.(C v)_w + Du.[(K u)_w - mean K u] + x a_w.M Da = Du.f_w + Du.lambda_w + reactions
-    one step  D T + D V + Du.C v_w + Du.[(K u)_w - mean K u] + x Da.M a_w + y v_m.M Da
+    DIRECT    D T + D V + Du.(C v)_w + Du.[(K y)_w - mean K y] + x a_w.M Da = Du.f_w + Du.lambda_w + reactions
+    one step  D T + D V + Du.C v_w + Du.[(K y)_w - mean K y] + x Da.M a_w + d v_m.M Da
               = Du.f_w + Du.lambda + reactions
     EXPLICIT  D T + D V - dt^2/8 D[v.K v] + Du.(C v_n + C_d Dv / 2) = Du.mean f + Du.lambda_{n+1} + reactions
     STATIC    D V = Du.(mean f + mean lambda) + reactions
 
 "one step" is a DIRECT class whose scheme says so (``TimeScheme.one_step_energy``): v_w with the velocities of massless
-nodes as marched, v_m the mean velocity of the step, y = ``inertia_drift``, lambda with own weights. The part of C
+nodes as marched, v_m the mean velocity of the step, d = ``inertia_drift``, lambda with own weights. K y is K u and the
+forces of Maxwell branches, whose energies and losses are among V and those of C (``maxwell``). The part of C
 that is the viscosity of the contact layer has a term of its own. x = ``inertia_dissipation``; f loads, lambda tractions
 of the interfaces; reactions work where the motion is prescribed and are counted with the loads. The sums hold up to
 round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v follows the
@@ -45,6 +46,7 @@ from .energy_parts import (
     whole_product,
 )
 from .matrices import LOADS, add_sum
+from .maxwell import account_branches, account_explicit_branches, open_branches
 from .records import EXPLICIT, STATIC
 from .splits import DAMPING, DASHPOTS, LANDING, MASS, STIFFNESS, add_product
 
@@ -83,6 +85,9 @@ def open_account(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         add_product(pools, c, MASS, 1.0, v[:size], mass_v)
     state_energies(pools, c, u, v, mass_v, now[:wide], image)
+    if row.n_branch > 0:
+        # what an EXPLICIT class keeps is K u itself
+        open_branches(pools, c, instant, image if row.kind == EXPLICIT else now[:wide])
     if row.kind == EXPLICIT and row.loads_only == 0:
         _open_explicit(pools, c, u, v)
         _write(pools, c, instant)
@@ -161,10 +166,13 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
     if row.kind != STATIC:
         _account_inertia(pools, c, of_scheme)
     state_energies(pools, c, u, v, past[_MASS_V * wide : _MASS_V * wide + size], new[:wide], image)
+    if row.n_branch > 0:
+        # u and v, which stand in the first half of the scratch, have been read
+        account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])
     if row.kind != STATIC and row.n_motion > 0:
         _account_moved_inertia(pools, c, instant, step, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
-    # (K u)_w - mean K u
+    # (K y)_w - mean K y
     add_work(m, (before, old - 0.5, now - 0.5), step, earlier[:wide], then[:wide], new[:wide], of_scheme)
     at, end = 2 * wide, 2 * wide + size
     add_work(m, (before, old, now), step[:size], earlier[at:end], then[at:end], new[at:end], of_loads)
@@ -266,7 +274,7 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loa
 
 @kernel
 def _add_drift(pools: Any, c: int, instant: int, a: Array, change: Array, image: Array, of_scheme: Array) -> None:
-    """What prescribed motions add to y v_m.M Da; ``change`` Da and ``image`` its product (n + n_motion, m)."""
+    """What prescribed motions add to d v_m.M Da; ``change`` Da and ``image`` its product (n + n_motion, m)."""
     row, run = pools.classes[c], pools.run[0]
     m, size, count = row.m, row.n * row.m, row.n_motion * row.m
     moved = row.motions + (run.n_time + instant) * count
@@ -367,12 +375,26 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
         # of M Dv / dt and C v, then of K u + dt/2 K v
         add_work(m, (-1 / dt, 1 / dt, 1.0), moved, mass_v_old, mass_v[size:], damping[size:], of_loads)
         add_work(m, (0.0, 1.0, 0.5 * dt), moved, k_u_old, k_u_old, k_v_old, of_loads)
+    if row.n_branch > 0:
+        _account_strains(pools, c, instant, past, new[:wide])
     copied(u, past[:wide])
     copied(v, past[_V * wide : (_V + 1) * wide])
     copied(k_v, past[_K_V * wide : (_K_V + 1) * wide])
     copied(new[2 * wide : 3 * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
     copied(new[:wide], past[_K_U * wide : (_K_U + 1) * wide])
     copied(mass_v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
+
+
+@kernel
+def _account_strains(pools: Any, c: int, instant: int, past: Array, force: Array) -> None:
+    """Energies of the Maxwell branches of an EXPLICIT class over a step, whose Du stands at the head of ``past``;
+    ``force`` : K u."""
+    wide, half = len(force), 0.5 * pools.run[0].dt
+    middle, of_middle, of_step = past[9 * wide : 10 * wide], past[10 * wide : 11 * wide], past[11 * wide : 12 * wide]
+    for i in range(wide):
+        middle[i], of_middle[i] = half * past[_V * wide + i], half * past[_K_V * wide + i]
+        of_step[i] = force[i] - past[_K_U * wide + i]
+    account_explicit_branches(pools, c, instant, middle, of_middle, past[:wide], of_step)
 
 
 @kernel

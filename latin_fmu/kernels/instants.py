@@ -285,7 +285,7 @@ def end_instant(pools: Any, instant: int, i: int) -> None:
     follow_drift(pools, i)
     keep_fields(pools, instant, i)
     moving[run.history_works + instant - run.first_row] = moving[run.works + OF_DRIFT]
-    read_gaps(pools, instant)
+    read_gaps(pools, instant, True)
 
 
 @kernel
@@ -331,7 +331,7 @@ def read_start(pools: Any) -> None:
     for c in range(len(pools.classes)):
         probe(pools, c, 0)
         displacement, layer = work[run.displacement : run.displacement + n], work[run.layer : run.layer + n]
-        read_channels(pools, c, 0, 1.0, run.gap_offset, 0.0, True, displacement)
+        read_channels(pools, c, 0, 1.0, run.gap_offset, 0.0, run.relaxing == 0, displacement)
         if run.layers == 1:
             read_channels(pools, c, 0, 1.0, run.gap_offset + run.layer_v, run.layer_a, False, layer)
         # row 0
@@ -341,7 +341,7 @@ def read_start(pools: Any) -> None:
         output[run.history_f + j], output[run.history_w + j] = state[run.f_hat + j], state[run.w_hat + j]
     output[run.history_works] = state[run.works + OF_DRIFT]
     exchange(pools, run.displacement, run.moved - run.displacement, 2 + run.layers)
-    read_gaps(pools, 0)
+    read_gaps(pools, 0, False)
 
 
 @kernel

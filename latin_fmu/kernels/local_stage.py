@@ -432,9 +432,9 @@ def _jumps(pools: Any, g: int, kind: int, flat: Array) -> None:
 
 
 @kernel
-def read_gaps(pools: Any, instant: int) -> None:
+def read_gaps(pools: Any, instant: int, ended: bool) -> None:
     """Gaps at the end of an instant from the displacements of the substructures (so they do not drift), kept; layer
-    jumps of elastic groups for the next instant."""
+    jumps of elastic groups for the next instant. ``ended`` : whether a step has ended there."""
     run, work = pools.run[0], pools.moving
     displacement = work[run.displacement : run.displacement + run.n_flat]
     layer = work[run.layer : run.layer + run.n_flat]
@@ -459,3 +459,27 @@ def read_gaps(pools: Any, instant: int) -> None:
                 start[j] = layer[second + j] - layer[first + j]
             for p in range(n_point):  # along N
                 start[p * h] += initial[p]
+            if group.relaxes == 1:
+                _relax(pools, g, displacement, ended)
+
+
+@kernel
+def _relax(pools: Any, g: int, displacement: Array, ended: bool) -> None:
+    """Elongations of the relaxing springs of a group over the step that has ``ended``, and where the next one starts
+    from: the jump of the layer less the present one, with what is left of the elongation (``laws.maxwell_joint``)."""
+    group, state = pools.groups[g], pools.moving
+    h, size = group.n_component, group.n_point * group.n_component
+    stretch, apart = state[group.stretch : group.stretch + size], state[group.apart : group.apart + size]
+    start, second = state[group.layer : group.layer + size], group.start + size
+    for p in range(group.n_point):
+        at = group.relaxation + 3 * p
+        kept, moved, left = pools.fixed[at], pools.fixed[at + 1], pools.fixed[at + 2]
+        for c in range(h):
+            j = p * h + c
+            jump = displacement[second + j] - displacement[group.start + j]
+            if c == 0:
+                jump += pools.fixed[group.initial_gap + p]
+            if ended:
+                stretch[j] = kept * stretch[j] + moved * (jump - apart[j])
+            apart[j] = jump
+            start[j] += left * stretch[j] - jump

@@ -154,8 +154,20 @@ def probe(pools: Any, c: int, instant: int) -> None:
     wide = row.n_sensor * row.m
     for kind in range(3):
         first = row.u if kind == 0 else row.v if kind == 1 else row.a
-        at = row.sensed + wide * (3 * at_row + kind)
+        at = row.sensed + wide * (row.n_sensed * at_row + kind)
         out = pools.moving[at : at + wide]
         out[:] = 0.0
         field = state[first : first + size]
         add_matrix(pools, row.n_sensor, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, field, out)
+    if row.n_branch == 0:
+        return
+    strained = pools.moving[row.u_free : row.u_free + size]
+    strained[:] = 0.0
+    for j in range(row.n_branch):
+        strength, first = pools.fixed[row.branches + j], row.elongation + j * size
+        for i in range(size):
+            strained[i] += strength * state[first + i]
+    at = row.sensed + wide * (row.n_sensed * at_row + 3)
+    out = pools.moving[at : at + wide]
+    out[:] = 0.0
+    add_matrix(pools, row.n_sensor, row.sensor_starts, row.sensor_columns, row.sensor_values, row.m, strained, out)

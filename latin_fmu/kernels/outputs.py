@@ -97,7 +97,7 @@ def set_signals(pools: Any, row: int) -> None:
     at += 2 * n + run.n_point
     for c in range(len(pools.classes)):
         of = pools.classes[c]
-        sensed, probed = 3 * of.n_sensor * of.m, of.n_probe * of.m
+        sensed, probed = of.n_sensed * of.n_sensor * of.m, of.n_probe * of.m
         move(pools, of.sensed + row * sensed, at, sensed)
         move(pools, of.probed + row * probed, at + sensed, probed)
         at += sensed + probed

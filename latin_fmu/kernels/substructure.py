@@ -3,12 +3,13 @@
 With the predictors u_free, v_free of the scheme and A the operator of the march, one instant of a DIRECT or EXPLICIT
 class is
 
-    A a = w (f - K u_free - C v_free) - w_memory R_old - w_m M a_imposed + w_t T^T area F
+    A a = w (f - K y_free - C v_free) - w_memory R_old - w_m M a_imposed + w_t T^T area F
     W = w_free + Y area (q - q_0), q_0 = F_0 + k w_free    the linear stage F = q - k W on the dashpots k
     v = v_free + velocity_gain a,  u = u_free + u_late v_free + displacement_gain a
 
-with the velocities w_free of the channels under the loads and under tractions F_0, those of the last instant
-(``reference``) where steps are short: q_0 is the first guess then, and its linear stage W = w_free takes no product.
+y_free is u_free, with Maxwell branches the displacements that K takes then (``maxwell``). With the velocities w_free of
+the channels under the loads and under tractions F_0, those of the last instant (``reference``) where steps are short:
+q_0 is the first guess then, and its linear stage W = w_free takes no product.
 w, w_memory, w_m, w_t = ``force_weight``, ``memory_weight``, ``mass_weight``, ``traction_weight``. Where
 ``force_old`` is not zero, forces and M a of the old instant enter each with a weight of their own,
 
@@ -36,6 +37,7 @@ from ..compiled import kernel
 from .callouts import BACKWARD, FORWARD, call_out
 from .half_solves import add_on_face, add_reference, backward, forward, from_face, on_springs, swept_response
 from .matrices import FORCES, INERTIA, VELOCITIES, add_spread, add_sum, add_trace, springs
+from .maxwell import add_strains, leave_instant, reach_instant
 from .products import packed_product, symmetric_size, tile_width
 from .records import STATIC
 from .splits import DAMPING, MASS, STIFFNESS, add_product, dense, substitute
@@ -114,13 +116,22 @@ def free_load(pools: Any, c: int, instant: int) -> None:
         for i in range(size):
             load[i] = weight * load[i] - residual[i]
             mean[i] = weight * u_free[i] + old * u[i]
+        if row.n_branch > 0:
+            add_strains(pools, c, weight, old, mean)
         add_product(pools, c, STIFFNESS, -1.0, mean, load)
         if row.damping_rows > 0:
             for i in range(size):
                 mean[i] = weight * v_free[i] + old * v[i]
             add_product(pools, c, DAMPING, -1.0, mean, load)
     else:
-        add_product(pools, c, STIFFNESS, -1.0, u_free, load)
+        if row.n_branch > 0:
+            strained = work[row.mass_a : row.mass_a + size]
+            for i in range(size):
+                strained[i] = u_free[i]
+            add_strains(pools, c, 1.0, 0.0, strained)
+            add_product(pools, c, STIFFNESS, -1.0, strained, load)
+        else:
+            add_product(pools, c, STIFFNESS, -1.0, u_free, load)
         add_product(pools, c, DAMPING, -1.0, v_free, load)
         for i in range(size):
             load[i] = weight * load[i] - memory * residual[i]
@@ -447,6 +458,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
         weighted, old, new = work[row.weighted_v : row.weighted_v + size], run.force_old, run.force_weight
         for i in range(size):
             weighted[i] = old * v[i] + new * (v_free[i] + gain_v * solved[i])
+    leave_instant(pools, c)
     massless = pools.fixed_int[row.massless : row.massless + row.n_massless]
     # old displacements, in v until the new ones are known
     for e in range(row.n_massless):
@@ -469,6 +481,7 @@ def advance(pools: Any, c: int, instant: int) -> None:
             at = massless[e] * m + j
             v[at] = solved[at]
             a[at] = 0.0
+    reach_instant(pools, c)
     # neither the scheme nor the account needs forces of this instant
     if run.memory_weight == 0.0 and run.force_old == 0.0 and (row.accounted == 0 or row.loads_only == 1):
         return

@@ -170,7 +170,8 @@ def after_class(pools: Any, c: int, instant: int, tractions: Array, marched: boo
     account(pools, c, instant, tractions, marched)
     probe(pools, c, instant)
     displacement, row = work[run.displacement : run.displacement + run.n_flat], pools.classes[c]
-    read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, True, displacement)
+    # springs that relax follow all components
+    read_channels(pools, c, instant, 1.0, run.gap_offset, 0.0, run.relaxing == 0, displacement)
     # ``w_free`` holds the velocities at the end of the instant now (``advance``)
     for at in range(row.n_channel * row.m):
         work[run.moved + pools.fixed_int[row.channels + at]] = work[row.w_free + at]

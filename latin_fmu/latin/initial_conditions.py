@@ -24,6 +24,7 @@ import scipy.sparse.linalg as spla
 
 from ..interface import Contact
 from ..interface.laws import bonds
+from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator.base import MassFactor, Propagator, channel_velocity
 from ..propagator.interface_sweeps import MassCompliance
 from .assembly import Array, Assembly, Group
@@ -89,6 +90,8 @@ def _compliant_tractions(assembly: Assembly, groups: list[Group], traction: Arra
     for group in groups:
         displacement, sliding = (block[1] - block[0] for block in (group.block(u), group.block(v)))
         displacement[:, 0] += group.gap
+        if isinstance(group.behaviour, MaxwellJoint):  # its springs are relaxed
+            displacement[:] = 0.0
         # both sides held (z = 0): the traction follows from the jumps alone
         held = np.zeros((group.n_point, 2))
         jump = np.zeros_like(displacement) if group.behaviour.elastic else sliding

@@ -8,6 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..interface.laws import SEPARATION, as_layer, coulomb_coefficient
+from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator.image import Image
 from .assembly import Array, Assembly
 from .outcome import InterfaceHistory, PointFields
@@ -257,6 +258,10 @@ def interface_history(
     # viscous joints: power of the tractions on the jump of velocities
     if behaviour.compliant and layer is None:
         joint_power = (f_hat * (w_hat[:, 1] - w_hat[:, 0])).sum(axis=-1) @ geometry.areas
+    elif isinstance(behaviour, MaxwellJoint):
+        assert layer_energy is not None
+        # the dashpots take F.e / tau of the springs' F.e / 2
+        joint_power = 2.0 * layer_energy / behaviour.relaxation_time
     return InterfaceHistory(
         unit.name,
         behaviour.name,

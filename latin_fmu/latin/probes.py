@@ -6,9 +6,10 @@ The rows of all go into the image of the run, so that the march of many instants
 A reaction is the resultant force of a support, from the equation of motion at the dofs that it holds. With e the sum
 over these dofs, component by component, and F the tractions of the interfaces,
 
-    R = e (M a + C v + K u) - e f - e T^T area F
+    R = e (M a + C v + K y) - e f - e T^T area F
 
-is the force that the support exerts on the body. u, v and a are those of the instants; in explicit schemes, whose
+is the force that the support exerts on the body; y is u, and what Maxwell branches add to it (``kernels.maxwell``).
+u, v and a are those of the instants; in explicit schemes, whose
 accelerations and tractions are means over a step, K u, C v and f are means over it, too. Implicit schemes that weight
 the forces of two instants satisfy the equation of motion at an instant up to their own order.
 """
@@ -23,6 +24,7 @@ from typing import Final, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from ..propagator.forcing import STRAIN
 from ..propagator.image import Image
 from ..propagator.model import SubstructureModel, node_values
 from .assembly import Array, Assembly, Index
@@ -48,7 +50,13 @@ class Measured(Protocol):
         """Rows (k, n_full), of all nodes where the model has shapes, of what is read from the motion of the body."""
 
     def read(self, values: Array, of: Reading, /) -> Array:
-        """The series (n, ...) from the rows of displacements, velocities and accelerations (n, 3, k)."""
+        """The series (n, ...) from the rows of displacements, velocities and accelerations (n, 3, k), with Maxwell
+        branches (n, 4, k): what these add to the displacements in the internal forces."""
+
+
+def _strained(values: Array) -> Array:
+    """Displacements (n, k) that the stiffness takes in the internal forces: with what Maxwell branches add."""
+    return values[:, 0] if values.shape[1] == STRAIN else values[:, 0] + values[:, STRAIN]
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,7 @@ class SensorPlace:
 
     def read(self, values: Array, _of: Reading, /) -> Array:
         """The motion as it is."""
-        return values
+        return values[:, :STRAIN]
 
 
 @dataclass(frozen=True)
@@ -136,7 +144,7 @@ class Support:
 
     def read(self, values: Array, of: Reading, /) -> Array:
         """The two parts of the reaction (n, 2, 3), N: K u + C v - f, and M a less the tractions."""
-        static = values[:, 0, :3] + values[:, 1, 3:6]  # rows: e K, e C, e M, three each
+        static = _strained(values)[:, :3] + values[:, 1, 3:6]  # rows: e K, e C, e M, three each
         amplitudes = of.assembly.propagators[of.number].forcing.amplitudes[of.member]
         for amplitude, load in zip(amplitudes, self.loads, strict=True):
             static = static - amplitude[of.instants, None] * load
@@ -167,7 +175,7 @@ class BoltPlace:
 
     def read(self, values: Array, of: Reading, /) -> Array:
         """Tension (n,), N."""
-        tension = -values[:, 0, 0]
+        tension = -_strained(values)[:, 0]
         forcing = of.assembly.propagators[of.number].forcing
         for load, amplitude in zip(forcing.members[of.member].loads, forcing.amplitudes[of.member], strict=True):
             if load.name in self.terms:
@@ -304,12 +312,14 @@ class Probes:
             self.rows.append(_stacked(blocks))
 
     def _sensed(self, image: Image, c: int, rows: slice) -> Array | None:
-        """Displacements, velocities and accelerations of the rows of a class, (n, 3, n_row, n_member)."""
+        """Displacements, velocities, accelerations and, with Maxwell branches, strains of the rows of a class,
+        (n, n_sensed, n_row, n_member)."""
         matrix = self.rows[c]
         if matrix is None:
             return None
-        kept = image.output(c, "sensed", 3 * matrix.shape[0])[rows]
-        return kept.reshape(len(kept), 3, matrix.shape[0], -1)
+        n = self._propagators[c].n_sensed
+        kept = image.output(c, "sensed", n * matrix.shape[0])[rows]
+        return kept.reshape(len(kept), n, matrix.shape[0], -1)
 
     def read(
         self, assembly: Assembly, image: Image, instants: slice, rows: slice, series: Mapping[str, Mapping[str, Array]]

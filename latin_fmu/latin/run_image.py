@@ -19,8 +19,10 @@ from ..kernels.instants import FREE, OPENINGS
 from ..kernels.newton import ACTIVE, LEFT, MADE, N_COURSE
 from ..kernels.sums import MEASURES
 from ..laws.dispatch import LAWS
+from ..laws.maxwell_joint import MaxwellJoint
 from ..propagator.image import Image, ImageClass
 from ..propagator.layout import COMMUNICATION_ROWS
+from ..time_scheme import joint_weights
 from .assembly import Array, Assembly, Group
 from .instant_solve import PerfectInterfaceSolve
 from .part import Part
@@ -89,6 +91,7 @@ def make_image(
         "max_iterations": settings.max_iterations,
         "tangential": int(not layout.normal.all()),
         "layers": int(any(g.behaviour.elastic for g in layout.groups)),
+        "relaxing": int(any(isinstance(g.behaviour, MaxwellJoint) for g in layout.groups)),
         "static": int(static),
         "area": layout.area,
         "still": still_tractions(assembly),
@@ -108,7 +111,7 @@ def make_image(
         **({} if part is None else part.fields()),
         **more,
     }
-    groups = [_group_fields(group, static) for group in layout.groups]
+    groups = [_group_fields(group, assembly) for group in layout.groups]
     # derivatives have tangents in the place of laws, and nothing to make up
     linear = {"law": -1, "keeps_normal": 0, "keeps_tangential": 0} if more.get("linear") else {}
     groups = [{**group, **linear} for group in groups]
@@ -128,9 +131,14 @@ def make_image(
     )
 
 
-def _group_fields(group: Group, static: bool) -> dict[str, Any]:
+def _group_fields(group: Group, assembly: Assembly) -> dict[str, Any]:
     """Fields of the record of a group."""
+    static, relaxing = assembly.quasi_static, {}
+    if isinstance(group.behaviour, MaxwellJoint):
+        times = group.parameters[:, 2]
+        relaxing = {"relaxes": 1, "relaxation": joint_weights(assembly.scheme, assembly.dt, times)}
     return {
+        **relaxing,
         "law": law_of(group.behaviour),
         "elastic": int(group.behaviour.elastic),
         "opens": int(group.behaviour.opens),

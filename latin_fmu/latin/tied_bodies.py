@@ -11,6 +11,7 @@ from ..cholesky.factor import CholeskyFactor
 from ..cholesky.symbolic import Pattern, shared_analysis
 from ..fem.dissection import dissected
 from ..propagator.interface_sweeps import NONE, interface_last
+from ..propagator.model import operator_weights
 from .assembly import Array, Assembly, Index
 
 MOST_TIED: Final = 4
@@ -32,7 +33,7 @@ def tied_fields(assembly: Assembly, softness: Array) -> dict[str, Any]:
     dashpot = np.divide(assembly.layout.area, softness, out=np.zeros(n_flat), where=softness > 0.0)
     blocks, traces, known = [], [], 0
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
-        ops, weights = propagator.operators, assembly.scheme.operator(assembly.dt)
+        ops, weights = propagator.operators, operator_weights(propagator.members[0], assembly.scheme, assembly.dt)
         operator = weights[0] * ops.mass + weights[2] * ops.stiffness
         if ops.damping is not None:
             operator = operator + weights[1] * ops.damping

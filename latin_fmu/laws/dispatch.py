@@ -32,6 +32,7 @@ from ..compiled import entry, kernel
 from .base import PointLaw, Status
 from .contact import Contact
 from .elastic_layer import ElasticLayer
+from .maxwell_joint import MaxwellJoint
 from .no_slip import NoSlip
 from .perfect import Perfect
 from .soft_contact import SoftContact
@@ -39,7 +40,15 @@ from .viscous_joint import ViscousJoint
 
 Array = NDArray[np.float64]
 
-REGISTRY: Final[tuple[type[PointLaw], ...]] = (Perfect, Contact, NoSlip, ElasticLayer, SoftContact, ViscousJoint)
+REGISTRY: Final[tuple[type[PointLaw], ...]] = (
+    Perfect,
+    Contact,
+    NoSlip,
+    ElasticLayer,
+    SoftContact,
+    ViscousJoint,
+    MaxwellJoint,
+)
 """The laws of the package; the place of a law is its code."""
 LAWS: Final = {law.name: code for code, law in enumerate(REGISTRY)}
 """Code of each compiled law, by its name."""

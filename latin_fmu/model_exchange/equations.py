@@ -46,7 +46,7 @@ OUTPUTS: Final = {
 }
 """Outputs of ``cosim.output_table`` that a reduced model has, in the order of ``Outputs.row``."""
 ENERGY_NAMES: Final = ("kinetic", "elastic", "contact", *WORKS, "balance")
-_KIND = "reduced system 1"
+_KIND = "reduced system 2"
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,8 @@ class Bond:
 
         force = inertia @ x'' + damping @ x' + stiffness @ x - loads @ a - pressure @ (A P) + shear @ (A tau)
 
+    and what Maxwell branches of side E add to it (``Branch``).
+
     Attributes
     ----------
     interface : its number. inertia, damping, stiffness : (3, n). loads : (3, n_load).
@@ -96,15 +98,33 @@ class Bond:
 
 
 @dataclass(frozen=True)
+class Branch:
+    """Maxwell branch of the bodies of a material: e' = x' - e / time on their coordinates, with the forces G e.
+
+    Attributes
+    ----------
+    time : relaxation time, s. places : (k,) coordinates. stiffness : G (k, k), N m-1. bonds : (n_bond, 3, k) forces on
+        side E of the bonds.
+    """
+
+    time: float
+    places: Array
+    stiffness: Array
+    bonds: Array
+
+
+@dataclass(frozen=True)
 class ReducedSystem:
     """A reduced model in n coordinates x, scaled so that x is of the size of a displacement, m.
 
-        inertia x'' + damping x' + stiffness x = loads a(t) + opening^T (A P) - sliding^T (A tau)
+        inertia x'' + damping x' + stiffness x + sum_j G_j e_j = loads a(t) + opening^T (A P) - sliding^T (A tau)
+
+    with the elongations e_j of the Maxwell branches (``Branch``).
 
     Attributes
     ----------
     bodies : names, sizes : numbers of coordinates. interfaces : names. inertia, stiffness : (n,), kg, N m-1.
-    damping : (n, n) N s m-1, None where there is none. loads : (n, n_load), N.
+    damping : (n, n) N s m-1, None where there is none. branches : of the damping by strain. loads : (n, n_load), N.
     load_names : of the columns of ``loads``, "" for a constant one. laws : of these loads, as tables of the scene.
     displacement, velocity : (n,) at the start, m, m s-1.
     sides : (n_interface, 2, 3, n) mean velocities of both sides from x'; 0 for the ground.
@@ -119,6 +139,7 @@ class ReducedSystem:
     inertia: Array
     stiffness: Array
     damping: Array | None
+    branches: list[Branch]
     loads: Array
     load_names: list[str]
     laws: dict[str, dict[str, Any]]
@@ -139,6 +160,16 @@ class ReducedSystem:
         """Number of coordinates."""
         return len(self.inertia)
 
+    @property
+    def n_elongation(self) -> int:
+        """Number of elongations of all branches."""
+        return sum(len(branch.places) for branch in self.branches)
+
+    @property
+    def n_motion(self) -> int:
+        """Number of states of the motion: coordinates, velocities, elongations."""
+        return 2 * self.n + self.n_elongation
+
     def to_bytes(self) -> bytes:
         """Write the system as bytes, bit for bit."""
         return encode(asdict(self), _KIND)
@@ -149,6 +180,7 @@ class ReducedSystem:
         tree = decode(blob, _KIND)
         tree["contacts"] = Contacts(**tree["contacts"])
         tree["bonds"] = [Bond(**bond) for bond in tree["bonds"]]
+        tree["branches"] = [Branch(**branch) for branch in tree["branches"]]
         tree["ground"] = [tuple(item) for item in tree["ground"]]
         return cls(**tree)
 
@@ -231,7 +263,7 @@ class Evaluation(NamedTuple):
 
 
 class Equations:
-    """y = (x, x', impulse of every interface, works where requested); see ``ReducedSystem`` for x."""
+    """y = (x, x', e of every branch, impulse of every interface, works where requested); see ``ReducedSystem``."""
 
     def __init__(self, system: ReducedSystem, energy: bool) -> None:
         self.system, self.energy = system, energy
@@ -244,6 +276,8 @@ class Equations:
         # (n_interface, n_patch), sums forces of patches over their interface
         self._gather[self._owner, np.arange(len(self._owner))] = 1.0
         self._slides = bool((contacts.friction > 0.0).any())
+        # coordinate of every elongation
+        self._of_branch = np.concatenate([np.zeros(0, np.int64), *(b.places.astype(np.int64) for b in system.branches)])
         self._flat_sliding = contacts.sliding.reshape(-1, system.n)
         self.law = ContactLaw(system, Regularisation.of(system))
 
@@ -254,7 +288,7 @@ class Equations:
     @property
     def n_state(self) -> int:
         """Number of continuous states."""
-        return 2 * self.system.n + 3 * len(self.system.interfaces) + N_WORK * self.energy
+        return self.system.n_motion + 3 * len(self.system.interfaces) + N_WORK * self.energy
 
     def start(self) -> Array:
         """Values of the states at the start."""
@@ -275,6 +309,7 @@ class Equations:
                 # of a vibration with this velocity, of a rigid motion over the whole scene
                 s.speed / np.maximum(rate, 1.0 / s.end),
                 np.full(s.n, s.speed),
+                np.concatenate([s.speed / np.maximum(rate, 1.0 / s.end)[self._of_branch], np.zeros(0)]),
                 np.full(3 * len(s.interfaces), force * s.end),
                 np.full(N_WORK * self.energy, work),
             ]
@@ -329,24 +364,53 @@ class Equations:
             interface -= self._flat_sliding.T @ rubbed.ravel()
         load = s.loads @ amplitudes
         damped = np.zeros(n) if s.damping is None else s.damping @ v
-        acceleration = (load + interface - damped - s.stiffness * x) / s.inertia
-        force = self.forces(x, v, acceleration, amplitudes, pushed, rubbed)
+        elongations = y[2 * n : s.n_motion]
+        strained, stretching, relaxing = self._branches(v, elongations)
+        acceleration = (load + interface - damped - s.stiffness * x - strained) / s.inertia
+        force = self.forces((x, v, acceleration, elongations), amplitudes, pushed, rubbed)
         # P g' = p g' - p g' min(d g', 1): the last term is what the damping of the contact takes
         share = np.minimum(self.law.damping * motion.rate, 1.0)
         lost = np.sum(area * traction.elastic * motion.rate * share)
-        works = [v @ load, v @ interface, np.sum(rubbed * motion.sliding), lost, v @ damped]
-        derivative = np.concatenate([v, acceleration, force.ravel(), works[: N_WORK * self.energy]])
+        works = [v @ load, v @ interface, np.sum(rubbed * motion.sliding), lost, v @ damped + relaxing]
+        derivative = np.concatenate([v, acceleration, stretching, force.ravel(), works[: N_WORK * self.energy]])
         return Evaluation(derivative, motion, traction, ground)
 
-    def forces(self, x: Array, v: Array, acceleration: Array, amplitudes: Array, pushed: Array, rubbed: Array) -> Array:
-        """Resultant forces on side E, (n_interface, 3), N."""
+    def _branches(self, v: Array, elongations: Array) -> tuple[Array, Array, float]:
+        """Forces of the branches (n,), rates of their elongations, and the power that they dissipate."""
+        forces, rates, power = np.zeros(self.system.n), v[self._of_branch], 0.0
+        for branch, part in self._parts(elongations):
+            own, places = elongations[part], self._of_branch[part]
+            pulled = branch.stiffness @ own
+            np.add.at(forces, places, pulled)
+            rates[part] -= own / branch.time
+            power += float(own @ pulled) / branch.time
+        return forces, rates, power
+
+    def _parts(self, elongations: Array) -> Iterator[tuple[Branch, slice]]:
+        """Branches, and where their elongations are."""
+        at = 0
+        for branch in self.system.branches:
+            yield branch, slice(at, at + len(branch.places))
+            at += len(branch.places)
+        assert at == len(elongations)
+
+    def stretched(self, elongations: Array) -> float:
+        """Energy stored in the branches, J."""
+        parts = self._parts(elongations)
+        return sum(0.5 * float(elongations[part] @ branch.stiffness @ elongations[part]) for branch, part in parts)
+
+    def forces(
+        self, motion: tuple[Array, Array, Array, Array], amplitudes: Array, pushed: Array, rubbed: Array
+    ) -> Array:
+        """Resultant forces on side E, (n_interface, 3), N; ``motion`` : x, x', x'' and elongations."""
+        x, v, acceleration, elongations = motion
         # N points from E to E': the pressure pushes side E back
         on_patch = -pushed[:, None] * self._normal
         # the same sign as in ``evaluate`` seen from E
         if self._slides:
             on_patch = on_patch + np.einsum("cp,cpi->pi", rubbed, self._tangent)
         force: Array = self._gather @ on_patch
-        for bond in self.system.bonds:
+        for number, bond in enumerate(self.system.bonds):
             # inertia and internal force of side E less what loads and contacts at its nodes give: the rest comes
             # through the bond
             force[bond.interface] = (
@@ -357,6 +421,8 @@ class Equations:
                 - bond.pressure @ pushed
                 + np.einsum("cip,cp->i", bond.shear, rubbed)
             )
+            for branch, part in self._parts(elongations):
+                force[bond.interface] += branch.bonds[number] @ elongations[part]
         return force
 
 
@@ -443,8 +509,8 @@ class Outputs:
         """Outputs at one instant, (n_output,)."""
         s = self._system
         x, v = y[: s.n], y[s.n : 2 * s.n]
-        impulses = y[2 * s.n : 2 * s.n + 3 * len(s.interfaces)].reshape(-1, 3)
-        forces = now.derivative[2 * s.n : 2 * s.n + impulses.size].reshape(-1, 3)
+        impulses = y[s.n_motion : s.n_motion + 3 * len(s.interfaces)].reshape(-1, 3)
+        forces = now.derivative[s.n_motion : s.n_motion + impulses.size].reshape(-1, 3)
         velocities = s.sides @ v
         # ``sides`` is 0 for the ground, whose velocity comes from its law alone
         velocities[:, 1] += now.ground
@@ -457,7 +523,7 @@ class Outputs:
         for place in s.places:
             parts += [place @ x, place @ v]
         if self._equations.energy:
-            parts.append(self._energies(x, v, y[-N_WORK:], now))
+            parts.append(self._energies(y, now))
         parts.append([float(events)])
         return np.concatenate(parts)
 
@@ -473,11 +539,12 @@ class Outputs:
         # no -0.0
         return [float(area @ now.traction.pressure[here]) + 0.0, float(share @ gap), float(gap.min()), *shares]
 
-    def _energies(self, x: Array, v: Array, works: Array, now: Evaluation) -> list[float]:
+    def _energies(self, y: Array, now: Evaluation) -> list[float]:
         s, equations = self._system, self._equations
-        energies = dict(zip(WORKS, works.tolist(), strict=True))
+        x, v = y[: s.n], y[s.n : 2 * s.n]
+        energies = dict(zip(WORKS, y[-N_WORK:].tolist(), strict=True))
         energies["kinetic"] = 0.5 * float(s.inertia @ v**2)
-        energies["elastic"] = 0.5 * float(s.stiffness @ x**2)
+        energies["elastic"] = 0.5 * float(s.stiffness @ x**2) + equations.stretched(y[2 * s.n : s.n_motion])
         spring = equations.law.stiffness
         energies["contact"] = 0.5 * float(np.sum(s.contacts.area * now.traction.elastic**2 / spring))
         start = 0.5 * float(s.inertia @ s.velocity**2 + s.stiffness @ s.displacement**2)

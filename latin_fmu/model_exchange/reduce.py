@@ -40,6 +40,7 @@ from ..scene.fields import GROUND, split_face
 from ..scene.laws import InputLaw
 from ..scene.schema import TEMPERATURE, Scene
 from ..scene.settings import HHTTable
+from ..time_scheme import NO_BRANCHES
 from .equations import (
     DAMPING,
     ENERGY_NAMES,
@@ -49,6 +50,7 @@ from .equations import (
     STIFFNESS,
     WORKS,
     Bond,
+    Branch,
     Contacts,
     Local,
     Names,
@@ -106,7 +108,8 @@ def _body(members: list[SubstructureModel], bonds: list[InterfaceUnit], discreti
         only = members[0]
         return BondedBody(only.name, only, by_name, {only.name: slice(0, only.n_full)})
     try:
-        merged = merge(members, bonds, discretised.info)
+        # branches of unlike materials are taken member by member (``branches_of``)
+        merged = merge([replace(m, branches=NO_BRANCHES) for m in members], bonds, discretised.info)
     except ValueError as error:
         where = ", ".join(f"interface.{unit.name}" for unit in bonds)
         problem = Problem(
@@ -305,6 +308,12 @@ class ReducedBody:
         return len(self.model.eigenvalues)
 
     @property
+    def n_state(self) -> int:
+        """States of its motion: coordinates, velocities, elongations of the branches of each of its materials."""
+        branches = {m.branches for m in self.body.members.values()}
+        return self.size * (2 + sum(map(len, branches)))
+
+    @property
     def basis(self) -> Array:
         """Ritz vectors (n_full, size), scaled to the size of a displacement."""
         # unit modal mass -> modal mass that of the body, so that a rigid translation of 1 m is a coordinate of size 1
@@ -354,6 +363,33 @@ def damping_of(bodies: Sequence[ReducedBody]) -> Array | None:
     return blocks
 
 
+def branches_of(bodies: Sequence[ReducedBody], units: Sequence[InterfaceUnit]) -> list[Branch]:
+    """Maxwell branches of all bodies, those of one material together."""
+    sizes = np.cumsum([0, *(b.size for b in bodies)])
+    sides = [split_face(unit.sides[0])[0] for unit in units if is_bond(unit)]
+    bonds = [unit for unit in units if is_bond(unit)]
+    made = []
+    for branches in dict.fromkeys(m.branches for b in bodies for m in b.body.members.values() if len(m.branches)):
+        places, blocks, rows = [], [], []
+        for i, b in enumerate(bodies):
+            own = {name: m for name, m in b.body.members.items() if m.branches == branches}
+            if not own:
+                continue
+            places.append(np.arange(sizes[i], sizes[i + 1]))
+            parts = {name: b.basis[b.body.where[name]] for name in own}
+            blocks.append(sum(parts[name].T @ (m.stiffness @ parts[name]) for name, m in own.items()))
+            row = np.zeros((len(bonds), 3, b.size))
+            for k, (unit, side) in enumerate(zip(bonds, sides, strict=True)):
+                if side in own:
+                    row[k] = _translations(unit, own[side].expansion) @ (own[side].stiffness @ parts[side])
+            rows.append(row)
+        for strength, time in zip(branches.strengths, branches.times, strict=True):
+            stiffness: Array = sp.block_diag([sp.coo_array(block) for block in blocks]).toarray()
+            forces = np.concatenate(rows, axis=-1)
+            made.append(Branch(time, np.concatenate(places).astype(float), strength * stiffness, strength * forces))
+    return made
+
+
 MAX_STATES = 600  # an integrator fills a Jacobian of this size squared by differences
 MAX_PATCHES = 64  # of an interface
 COARSEST = 0.1  # difference of deflections beyond which patches are too coarse
@@ -392,7 +428,7 @@ def reduced_system(scene: Scene, n_mode: int = 12, n_patch: int = 4) -> ReducedS
         raise SceneError(problems, _HEADING)
     bodies = [ReducedBody.of(body, cuts, n_mode) for body in whole]
     # displacements and velocities of all shapes, and the impulse of each interface
-    n_state = 2 * sum(b.size for b in bodies) + 3 * len(discretised.units)
+    n_state = sum(b.n_state for b in bodies) + 3 * len(discretised.units)
     if n_state > MAX_STATES:
         problem = Problem(
             "modes, patches",
@@ -509,6 +545,7 @@ def _assembled(discretised: DiscretisedProblem, cuts: Sequence[Cut], bodies: Seq
         inertia=m,
         stiffness=stiffness,
         damping=damping_of(bodies),
+        branches=branches_of(bodies, units),
         loads=loads,
         load_names=names,
         laws={n: known[n].model_dump() for n in dict.fromkeys(names) if n},
@@ -712,6 +749,11 @@ def _coordinates(system: ReducedSystem, starts: Sequence[float], nominals: Seque
                 text = f"{kind} of Ritz vector {i} of {body}, scaled by the root of its mass"
                 yield Local(f"modes.{body}.{kind}[{i}]", unit, text, float(starts[number]), float(nominals[number]))
                 number += 1
+    for k, branch in enumerate(system.branches, start=1):
+        for i in branch.places.astype(int) + 1:
+            text = f"elongation of Maxwell branch {k} in coordinate {i}"
+            yield Local(f"modes.elongation{k}[{i}]", "m", text, float(starts[number]), float(nominals[number]))
+            number += 1
 
 
 def _indicators(system: ReducedSystem) -> Iterator[Local]:

@@ -28,8 +28,8 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from ..time_scheme import TimeScheme
-from .forcing import Forcing, MotionState
+from ..time_scheme import MaxwellBranches, TimeScheme
+from .forcing import STRAIN, Forcing, MotionState
 from .image import Image
 from .interface_matrices import condensed
 from .interface_probing import Table
@@ -67,6 +67,7 @@ class ClassState:
         self.image: Image | None = None
         self.number = 0
         self._own: dict[str, Array] = {name: np.zeros(self._shape) for name in _FIELDS}
+        self._elongation: Array | None = None  # of Maxwell branches, likewise
         self._account: Array | None = None  # of energies, where a state was set before there is an image
 
     @property
@@ -107,6 +108,13 @@ class ClassState:
         self.part("rest", 1)[0] = float(not any(x.any() for x in new))
 
     @property
+    def elongation(self) -> Array | None:
+        """Elongations (n_branch n m,) of the Maxwell branches, m, in the image or kept for one; None: all relaxed."""
+        if self.image is None:
+            return self._elongation
+        return self.part("elongation", self.image.row(self.number)["n_branch"] * self._shape[0] * self._shape[1])
+
+    @property
     def account(self) -> Array | None:
         """The account of energies, in the image or kept for one; None where there is none, or none yet."""
         if not self._energy or self.image is None:
@@ -124,13 +132,22 @@ class ClassState:
             return self._own[name]
         return self.part(name, self._shape[0] * self._shape[1]).reshape(self._shape)
 
+    def relax(self) -> None:
+        """Let the Maxwell branches relax, as they are at the start."""
+        if (elongation := self.elongation) is not None:
+            elongation[:] = 0.0
+
     # -- from image to image ------------------------------------------------------------------------------------
     def attach(self, image: Image, number: int) -> None:
         """Move the motion into an image, as its class ``number``."""
         # before ``stand_in``, which lets go of the place where they are
-        own, account = self.fields, self.account
+        own, account, elongation = self.fields, self.account, self.elongation
+        elongation = None if elongation is None else elongation.copy()
         self.stand_in(image, number)
         self.set(*own)
+        there = self.elongation
+        if there is not None:
+            there[:] = 0.0 if elongation is None else elongation
         there = self.account
         if account is not None and there is not None and account.size == there.size:
             there[:] = account
@@ -146,6 +163,8 @@ class ClassState:
         account = self.account
         kept = {name: field.copy() for name, field in zip(_FIELDS, self.fields, strict=True)}
         self._account = None if account is None else account.copy()
+        elongation = self.elongation
+        self._elongation = None if elongation is None else elongation.copy()
         self._own, self.image = kept, None
 
 
@@ -238,6 +257,17 @@ class Propagator(ABC):
         return condensed(ops.compliance, ops.area * k)
 
     @property
+    def branches(self) -> MaxwellBranches:
+        """Maxwell branches of the class; without inertia they are relaxed."""
+        return self.members[0].branches.marched(self.scheme)
+
+    @property
+    def n_sensed(self) -> int:
+        """Fields that are kept at its sensors: displacement, velocity, acceleration and, with branches, what these add
+        to the displacement in the internal forces."""
+        return STRAIN + (len(self.branches) > 0)
+
+    @property
     def n_channel(self) -> int:
         """Interface channels of one member."""
         return int(self.operators.area.size)
@@ -295,6 +325,7 @@ class Propagator(ABC):
     def restart(self) -> None:
         """Back to the initial values; ``begin`` must follow."""
         self.begun, self._resumed = False, None
+        self.state.relax()
         self.forcing.set_motion_state([None] * len(self.members))
 
     def motions(self) -> list[MotionState]:

@@ -219,6 +219,8 @@ def constants(
         "n_probe": 0 if probe is None else int(probe.shape[0]),
         "n_sensor": 0 if sensor is None else int(sensor.shape[0]),
         "n_motion": motions,
+        "n_branch": len(propagator.branches),
+        "n_sensed": propagator.n_sensed,
         "kind": STATIC if static else EXPLICIT if propagator.scheme.explicit else DIRECT,
         "accounted": int(propagator.energy),
         "loads_only": int(propagator.loads_only),
@@ -236,6 +238,7 @@ def constants(
     put_symmetric(block, row, "damping", None if static else ops.damping, halves)
     if row["n_modal"]:
         row["modal_rows"] = block.put(ops.modal)
+    row["branches"] = block.put(propagator.branches.weights(propagator.scheme, propagator.dt))
     put_matrix(block, row, "probe", probe)
     put_matrix(block, row, "sensor", sensor)
     if propagator.energy:

@@ -29,7 +29,7 @@ from ..time_scheme import TimeScheme
 from .base import MassFactor, Propagator, nodal_forces
 from .interface_matrices import projected, with_dashpots
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
-from .model import Array, Index, Operators, SubstructureModel
+from .model import Array, Index, Operators, SubstructureModel, operator_weights
 
 TOLERANCE = 1e-11
 _BLOCK = 32  # columns solved together
@@ -163,7 +163,7 @@ def build_operators(model: SubstructureModel, scheme: TimeScheme, dt: float) -> 
     mass, damping, stiffness = model.reduced
     dofs, trace, rank = model.at_interface
     modal = None if model.modal_rows is None else np.ascontiguousarray(model.modal_rows @ model.expansion)
-    c_mass, c_damping, c_stiffness = scheme.operator(dt)
+    c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
     factors, matrices = [c_mass, c_stiffness], [mass, stiffness]
     if damping is not None:
         factors, matrices = [*factors, c_damping], [*matrices, damping]

@@ -59,7 +59,9 @@ class ExplicitPropagator(Propagator):
             lagged = sp.csr_array(self._damping - p.T @ self.dashpots @ p)
         nothing = np.zeros(0)  # a rigid body has no stiffness
         self.stability = StableStep(
-            nothing if rigid else self._mass.diagonal(), self._stiffness, None if rigid else lagged
+            nothing if rigid else self._mass.diagonal(),
+            model.branches.instantaneous * self._stiffness,
+            None if rigid else lagged,
         )
         super().__init__(members, scheme, dt, energy)
 

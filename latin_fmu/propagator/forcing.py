@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 from ..time_scheme import TimeScheme
 from .model import Array, Histories, Index, SubstructureModel, damping_forces
 
-MotionState = tuple[Array, Array, Array]
-"""Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each."""
+MotionState = tuple[Array, Array, Array, Array]
+"""Displacement, acceleration and velocity of prescribed motions at an instant, (n_motion,) each, and the elongations of
+the Maxwell branches there, (n_branch, n_motion)."""
+STRAIN: Final = 3
+"""Place of what Maxwell branches add behind displacements, velocities and accelerations."""
 SUMS: Final = ("force", "inertia", "velocity", "displacement", "acceleration", "work")
 """Sums of patterns times histories that a class may have; ``work`` : loads alone."""
 _NONE: Final = np.zeros(0)
+_AT_REST: Final = (_NONE, _NONE, _NONE, np.zeros((0, 0)))
 
 
 @dataclass
@@ -106,7 +110,7 @@ class Forcing:
 
     def motion_state(self, instant: int) -> list[MotionState]:
         """State of the prescribed motions of each member at an instant, for the next segment."""
-        return [(_NONE, _NONE, _NONE) if m is None else m.at(instant) for m in self._motion]
+        return [_AT_REST if m is None else m.at(instant) for m in self._motion]
 
     def set_motion_state(self, motions: Sequence[MotionState | None]) -> None:
         """Where the prescribed motions go on from (``motion_state`` of the segment before); None: from their start."""
@@ -168,14 +172,18 @@ class Forcing:
         return self._constant, sums
 
     def motion_table(self) -> Array:
-        """Displacements, velocities and accelerations of the prescribed motions, (3, n_time, n_motion, n_member)."""
-        return np.stack([np.stack(m.histories) for m in self._motion if m is not None], axis=-1)
+        """Displacements, velocities, accelerations and elongations of the branches of the prescribed motions,
+        (3 + n_branch, n_time, n_motion, n_member)."""
+        tables = [np.stack([*m.histories, *m.elongations]) for m in self._motion if m is not None]
+        return np.stack(tables, axis=-1)
 
-    def motion_histories(self, member: int) -> tuple[Array, Array, Array] | None:
-        """Displacements, velocities and accelerations (n_time, n_motion) of the prescribed motions of a member, None
-        where it has none."""
+    def motion_histories(self, member: int) -> tuple[Array, ...] | None:
+        """Displacements, velocities and accelerations (n_time, n_motion) of the prescribed motions of a member, with
+        Maxwell branches what these add to the displacements; None where it has none."""
         motion = self._motion[member]
-        return None if motion is None else motion.histories
+        if motion is None or not len(motion.branches):
+            return None if motion is None else motion.histories
+        return *motion.histories, np.tensordot(motion.branches.strengths, motion.elongations, 1)
 
     def imposed_u(self, instant: int) -> Array:
         """Prescribed displacements, (n_full, n_member), m."""
@@ -220,6 +228,7 @@ class _Motion:
     def __init__(self, member: SubstructureModel, scheme: TimeScheme) -> None:
         self.pattern = member.imposed_pattern
         self._scheme = scheme
+        self.branches = member.branches.marched(scheme)
         self.start: MotionState | None = None
         self._initial = member.imposed_start
         reduce = member.expansion.T
@@ -249,10 +258,29 @@ class _Motion:
             u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
         self.histories = (u, v, a)
         self._dt = dt
+        self._strain(u, v, dt)
+
+    def _strain(self, u: Array, v: Array, dt: float) -> None:
+        """Elongations (n_branch, n_time, n_motion) of the branches, and the displacements (n_time, n_motion) that K
+        takes (``kernels.maxwell``); of explicit schemes in the middle of the step that ends at each instant."""
+        explicit, branches = self._scheme.explicit, self.branches
+        middle = u if not explicit else np.concatenate([u[:1], u[:-1] + 0.5 * dt * v[:-1]])
+        self.elongations = np.zeros((len(branches), *u.shape))
+        if self.start is not None:
+            self.elongations[:, 0] = self.start[3]
+        strains = np.zeros_like(u)
+        strains[0] = np.tensordot(branches.strengths, self.elongations[:, 0], 1)
+        weights = branches.weights(self._scheme, dt)[:3]
+        for strength, kept, moved, elongation in zip(*weights, self.elongations, strict=True):
+            for i in range(len(u) - 1):
+                reached = kept * elongation[i] + moved * (middle[i + 1] - u[i])
+                strains[i + 1] += strength * reached
+                elongation[i + 1] = kept * reached + moved * (u[i + 1] - middle[i + 1]) if explicit else reached
+        self._strained = middle + strains
 
     def at(self, instant: int) -> MotionState:
         u, v, a = self.histories
-        return u[instant], a[instant], v[instant]
+        return u[instant], a[instant], v[instant], self.elongations[:, instant]
 
     def reduced_inertia(self, instant: int) -> Array:
         assert self._mass is not None, "a motion without inertia"
@@ -260,8 +288,8 @@ class _Motion:
         return force
 
     def reduced_force(self, instant: int) -> Array:
-        u, v = self.histories[0][instant], self.histories[1][instant]
-        force: Array = self._stiffness @ u
+        v = self.histories[1][instant]
+        force: Array = self._stiffness @ self._strained[instant]
         if self._damping is not None:
             force += self._damping @ v
         return force
@@ -274,15 +302,14 @@ class _Motion:
         as for ``Sum.add``."""
         u, v, a = self.histories
         w = np.concatenate([v[:1], self._scheme.interface_velocity(u[:-1], u[1:], v[1:], self._dt)])
-        before, middle, step = v, u, np.zeros_like(v)
+        before, step = v, np.zeros_like(v)
         if self._scheme.explicit:
             # leapfrog: K acts on x in the middle of the step, C on v at its start
             before = np.concatenate([v[:1], v[:-1]])
-            middle = np.concatenate([u[:1], u[:-1]]) + 0.5 * self._dt * before
             # C_d acts at the mean velocity of the step: half the change comes on top of C v
             step = 0.5 * (v - before)
         for k in range(self.pattern.shape[1]):
-            sums["force"].add(-self._stiffness[:, k], *of, middle[:, k], always)
+            sums["force"].add(-self._stiffness[:, k], *of, self._strained[:, k], always)
             if self._damping is not None:
                 sums["force"].add(-self._damping[:, k], *of, before[:, k], always)
             if lumped is not None:

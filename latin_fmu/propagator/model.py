@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..cholesky.factor import InterfaceFactor
 from ..errors import Problem, SceneError
 from ..operator_store import NO_STORE, OperatorStore
+from ..time_scheme import NO_BRANCHES, MaxwellBranches, TimeScheme
 from .vibration import Vibration
 
 Array = NDArray[np.float64]
@@ -243,6 +244,9 @@ class SubstructureModel:
     nodal: Array | None = field(default=None)
     """(3 n_node, n_full) displacements of the nodes per full dof, None where the full dofs are those of the nodes."""
 
+    branches: MaxwellBranches = field(default=NO_BRANCHES)
+    """Maxwell branches of the damping by strain, springs of the stiffness K times their strengths."""
+
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
 
@@ -393,6 +397,12 @@ class SubstructureModel:
         # what the cached property would compute, from the lumped diagonal
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other
+
+
+def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) -> tuple[float, float, float]:
+    """Factors of M, C and K in the operator of the march of a scheme; that of K with its Maxwell branches."""
+    mass, damping, stiffness = scheme.operator(dt)
+    return mass, damping, stiffness * model.branches.marched(scheme).stiffening(scheme, dt)
 
 
 def _reduced(p: sp.csr_array, matrix: sp.csr_array, zeros: bool = False) -> sp.csr_array:

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor, InterfaceFactor
 from ..time_scheme import TimeScheme
 from .base import Propagator, nodal_forces
-from .model import Array, Index, LoadTerm, SubstructureModel
+from .model import Array, Index, LoadTerm, SubstructureModel, operator_weights
 from .reduction import modal_damping, reduce_model
 
 
@@ -101,7 +101,7 @@ class ReducedPropagator(Propagator):
         model, scheme = self.members[0], self.scheme
         mass, damping, stiffness = model.reduced
         diagonal = stiffness.diagonal()
-        c_mass, c_damping, c_stiffness = scheme.operator(dt)
+        c_mass, c_damping, c_stiffness = operator_weights(model, scheme, dt)
         # coordinates are orthonormal in the mass
         a = c_mass + c_stiffness * diagonal
         damp = None if damping is None else damping.toarray()

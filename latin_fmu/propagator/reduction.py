@@ -182,6 +182,13 @@ def reduce_model(
     )
 
 
+def orthonormal_to(vectors: Array, basis: Array, mass: sp.csr_array, stiffness: sp.csr_array) -> tuple[Array, Array]:
+    """What vectors (n, k) add to a mass-orthonormal basis: mass-orthonormal, with diagonal stiffness; this diagonal."""
+    added = _added(vectors, basis, mass)
+    squares, turn = la.eigh(added.T @ (stiffness @ added))
+    return added @ turn, squares
+
+
 def ritz_vectors(body: Vibration, rigid: Array, modes: Array, forces: Array) -> tuple[Array, Array]:
     """Eigenvalues (m,), s-2, and Ritz vectors (n, m), mass-orthonormal, of elastic modes and of the static responses to
     forces (n, n_force), as far as these are not in the span of modes and rigid motions."""

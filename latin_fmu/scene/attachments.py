@@ -1,17 +1,16 @@
 """Tables [point_mass], [spring] and [coupling], by name: what is fixed to points and faces of substructures."""
 
+import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..errors import Problem
+from .damping import DampingRatios
 from .fields import GROUND, Direction, Face, Flag, Name, Real, SceneTable, Vector, _as_list, about, refusal, split_face
-from .interfaces import Interface
+from .interfaces import BRANCH, DASHPOT, Interface, side_by_side
 from .raw_scene import RawTable, face_problems, given, is_explicit, named_tables, reference_problems
-
-VISCOSITY: Final = "_viscosity"
-"""What the name of a spring gets for the interface of its viscosity, where it has a stiffness, too."""
 
 
 class Place(SceneTable):
@@ -123,12 +122,17 @@ class Spring(SceneTable):
     lateral_stiffness: Annotated[Real, about("stiffness across the direction", "N m-1", ge=0)] = 0.0
     viscosity: Annotated[Real, about("viscosity along the direction", "N s m-1", ge=0)] = 0.0
     lateral_viscosity: Annotated[Real, about("viscosity across the direction", "N s m-1", ge=0)] = 0.0
+    damping_ratios: Annotated[
+        DampingRatios | None, about("damping by strain of its stiffness, as of a material; without viscosities")
+    ] = None
 
     @model_validator(mode="after")
     def _check_spring(self) -> Self:
         first, second = self.ends
         if not (self.elastic or self.viscous):
             raise refusal("without stiffness and viscosity the spring does nothing", allowed="one of them > 0")
+        if self.damping_ratios is not None and (self.viscous or not self.elastic):
+            raise refusal("damping ratios are those of a stiffness alone", remedy="leave the viscosities out")
         if first.against_ground:
             raise refusal("the first end cannot be the ground", remedy="name the ground second")
         if self.direction is None and second.against_ground and second.point is None:
@@ -146,6 +150,11 @@ class Spring(SceneTable):
         """Whether it has a viscosity."""
         return self.viscosity > 0 or self.lateral_viscosity > 0
 
+    @property
+    def takes_ratio(self) -> bool:
+        """Whether [damping] gives it its ratio."""
+        return self.elastic and not self.viscous and self.damping_ratios is None
+
     def interfaces(self, name: str) -> dict[str, Interface]:
         """The interfaces that stand for the spring, by name; stiffness and viscosity of the whole, per area 1."""
         sides, made = (self.ends[0].side, self.ends[1].side), {}
@@ -156,9 +165,11 @@ class Spring(SceneTable):
                 normal_stiffness=self.stiffness,
                 tangential_stiffness=self.lateral_stiffness,
             )
+            if self.damping_ratios is not None:
+                made |= side_by_side(made[name], name, self.damping_ratios.damping)
         if self.viscous:
             # a dashpot alone keeps the name of its table
-            made[name + VISCOSITY * self.elastic] = Interface(
+            made[name + DASHPOT * self.elastic] = Interface(
                 sides=sides,
                 behaviour="viscous_joint",
                 normal_viscosity=self.viscosity,
@@ -216,7 +227,9 @@ def places_of(scene: Any) -> Iterator[tuple[str, Place]]:
 
 def joints_of(scene: Any) -> dict[str, Interface]:
     """Everything that a `Scene` solves as an interface: its interfaces, and those of springs and couplings."""
-    joints: dict[str, Interface] = dict(scene.interface)
+    joints: dict[str, Interface] = {}
+    for name, interface in scene.interface.items():
+        joints |= {name: interface, **interface.dampers(name)}
     for name, joint in (*scene.spring.items(), *scene.coupling.items()):
         joints |= joint.interfaces(name)
     return joints
@@ -246,12 +259,20 @@ def attachment_problems(raw: Any) -> Iterator[Problem]:
             place = _as_end(end)
             if isinstance(place, Mapping) and place.get("substructure") != GROUND:
                 yield from _place_problems(raw, f"{where}.ends[{i}]", place)
-        for used in (name, name + VISCOSITY) if key == "spring" else (name,):
+        for used in (name, name + DASHPOT) if key == "spring" else (name,):
             if used in taken:
                 yield Problem(
                     where, f"the results of {taken[used]} {used} have this name", name, None, "choose another name"
                 )
             taken[used] = key
+    layers = {
+        n: "interface" for n, t in named_tables(raw, "interface").items() if t.get("behaviour") == "elastic_layer"
+    }
+    for name, key in {**layers, **dict.fromkeys(named_tables(raw, "spring"), "spring")}.items():
+        for other in taken:
+            if re.fullmatch(re.escape(name + BRANCH) + r"\d+", other):
+                what = f"the damping of {key} {name} has this name"
+                yield Problem(f"{taken[other]}.{other}", what, other, None, "choose another name")
 
 
 def _place_problems(raw: Any, where: str, place: RawTable) -> Iterator[Problem]:

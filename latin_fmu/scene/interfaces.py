@@ -8,22 +8,25 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from pydantic import AfterValidator, BeforeValidator, create_model
 
 from ..errors import Problem, did_you_mean, shown
+from .damping import DampingRatios
 from .face_form import FaceForm
 from .fields import GROUND, Direction, Name, Real, SceneTable, Side, Text, Vector, _as_list, about, refusal
 from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, named_tables, number, reference_problems, text_list
+from .strain_damping import StrainDamping
 
 # Keys of an interface that only some behaviours take. A parameter without a default value has to be given.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
     "perfect": (),
     "contact": ("friction_coefficient", "gap", "form", "preload", "preload_force"),
     "no_slip": ("gap", "form", "preload", "preload_force"),
-    "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force"),
+    "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force", "damping_ratios"),
     "soft_contact": (
         *("normal_stiffness", "friction_coefficient", "gap", "form"),
         *("preload", "preload_force", "interference"),
     ),
     "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
+    "maxwell_joint": ("normal_stiffness", "tangential_stiffness", "relaxation_time"),
 }
 BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
 _ALL: Final = tuple(dict.fromkeys(key for keys in TAKES.values() for key in keys))
@@ -31,7 +34,11 @@ MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
     name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
 }
 _PRESSED: Final = ("preload", "preload_force", "interference")
-PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", "form", *_PRESSED))
+PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", "form", "damping_ratios", *_PRESSED))
+BRANCH: Final = "_branch"
+"""What the name of a joint gets, before a number, for the Maxwell joints of its damping by strain."""
+DASHPOT: Final = "_viscosity"
+"""What it gets for the interface of its viscosity, where it has a stiffness, too."""
 
 
 def key_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Problem]:
@@ -181,10 +188,14 @@ class Interface(SceneTable):
     preload_force: Annotated[Real, about("the same as a normal force, spread evenly over the face", "N", ge=0)] = 0.0
     interference: Annotated[Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)] = 0.0
     normal_stiffness: Annotated[
-        Real | None, about("stiffness per area along N (elastic_layer, soft_contact)", "N m-3", ge=0)
+        Real | None, about("stiffness per area along N (elastic_layer, maxwell_joint, soft_contact)", "N m-3", ge=0)
     ] = None
     tangential_stiffness: Annotated[
-        Real | None, about("stiffness per area across N (elastic_layer)", "N m-3", ge=0)
+        Real | None, about("stiffness per area across N (elastic_layer, maxwell_joint)", "N m-3", ge=0)
+    ] = None
+    damping_ratios: Annotated[DampingRatios | None, about("damping by strain, as of a material (elastic_layer)")] = None
+    relaxation_time: Annotated[
+        Real | None, about("viscosity over stiffness of spring and dashpot in series (maxwell_joint)", "s", gt=0)
     ] = None
     normal_viscosity: Annotated[Real | None, about("viscosity per area along N (viscous_joint)", "N s m-3", ge=0)] = (
         None
@@ -209,10 +220,41 @@ class Interface(SceneTable):
         """True where the sides may come apart."""
         return "gap" in TAKES[self.behaviour]
 
+    @property
+    def takes_ratio(self) -> bool:
+        """Whether [damping] gives it its ratio."""
+        return self.behaviour == "elastic_layer" and self.damping_ratios is None
+
+    def dampers(self, name: str) -> "dict[str, Interface]":
+        """Maxwell joints and the dashpot side by side with an elastic layer that stand for its damping, by name."""
+        if self.damping_ratios is None or self.behaviour != "elastic_layer":
+            return {}
+        return side_by_side(self, name, self.damping_ratios.damping)
+
     def initial_pressure(self, area: float) -> float:
         """Pressure at t = 0 on a face of the given area, m2; Pa."""
         squeezed = self.interference * (self.normal_stiffness or 0.0)
         return self.preload + self.preload_force / area + squeezed
+
+
+def side_by_side(layer: Interface, name: str, damping: StrainDamping) -> dict[str, Interface]:
+    """Maxwell joints and a dashpot that give an elastic layer the damping by strain, by name."""
+    stiffness = {key: getattr(layer, key) or 0.0 for key in ("normal_stiffness", "tangential_stiffness")}
+    plain = layer.model_copy(update={"preload": 0.0, "preload_force": 0.0, "damping_ratios": None})
+    made = {}
+    for count, (strength, time) in enumerate(zip(damping.strengths, damping.times, strict=True), start=1):
+        keys = {key: strength * value for key, value in stiffness.items()}
+        joint = {"behaviour": "maxwell_joint", "relaxation_time": time, **keys}
+        made[f"{name}{BRANCH}{count}"] = plain.model_copy(update=joint)
+    if damping.viscosity > 0.0:
+        viscous = {
+            "behaviour": "viscous_joint",
+            "normal_viscosity": damping.viscosity * stiffness["normal_stiffness"],
+            "tangential_viscosity": damping.viscosity * stiffness["tangential_stiffness"],
+            **dict.fromkeys(stiffness),
+        }
+        made[name + DASHPOT] = plain.model_copy(update=viscous)
+    return made
 
 
 NamePair = Annotated[tuple[Name, Name], BeforeValidator(_as_list)]

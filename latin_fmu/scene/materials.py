@@ -3,47 +3,15 @@
 import math
 from collections.abc import Iterator
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
 from ..errors import Problem
+from .damping import DampingRatios
 from .fields import LocalAxes, Positive, Real, SceneTable, Vector, _as_list, about, refusal
 from .raw_scene import given, named_tables
-
-
-class DampingRatios(SceneTable):
-    """Damping ratios at two frequencies, from which the Rayleigh coefficients follow."""
-
-    frequencies: Annotated[tuple[Positive, Positive], BeforeValidator(_as_list), about("two of them, ascending", "Hz")]
-    ratios: Annotated[
-        tuple[Positive, Positive], BeforeValidator(_as_list), about("ratios to the critical damping there", "1")
-    ]
-
-    @model_validator(mode="after")
-    def _check_positive(self) -> Self:
-        """Refuse pairs that need a negative coefficient, which would add energy."""
-        (first, last), (low, high) = self.frequencies, self.ratios
-        if first >= last:
-            raise refusal("the second frequency must be above the first", value=list(self.frequencies))
-        least, most = low * first / last, low * last / first  # b >= 0 and a >= 0 in ``rayleigh``
-        if not least <= high <= most:
-            raise refusal(
-                "no Rayleigh damping C = a M + b K with a, b >= 0 has these ratios",
-                value=list(self.ratios),
-                allowed=f"a second ratio from {least:.4g} to {most:.4g}, with these frequencies and the first ratio",
-            )
-        return self
-
-    @property
-    def rayleigh(self) -> tuple[float, float]:
-        """Coefficients a, s-1, and b, s, of a / (2 omega) + b omega / 2 = ratio at both frequencies."""
-        first, last = (2.0 * math.pi * f for f in self.frequencies)
-        low, high = self.ratios
-        factor = 2.0 / (last**2 - first**2)
-        a, b = factor * first * last * (low * last - high * first), factor * (high * last - low * first)
-        return max(a, 0.0), max(b, 0.0)  # round-off at the ends of the range
-
+from .strain_damping import StrainDamping
 
 _Moduli = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_as_list)]
 
@@ -85,11 +53,15 @@ _INDEFINITE: Final = 1e-9  # of the determinant over that of uncoupled axes: bel
 
 
 class MaterialTable(SceneTable):
-    """Homogeneous elastic material, isotropic or orthotropic, with optional Rayleigh damping C = a M + b K.
+    """Homogeneous elastic material, isotropic or orthotropic, with optional damping.
 
-    Both coefficients may be given; or `damping_ratios`; or `loss_factor` with `at_frequency`. A loss factor eta is that
-    of K (1 + i eta) at one frequency f: in the time domain it is b = eta / (2 pi f), a loss that grows with the
-    frequency, eta at f alone (a damping ratio of eta / 2 there).
+    `damping_ratios` is damping by strain with a ratio over a band; `young_modulus` is the static one. `loss_factor`
+    with `at_frequency` is damping by strain as well: a loss factor eta is that of K (1 + i eta) at one frequency f, in
+    the time domain b = eta / (2 pi f), a loss that grows with the frequency, eta at f alone (a damping ratio of eta / 2
+    there). Rayleigh damping C = a M + b K is for comparisons with other codes: its part a M brakes the absolute
+    velocity of everything, driven faces and flying bodies too, as a medium at rest would. Where that matters it is
+    refused unless `frame = "absolute"` says that it is meant; with `damping_ratios` that key gives the Rayleigh
+    coefficients that have the two ratios.
     """
 
     young_modulus: Annotated[Real | None, about("Young's modulus E; required without `orthotropic`", "Pa", gt=0)] = None
@@ -103,9 +75,15 @@ class MaterialTable(SceneTable):
         Real | None, about("coefficient of thermal expansion alpha; required where a temperature acts", "K-1")
     ] = None
     density: Annotated[Real, about("mass per unit volume rho", "kg m-3", gt=0)]
-    rayleigh_mass: Annotated[Real, about("Rayleigh damping, share a of the mass", "s-1", ge=0)] = 0.0
+    rayleigh_mass: Annotated[
+        Real, about("Rayleigh damping, share a of the mass, on the absolute velocity", "s-1", ge=0)
+    ] = 0.0
     rayleigh_stiffness: Annotated[Real, about("Rayleigh damping, share b of the stiffness", "s", ge=0)] = 0.0
-    damping_ratios: Annotated[DampingRatios | None, about("Rayleigh damping by the ratios at two frequencies")] = None
+    damping_ratios: Annotated[DampingRatios | None, about("damping by strain, by the ratios over a band")] = None
+    frame: Annotated[
+        Literal["absolute"] | None,
+        about("`absolute`: Rayleigh damping whose mass part brakes velocities against a medium at rest"),
+    ] = None
     loss_factor: Annotated[Real | None, about("loss factor eta of the stiffness at `at_frequency`", "1", ge=0)] = None
     at_frequency: Annotated[Real | None, about("frequency at which the loss factor holds", "Hz", gt=0)] = None
     yield_stress: Annotated[
@@ -127,6 +105,10 @@ class MaterialTable(SceneTable):
                 value=", ".join(ways),
                 allowed="rayleigh_mass and rayleigh_stiffness, or damping_ratios, or loss_factor with at_frequency",
             )
+        if self.frame is not None and self.damping_ratios is None and not self.rayleigh_mass:
+            raise refusal(
+                "frame has no effect without rayleigh_mass or damping_ratios", value=self.frame, remedy="leave it out"
+            )
         return self
 
     @property
@@ -143,13 +125,20 @@ class MaterialTable(SceneTable):
         return tuple(key for key in DAMPING_KEYS if getattr(self, key))
 
     @property
-    def rayleigh(self) -> tuple[float, float]:
-        """Coefficients a, s-1, and b, s, of the damping a M + b K."""
+    def drag(self) -> float:
+        """Coefficient a of the damping a M, s-1, which acts on absolute velocities."""
         if self.damping_ratios is not None:
-            return self.damping_ratios.rayleigh
+            return self.damping_ratios.rayleigh[0] if self.frame else 0.0
+        return self.rayleigh_mass
+
+    @property
+    def damping(self) -> StrainDamping:
+        """Damping by strain."""
+        if self.damping_ratios is not None:
+            return StrainDamping(self.damping_ratios.rayleigh[1]) if self.frame else self.damping_ratios.damping
         if self.loss_factor is not None and self.at_frequency is not None:
-            return 0.0, self.loss_factor / (2.0 * math.pi * self.at_frequency)
-        return self.rayleigh_mass, self.rayleigh_stiffness
+            return StrainDamping(self.loss_factor / (2.0 * math.pi * self.at_frequency))
+        return StrainDamping(self.rayleigh_stiffness)
 
 
 DAMPING_KEYS: Final = ("rayleigh_mass", "rayleigh_stiffness", "damping_ratios", "loss_factor")

@@ -84,16 +84,24 @@ Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_
                and contact_status is stick wherever there is a traction.
                elastic_layer: bonded, tractions proportional to the jump of displacement. soft_contact: unilateral,
                pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
-               tractions proportional to the jump of velocity. A layer or joint has no thickness and no mass; the
+               tractions proportional to the jump of velocity. maxwell_joint: springs with dashpots in series, which
+               relax with relaxation_time, and carry nothing at rest. A layer or joint has no thickness and no mass; the
                distance of its faces does not count.
 Rigid          A rigid substructure keeps its mass and its mesh, which gives its faces and their points.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.
-Damping        rayleigh_mass a and rayleigh_stiffness b give C = a M + b K, a damping ratio a / (2 w) + b w / 2 at
-               the angular frequency w; damping_ratios gives both from the ratios at two frequencies. A loss factor
-               has no exact counterpart in time: loss_factor = eta with at_frequency = f is b = eta / (2 pi f), exact
-               at f, smaller below and larger above in proportion to the frequency. modal_damping of a substructure
-               gives each of its elastic modes up to a frequency one ratio, whatever its frequency.
+Damping        damping_ratios of a material, a spring or an elastic layer: damping by strain whose ratio goes from the
+               first to the second value over the band, on a line in the logarithms, within 5 %. It is a dashpot b K and
+               up to four Maxwell branches of the stiffness K (springs with dashpots in series): a mode has the ratio
+               whatever it is cut into, and a rigid motion none. Moduli rise with frequency; young_modulus is the static
+               one. [damping] ratio gives all materials, springs and layers that say nothing the same. In the results
+               the branches of a spring or layer are NAME_branch1, ..., its dashpot NAME_viscosity. A loss
+               factor has no exact counterpart in time: loss_factor = eta with at_frequency = f is b = eta / (2 pi f),
+               exact at f, in proportion to the frequency elsewhere. rayleigh_mass a and rayleigh_stiffness b give
+               C = a M + b K, a damping ratio a / (2 w) + b w / 2 at the angular frequency w. The part of the mass
+               brakes absolute velocities; where it takes more than 1 % of the force of a driven face or of the momentum
+               of a free part, it is refused unless the material has frame = "absolute". modal_damping of a substructure
+               gives each of its elastic modes, its interfaces free, up to a frequency one ratio.
 Point masses   They are part of the mass of their substructure: in dynamics, modes, momentum, and the mass centre
                that initial_spin turns about; body_force, per volume, does not act on them. On a face without point
                and inertia a mass is spread evenly; with either it is a rigid mass on the mean motion of the face,

@@ -10,6 +10,7 @@ from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationEr
 from ..errors import Problem, SceneError, shown
 from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
 from .boundaries import Boundary, Periodic, boundary_problems
+from .damping import DampingTable
 from .describe import is_named, path_text, validation_problems
 from .fields import BodyName, Name, SceneTable, Text, about, split_face
 from .initial_fields import InitialStateTable, field_problems
@@ -51,7 +52,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("gravity", "initial_state", "time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "damping", "initial_state", "time", "solver", "output", "accuracy")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -210,6 +211,9 @@ class Scene(SceneTable):
         dict[Name, MeshParts], about("mesh files with several parts; the effective scene has them as substructures")
     ] = Field(default_factory=dict)
     substructure: Annotated[dict[BodyName, Substructure], about("substructures by name"), Field(min_length=1)]
+    damping: Annotated[
+        DampingTable | None, about("damping ratio of all materials, springs and elastic layers that say nothing")
+    ] = None
     interface: Annotated[dict[Name, Interface], about("interfaces by name")] = Field(default_factory=dict)
     contact: Annotated[
         dict[Name, ContactSearch], about("interfaces found between boundaries, by name of the search")
@@ -379,7 +383,8 @@ class Scene(SceneTable):
     @property
     def joints(self) -> dict[str, Interface]:
         """Interfaces, and those that stand for springs and couplings, by name."""
-        return joints_of(self) if self.spring or self.coupling else self.interface
+        damped = any(interface.damping_ratios is not None for interface in self.interface.values())
+        return joints_of(self) if self.spring or self.coupling or damped else self.interface
 
     def text(self) -> str:
         """The effective scene as TOML, defaults written out; reading it back gives an equal scene."""

@@ -6,9 +6,21 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from .implicit import HHT, GeneralizedAlpha, MasslessContact, Newmark, QuasiStatic
+from .maxwell import NO_BRANCHES, MaxwellBranches, joint_weights
 from .scheme import CentralDifference, TimeScheme
 
-__all__ = ["HHT", "SCHEMES", "CentralDifference", "GeneralizedAlpha", "Newmark", "QuasiStatic", "TimeScheme"]
+__all__ = [
+    "HHT",
+    "NO_BRANCHES",
+    "SCHEMES",
+    "CentralDifference",
+    "GeneralizedAlpha",
+    "MaxwellBranches",
+    "Newmark",
+    "QuasiStatic",
+    "TimeScheme",
+    "joint_weights",
+]
 
 SCHEMES: Mapping[str, Callable[..., TimeScheme]] = MappingProxyType(
     {

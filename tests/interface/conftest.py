@@ -75,6 +75,11 @@ def joint_residual(behaviour: Behaviour, slip: Array, traction: Array, _: Array)
     return float(np.abs(traction - viscosity * slip).max() / max(1.0, viscosity.max()))
 
 
+def maxwell_residual(behaviour: Behaviour, slip: Array, traction: Array, normalised_gap: Array) -> float:
+    """F = c_u k [u] with [u] = (g + d) / rate."""
+    return layer_residual(behaviour, slip, traction / behaviour.share, normalised_gap)
+
+
 def _sets(*values: dict[str, float]) -> tuple[Mapping[str, float], ...]:
     return tuple(MappingProxyType(v) for v in values)
 
@@ -94,6 +99,11 @@ PARAMETERS: Mapping[str, tuple[Mapping[str, float], ...]] = MappingProxyType(
             {"normal_stiffness": 0.5, "friction_coefficient": 0.3},
             {"normal_stiffness": 1e6, "friction_coefficient": 10.0},
         ),
+        "maxwell_joint": _sets(
+            {"normal_stiffness": 2.0, "tangential_stiffness": 0.7, "relaxation_time": 0.3, "share": 0.9},
+            {"normal_stiffness": 1e6, "tangential_stiffness": 1e-6, "relaxation_time": 1e-3, "share": 0.5},
+            {"normal_stiffness": 3.0, "tangential_stiffness": 0.0, "relaxation_time": 2.0, "share": 1.0},
+        ),
         "viscous_joint": _sets(
             {"normal_viscosity": 2.0, "tangential_viscosity": 0.7},
             {"normal_viscosity": 1e6, "tangential_viscosity": 1e-6},
@@ -110,6 +120,7 @@ RELATIONS: Mapping[str, Residual] = MappingProxyType(
         "elastic_layer": layer_residual,
         "soft_contact": soft_residual,
         "viscous_joint": joint_residual,
+        "maxwell_joint": maxwell_residual,
     }
 )
 CASES = [(name, parameters) for name in BEHAVIOURS for parameters in PARAMETERS.get(name, ())]
@@ -186,7 +197,9 @@ def solve(behaviour: Behaviour) -> Callable[[Points], Array]:
 
 
 # Powers of c in a parameter where (F, k), and where (W, F, g), are multiplied by c; stiffness, viscosity: 1, 0.
-POWERS: Mapping[str, tuple[int, int]] = MappingProxyType({"touch": (0, 1), "friction_coefficient": (0, 0)})
+POWERS: Mapping[str, tuple[int, int]] = MappingProxyType(
+    {"touch": (0, 1), "friction_coefficient": (0, 0), "relaxation_time": (0, 0), "share": (0, 0)}
+)
 
 
 @pytest.fixture

@@ -72,3 +72,8 @@ def viscous_joint(jump: Array, z: Array, normalised_gap: Array, rate: float, par
     """F = c d."""
     c = wide(parameters, jump.shape[1])
     return c * jump / (1.0 + c * wide(z, jump.shape[1]))
+
+
+def maxwell_joint(jump: Array, z: Array, normalised_gap: Array, rate: float, parameters: Array) -> Array:
+    """F = c_u k [u]."""
+    return elastic_layer(jump, z, normalised_gap, rate, parameters[:, 3:] * parameters[:, :2])

@@ -98,6 +98,7 @@ PARAMETERS = {
     "elastic_layer": [3.0, 1.5],
     "soft_contact": [0.4, 5.0],
     "viscous_joint": [2.0, 0.6],
+    "maxwell_joint": [3.0, 1.5, 0.4, 0.8],
 }
 
 

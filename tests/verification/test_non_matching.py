@@ -282,6 +282,7 @@ BEHAVIOURS: dict[str, dict[str, Any]] = {
     "elastic_layer": LAYER,
     "soft_contact": {"normal_stiffness": 1e14, "friction_coefficient": 0.2},
     "viscous_joint": {"normal_viscosity": 1e7, "tangential_viscosity": 1e6},
+    "maxwell_joint": {"normal_stiffness": 1e14, "tangential_stiffness": 1e13, "relaxation_time": 1.0},
 }
 
 

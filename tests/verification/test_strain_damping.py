@@ -1,0 +1,461 @@
+"""Damping by strain: ratios of modes whatever they are cut into, momenta, energies; one answer of every way to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.assembly.build import discretise
+from latin_fmu.errors import SceneError
+from latin_fmu.scene.strain_damping import PRECISION, fitted
+from latin_fmu.time_scheme import HHT, CentralDifference, MaxwellBranches, Newmark
+
+Tables = dict[str, Any]
+STEP = 1e-5
+BAND = (100.0, 1000.0)
+
+
+def material(ratio: float = 0.02, band: tuple[float, float] = BAND, modulus: float = 70e9) -> Tables:
+    ratios = {"frequencies": list(band), "ratios": [ratio, ratio]}
+    return {"young_modulus": modulus, "poisson_ratio": 0.33, "density": 2700.0, "damping_ratios": ratios}
+
+
+def beam(
+    parts: int = 1, held: bool = True, materials: tuple[Tables, ...] = (), joint: str = "perfect", **tables: Any
+) -> Tables:
+    """A beam of 0.2 x 0.01 x 0.01 m along x, cut into equal parts of the given materials in turn."""
+    materials = materials or (material(),)
+    made: Tables = {
+        "name": "beam",
+        "material": {f"m{i}": table for i, table in enumerate(materials)},
+        "substructure": {},
+        "interface": {},
+        "sensor": {"tip": {"face": f"b{parts - 1}.xmax"}},
+        "time": {"end": 0.05, "step": STEP, "scheme": "newmark"},
+        "solver": {"tolerance": 1e-9},
+        "output": {"energy": True},
+    }
+    length, elements = 0.2 / parts, max(16 // parts, 2)
+    for i in range(parts):
+        box = {"origin": [i * length, 0.0, 0.0], "size": [length, 0.01, 0.01], "elements": [elements, 1, 1]}
+        made["substructure"][f"b{i}"] = {"material": f"m{i % len(materials)}", "bending_modes": True, "box": box}
+        if i:
+            sides = [f"b{i - 1}.xmax", f"b{i}.xmin"]
+            pressed = {"friction_coefficient": 0.9, "preload": 50e6} if joint == "contact" else {}
+            made["interface"][f"i{i}"] = {"sides": sides, "behaviour": joint, **pressed}
+    if held:
+        made["boundary"] = {"foot": {"type": "fixed", "face": "b0.xmin"}}
+    return made | tables
+
+
+TAP: Tables = {"tap": {"face": "b0.xmax", "force": [0.0, 0.0, 0.1], "law": {"type": "half_sine", "duration": 1e-3}}}
+
+
+def run(tables: Tables) -> latin_fmu.Solution:
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+    assert solution.converged
+    return solution
+
+
+def decays(signal: np.ndarray, step: float, count: int = 8) -> np.ndarray:
+    """Complex frequencies, s-1, in a signal that is a sum of decaying oscillations (matrix pencil), ascending."""
+    n = len(signal) // 2
+    rows = np.array([signal[i : i + n] for i in range(len(signal) - n + 1)])
+    basis = np.linalg.svd(rows, full_matrices=False)[2][:count]
+    found = np.log(np.linalg.eigvals(np.linalg.pinv(basis[:, :-1].T) @ basis[:, 1:].T).astype(complex)) / step
+    return found[found.imag > 0.0][np.argsort(found[found.imag > 0.0].imag)]
+
+
+def first_decay(tables: Tables, start: float, every: int) -> tuple[float, float]:
+    """Natural frequency, Hz, and damping ratio of the lowest mode at the tip along z after a tap."""
+    tip = run(tables).sensors["tip"]
+    after = slice(int(start / STEP), None, every)
+    s = decays(tip.displacement[after, 2], every * STEP)[0]
+    return abs(s) / (2 * np.pi), -s.real / abs(s)
+
+
+# -- the material -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("ratio", [0.005, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize("width", [10.0, 100.0, 1000.0])
+def test_ratios_over_a_band(ratio: float, width: float) -> None:
+    damping = fitted(20.0, 20.0 * width, ratio, ratio)
+    f = np.geomspace(20.0, 20.0 * width, 500)
+    turns = 2j * np.pi * f
+    complex_modulus = 1.0 + damping.viscosity * turns
+    for strength, time in zip(damping.strengths, damping.times, strict=True):
+        complex_modulus += strength * turns * time / (1.0 + turns * time)
+    assert np.abs(complex_modulus.imag / (2 * complex_modulus.real) / ratio - 1.0).max() < 1.05 * PRECISION
+    assert len(damping.times) <= 4
+    assert min(damping.strengths) > 0.0
+    # Kramers and Kronig: the modulus rises by about 4 zeta / pi over a factor e
+    rise = complex_modulus.real[-1] / complex_modulus.real[0] - 1.0
+    assert rise == pytest.approx((np.exp(4 * ratio / np.pi * np.log(width)) - 1.0), rel=0.25)
+
+
+def test_ratios_on_a_line() -> None:
+    damping = fitted(50.0, 2000.0, 0.03, 0.008)
+    f = np.geomspace(50.0, 2000.0, 50)
+    line = 0.03 * (f / 50.0) ** (np.log(0.008 / 0.03) / np.log(40.0))
+    assert np.abs(damping.ratio(f) / line - 1.0).max() < 1.05 * PRECISION
+
+
+@pytest.mark.parametrize(("ratios", "words"), [([0.02, 0.001], "falls faster"), ([0.01, 0.5], "rises faster")])
+def test_ratios_that_strain_cannot_have(ratios: list[float], words: str) -> None:
+    with pytest.raises(SceneError, match=words) as refused:
+        latin_fmu.scene_from_dict(
+            beam(materials=(material() | {"damping_ratios": {"frequencies": BAND, "ratios": ratios}},))
+        )
+    nearest = float(str(refused.value).rpartition("ratios = [")[2].split(", ")[1].split("]")[0])
+    allowed = {"frequencies": BAND, "ratios": [ratios[0], nearest * (1.001 if "falls" in words else 0.999)]}
+    latin_fmu.scene_from_dict(beam(materials=(material() | {"damping_ratios": allowed},)))
+
+
+@pytest.mark.parametrize("scheme", [Newmark(), HHT(), CentralDifference()])
+def test_weights_follow_the_elongation(scheme: Any) -> None:
+    """e' = u' - e / tau for u = t: e = tau (1 - exp(-t / tau)), to the second order of the step."""
+    tau, errors = 0.1, []
+    for dt in (0.01, 0.005):
+        _, kept, moved, _ = MaxwellBranches((1.0,), (tau,)).weights(scheme, dt)[:, 0]
+        part = 0.5 * dt if scheme.explicit else dt
+        e = 0.0
+        for _ in range(round(0.2 / part)):
+            e = kept * e + moved * part
+        errors.append(abs(e - tau * (1 - np.exp(-0.2 / tau))))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
+
+
+# -- rigid motion is not damped ---------------------------------------------------------------------------------------
+COASTING: Tables = {
+    "name": "coasting",
+    "material": {"m": material(0.01, (200.0, 2000.0))},
+    "substructure": {"block": {"material": "m", "box": {"size": [0.05, 0.05, 0.05], "elements": [2, 2, 2]}}},
+    "boundary": {
+        "base": {
+            "type": "acceleration",
+            "face": "block.zmin",
+            "components": ["x", "y", "z"],
+            "value": [981.0, 0.0, 0.0],
+            "law": {"type": "half_sine", "duration": 6e-3},
+        }
+    },
+    "time": {"end": 20e-3, "step": 5e-5, "scheme": "hht"},
+    "output": {"reactions": True, "energy": True},
+}
+WAYS: dict[str, Tables] = {
+    "hht": {},
+    "generalized_alpha": {"time": COASTING["time"] | {"scheme": "generalized_alpha"}},
+    "reduced": {"solver": {"propagator": "reduced"}},
+    "cg": {"solver": {"propagator": "cg"}},
+    "windows": {"solver": {"window": 10}},
+    "explicit": {
+        "solver": {"propagator": "explicit"},
+        "time": {"end": 9e-3, "step": 8e-7, "scheme": "central_difference"},
+    },
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_coasting_base_feels_nothing(way: str) -> None:
+    """After a pulse of 100 g a block moves on at constant speed: its reaction is zero, and was m a before."""
+    solution = run(COASTING | WAYS[way])
+    force, late = solution.reactions["base"].force[:, 0], solution.time > 7e-3
+    assert np.abs(force).max() == pytest.approx(0.3375 * 981.0, rel=1e-3)
+    # what is left rings, undamped but for the strain
+    assert abs(force[late].mean()) < 1e-3
+    assert solution.energy is not None
+    moved = np.abs(solution.energy["work_of_loads"]).max()
+    assert np.abs(solution.energy["balance"]).max() < 1e-8 * moved
+
+
+def test_six_momenta_and_energy_in_flight() -> None:
+    """A bent beam that flies and turns while it vibrates."""
+    tables = beam(parts=2, held=False)
+    for body in tables["substructure"].values():
+        body["initial_velocity"] = [1.0, -2.0, 5.0]
+        body["initial_velocity_gradient"] = [[0.0, -3.0, 0.0], [3.0, 0.0, 0.0], [20.0, 0.0, 0.0]]
+    tables["time"]["end"] = 0.01
+    tables["output"] = {"energy": True, "fields": True}
+    solution = run(tables)
+    momenta = np.zeros((len(solution.time), 6))
+    bodies = discretise(latin_fmu.scene_from_dict(tables)).bodies
+    for name, body in solution.substructures.items():
+        mass = bodies[name].mass
+        places = body.nodes
+        impulses = np.stack([(mass @ v.ravel()).reshape(-1, 3) for v in body.velocity])
+        momenta[:, :3] += impulses.sum(axis=1)
+        momenta[:, 3:] += np.cross(places[None], impulses).sum(axis=1)
+    size = np.abs(momenta).max(axis=0).max()
+    assert np.abs(momenta - momenta[0]).max() < 1e-9 * size
+    assert solution.energy is not None
+    total = solution.energy["kinetic"] + solution.energy["elastic"] + solution.energy["damping_dissipation"]
+    assert np.abs(total - total[0]).max() < 1e-10 * total[0]
+    assert (np.diff(solution.energy["damping_dissipation"]) >= -1e-16 * total[0]).all()
+    assert solution.energy["damping_dissipation"][-1] > 1e-5 * total[0]
+
+
+def test_a_moving_frame_changes_nothing() -> None:
+    """A beam on a base that moves at constant speed is the beam on a base at rest (Galilei)."""
+    still = beam(load=TAP)
+    moving = beam(load=TAP)
+    drive = {"type": "velocity", "face": "b0.xmin", "components": ["x", "y", "z"], "value": [1.0, -2.0, 3.0]}
+    moving["boundary"]["foot"] = drive
+    moving["substructure"]["b0"]["initial_velocity"] = drive["value"]
+    still["time"]["end"] = moving["time"]["end"] = 5e-3
+    at_rest, carried = run(still), run(moving)
+    travel = at_rest.time[:, None] * np.array(drive["value"])
+    relative = carried.sensors["tip"].displacement - travel
+    size = np.abs(at_rest.sensors["tip"].displacement).max()
+    assert np.abs(relative - at_rest.sensors["tip"].displacement).max() < 1e-8 * size
+
+
+# -- the ratio of a mode ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("held", [True, False])
+def test_a_mode_has_the_ratio_whatever_it_is_cut_into(parts: int, held: bool) -> None:
+    tables = beam(parts, held, load=TAP)
+    tables["load"]["tap"]["face"] = f"b{parts - 1}.xmax"
+    frequency, ratio = first_decay(tables, 2e-3, 40 if held else 10)
+    modes = latin_fmu.vibration_modes(latin_fmu.scene_from_dict(tables), count=2)
+    first = modes.n_rigid
+    assert modes.damping is not None
+    assert ratio == pytest.approx(0.02, rel=PRECISION)
+    assert frequency == pytest.approx(modes.frequency[first], rel=1e-3)
+    assert ratio == pytest.approx(modes.damping.bodies[first], rel=2e-3)
+    assert modes.frequency[first] > 1.01 * modes.static_frequency[first]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joint", ["perfect", "contact"])
+@pytest.mark.parametrize("parts", [1, 2, 4, 8])
+@pytest.mark.parametrize(("ratio", "width"), [(0.005, 10.0), (0.02, 100.0), (0.05, 1000.0), (0.1, 10.0)])
+def test_decays_of_many_beams(joint: str, parts: int, ratio: float, width: float) -> None:
+    """Bonded and pressed bodies of two materials: the sum over the parts of curve times share of strain energy."""
+    band = (250.0 / np.sqrt(width), 250.0 * np.sqrt(width))
+    tables = beam(parts, True, (material(ratio, band), material(0.5 * ratio, band, 40e9)), joint, load=TAP)
+    tables["load"]["tap"]["face"] = f"b{parts - 1}.xmax"
+    frequency, measured = first_decay(tables, 2e-3, 40)
+    scene = latin_fmu.scene_from_dict(tables)
+    modes = latin_fmu.vibration_modes(scene, count=1)
+    shares = np.zeros(2)
+    models = {m.name: m for c in discretise(scene).classes for m in c.members}
+    for name, shape in modes.shapes.items():
+        u = shape[modes.n_rigid].ravel()
+        shares[int(name[1:]) % 2] += u @ (models[name].stiffness @ u)
+    f = np.array([modes.frequency[modes.n_rigid]])
+    curves = [float(scene.material[f"m{i}"].damping.ratio(f)[0]) for i in (0, 1)]
+    assert measured == pytest.approx(shares @ curves / shares.sum(), rel=0.1)
+    assert frequency == pytest.approx(f[0], rel=1e-3 + 0.6 * ratio**2)
+
+
+def test_materials_that_differ_couple_their_modes() -> None:
+    """Run, modes and response of a beam of two materials of unlike ratios and moduli."""
+    tables = beam(2, True, (material(0.01), material(0.08, BAND, 10e9)), load=TAP)
+    tables["load"]["tap"]["face"] = "b1.xmax"
+    frequency, ratio = first_decay(tables, 2e-3, 40)
+    scene = latin_fmu.scene_from_dict(tables)
+    modes = latin_fmu.vibration_modes(scene, count=4)
+    assert modes.damping is not None
+    assert frequency == pytest.approx(modes.frequency[0], rel=1e-3)
+    assert ratio == pytest.approx(modes.damping.bodies[0], rel=1e-3)
+    peak = latin_fmu.frf(scene, ["tip.z"], kind="receptance").response["tip.z"]["tip"][:, 2]
+    # of one mode: half of the peak on both sides is 2 zeta f wide
+    response = latin_fmu.frf(scene, ["tip.z"], np.linspace(0.9, 1.1, 401) * frequency, kind="receptance")
+    size = np.abs(response.response["tip.z"]["tip"][:, 2])
+    assert size.max() == pytest.approx(np.abs(peak).max(), rel=1e-2)
+    above = response.frequency[size > size.max() / np.sqrt(2)]
+    assert (above[-1] - above[0]) / (2 * frequency) == pytest.approx(ratio, rel=2e-2)
+
+
+def test_a_run_is_its_frequency_response() -> None:
+    """A base that shakes at half of the first frequency, steady state: amplitude and phase of the tip."""
+    first = 205.0
+    time = np.arange(0.0, 0.2 + STEP / 2, 2e-5)
+    law = np.sin(np.pi * first * time) * np.minimum(1.0, time / 0.03)
+    tables = beam()
+    drive = {"type": "table", "times": time.tolist(), "values": law.tolist()}
+    axes = ["x", "y", "z"]
+    foot = {"type": "acceleration", "face": "b0.xmin", "components": axes, "value": [0.0, 0.0, 1.0], "law": drive}
+    tables["boundary"]["foot"] = foot
+    tables["sensor"]["foot"] = {"face": "b0.xmin"}
+    tables["time"] = {"end": 0.2, "step": 2e-5, "scheme": "newmark"}
+    expected = latin_fmu.frf(latin_fmu.scene_from_dict(tables), ["base.z"], [first / 2]).response["base.z"]["tip"][0, 2]
+    sensors = run(tables).sensors
+    last = time > 0.2 - 8 / first
+    waves = np.exp(1j * np.pi * first * time[last])
+
+    def amplitude(signal: np.ndarray) -> complex:
+        cosine, sine = np.linalg.lstsq(np.column_stack([waves.real, waves.imag]), signal[last], rcond=None)[0]
+        return complex(cosine, -sine)
+
+    assert sensors["tip"].acceleration is not None
+    assert sensors["foot"].acceleration is not None
+    measured = amplitude(sensors["tip"].acceleration[:, 2]) / amplitude(sensors["foot"].acceleration[:, 2])
+    assert abs(measured - expected) < 1e-3 * abs(expected)
+    assert abs(expected.imag) > 0.01
+
+
+# -- every way to the answer ------------------------------------------------------------------------------------------
+def test_reduced_and_direct_march_agree() -> None:
+    tables = beam(2, True, (material(0.03), material(0.01)), "contact", load=TAP)
+    tables["time"] = {"end": 5e-3, "step": 2e-5, "scheme": "hht"}
+    direct = run(tables).sensors["tip"].displacement
+    reduced = run(tables | {"solver": {"tolerance": 1e-9, "propagator": {"type": "reduced", "modes": 30}}})
+    assert np.abs(reduced.sensors["tip"].displacement - direct).max() < 1e-4 * np.abs(direct).max()
+
+
+def test_segments_go_on_from_the_elongations() -> None:
+    """A session in steps of one, three and many instants is the run, driven face and branches included."""
+    tables = COASTING | {
+        "time": {"end": 3e-3, "step": 5e-5, "scheme": "hht"},
+        "sensor": {"top": {"face": "block.zmax"}},
+    }
+    scene = latin_fmu.scene_from_dict(tables)
+    whole = run(tables)
+    session = latin_fmu.Session(scene)
+    ends = [5e-5, 2e-4, 1e-3, 3e-3]
+    for end in ends:
+        session.advance_to(end)
+    there = [round(end / 5e-5) for end in ends]
+    moved = whole.sensors["top"].displacement[there]
+    assert session.time == pytest.approx(3e-3)
+    final = np.asarray(session.outputs()["sensor.top.displacement"])
+    assert final == pytest.approx(moved[-1], rel=1e-12)
+
+
+def test_derivatives_by_a_modulus_and_by_a_ratio() -> None:
+    tables = beam(2, True, (material(0.03), material(0.01)), load=TAP)
+    tables["time"] = {"end": 4e-3, "step": 2e-5, "scheme": "hht"}
+    keys = ["material.m0.young_modulus", "material.m0.damping_ratios.ratios.0"]
+    tables["output"] = {"sensitivities": keys}
+    made = run(tables).sensitivities
+    assert made is not None
+    for key in keys:
+        scene = latin_fmu.scene_from_dict(tables | {"output": {}})
+        value, ends = 70e9 if "modulus" in key else 0.03, []
+        for sign in (1.0, -1.0):
+            ends.append(latin_fmu.solve(scene.replace(key, value * (1 + sign * 1e-4))).sensors["tip"].displacement)
+        difference = (ends[0] - ends[1]) / (2e-4 * value)
+        derivative = made.histories["sensors/tip"]["displacement"][key]
+        assert np.abs(derivative - difference).max() < 1e-3 * np.abs(difference).max()
+
+
+# -- springs, layers, one ratio for all --------------------------------------------------------------------------------
+def hung(**keys: Any) -> Tables:
+    """A rigid block on a spring along x, or on an elastic layer of the same stiffness."""
+    made: Tables = {
+        "name": "hung",
+        "material": {"m": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"a": {"material": "m", "rigid": True, "box": {"size": [0.02] * 3, "elements": [1, 1, 1]}}},
+        "boundary": {"guide": {"type": "fixed", "face": "a.xmax", "components": ["y", "z"]}},
+        "load": {"tap": {"face": "a.xmax", "force": [10.0, 0.0, 0.0], "law": {"type": "half_sine", "duration": 2e-4}}},
+        "sensor": {"tip": {"face": "a.xmax"}},
+        "time": {"end": 0.05, "step": STEP, "scheme": "newmark"},
+        "solver": {"tolerance": 1e-9},
+        "output": {"energy": True},
+    }
+    return made | keys
+
+
+SPRING: Tables = {"ends": ["a.xmin", "ground"], "direction": [1.0, 0.0, 0.0], "stiffness": 1e5}
+LAYER: Tables = {
+    "sides": ["a.xmin", "ground"],
+    "behaviour": "elastic_layer",
+    "normal_stiffness": 1e5 / 4e-4,
+    "tangential_stiffness": 0.0,
+}
+RATIOS: Tables = {"frequencies": list(BAND), "ratios": [0.05, 0.05]}
+
+
+@pytest.mark.parametrize("joint", ["spring", "interface"])
+@pytest.mark.parametrize("by", ["damping_ratios", "damping"])
+@pytest.mark.parametrize("scheme", ["newmark", "generalized_alpha"])
+def test_springs_and_layers_have_the_ratio(joint: str, by: str, scheme: str) -> None:
+    own = {"damping_ratios": RATIOS} if by == "damping_ratios" else {}
+    tables = hung(**{joint: {"k": (SPRING if joint == "spring" else LAYER) | own}})
+    tables |= {} if own else {"damping": {"ratio": 0.05, "band": list(BAND)}}
+    tables["time"]["scheme"] = scheme
+    solution = run(tables)
+    s = decays(solution.sensors["tip"].displacement[100::10, 0], 10 * STEP, 4)[0]
+    frequency, ratio = abs(s) / (2 * np.pi), -s.real / abs(s)
+    scene = latin_fmu.scene_from_dict(tables)
+    modes = latin_fmu.vibration_modes(scene, count=1)
+    assert modes.damping is not None
+    assert ratio == pytest.approx(0.05, rel=PRECISION)
+    assert frequency == pytest.approx(modes.frequency[-1], rel=1e-3)
+    assert ratio == pytest.approx(modes.damping.bodies[-1], rel=2e-3)
+    assert modes.static_frequency[-1] == pytest.approx(np.sqrt(1e5 / 0.0624) / (2 * np.pi), rel=1e-6)
+    # what the joint has lost is what it took from the block
+    energy = solution.energy
+    assert energy is not None
+    taken = -energy["interface_work"] - energy["layer_energy"]
+    assert energy["joint_dissipation"][-1] == pytest.approx(taken[-1], rel=1e-3)
+
+
+def test_a_maxwell_joint_creeps() -> None:
+    """A spring and a dashpot in series under a constant force: u = F / k + F t / (k tau)."""
+    keys = {"behaviour": "maxwell_joint", "normal_stiffness": 1e9, "tangential_stiffness": 0.0, "relaxation_time": 1e-3}
+    tables = hung(interface={"k": {"sides": ["a.xmin", "ground"], **keys}})
+    tables["load"] = {"pull": {"face": "a.xmax", "force": [4.0, 0.0, 0.0]}}
+    tables["time"] = {"end": 0.05, "step": STEP, "scheme": "hht"}
+    moved = run(tables).sensors["tip"].displacement[:, 0]
+    stretch = 4.0 / (1e9 * 4e-4)
+    time = np.linspace(0.0, 0.05, len(moved))
+    late = time > 0.04
+    assert np.polyfit(time[late], moved[late], 1)[0] == pytest.approx(stretch / 1e-3, rel=1e-3)
+
+
+def test_what_has_damping_of_its_own_keeps_it() -> None:
+    scene = latin_fmu.scene_from_dict(
+        beam(
+            2,
+            materials=(
+                material(0.03),
+                material(0.01) | {"damping_ratios": None, "loss_factor": 0.1, "at_frequency": 300.0},
+            ),
+        )
+        | {"damping": {"ratio": 0.02, "band": list(BAND)}}
+    )
+    found = discretise(scene).scene.material
+    assert found["m0"].damping_ratios is not None
+    assert found["m0"].damping_ratios.ratios == (0.03, 0.03)
+    assert found["m1"].damping_ratios is None
+
+
+def test_windows_of_several_instants_refuse_springs_that_relax() -> None:
+    tables = hung(spring={"k": SPRING | {"damping_ratios": RATIOS}})
+    with pytest.raises(SceneError, match=r"solver\.window"):
+        latin_fmu.solve(latin_fmu.scene_from_dict(tables | {"solver": {"window": 4}}))
+
+
+# -- drag -------------------------------------------------------------------------------------------------------------
+def dragged(**more: Any) -> Tables:
+    plain = {"young_modulus": 70e9, "poisson_ratio": 0.33, "density": 2700.0, "rayleigh_mass": 22.848}
+    return COASTING | {"material": {"m": plain | more}}
+
+
+def test_drag_is_refused_unless_it_is_meant() -> None:
+    """A half sine of duration T: a max|s'| / max|s''| = 2 a T / pi = 8.73 %."""
+    with pytest.raises(SceneError, match=r"rayleigh_mass: brakes what boundary.base moves .*8\.73 %"):
+        latin_fmu.solve(latin_fmu.scene_from_dict(dragged()))
+    solution = run(dragged(frame="absolute"))
+    speed = 2 * 981.0 * 6e-3 / np.pi
+    assert solution.reactions["base"].force[-1, 0] == pytest.approx(22.848 * 0.3375 * speed, rel=1e-3)
+
+
+def test_drag_on_free_bodies_is_refused() -> None:
+    """1 - exp(-a t) of the momentum, by formula."""
+    flight = dragged() | {"boundary": {}, "output": {}}
+    flight["substructure"]["block"] = flight["substructure"]["block"] | {"initial_velocity": [5.0, 0.0, 0.0]}
+    with pytest.raises(SceneError, match=r"36\.7 % of the momentum in 0\.02 s"):
+        latin_fmu.solve(latin_fmu.scene_from_dict(flight))
+
+
+def test_ratios_in_an_absolute_frame_are_rayleigh_damping() -> None:
+    a, b = 2 * 0.01 * 2 * np.pi * 200 * 2000 / 2200, 0.01 / (np.pi * 2200)
+    ratios = COASTING["material"]["m"] | {"frame": "absolute"}
+    both = dragged(rayleigh_mass=a, rayleigh_stiffness=b, frame="absolute")
+    first = run(COASTING | {"material": {"m": ratios}}).reactions["base"].force
+    assert np.abs(first - run(both).reactions["base"].force).max() < 1e-9 * np.abs(first).max()
