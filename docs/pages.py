@@ -30,7 +30,7 @@ MADE = "<!-- Written by docs/pages.py; do not edit. -->"
 WIDTH = 88
 """Columns of code that a page shows without scrolling."""
 PARTS = {
-    "Bodies": ("material", "mesh", "substructure", "temperature"),
+    "Bodies": ("material", "damping", "mesh", "substructure", "temperature"),
     "Joints": ("interface", "contact", "bolt", "spring", "coupling", "point_mass"),
     "Loads and supports": ("load", "boundary", "gravity", "port"),
     "Time and solver": ("time", "initial_state", "solver", "accuracy"),

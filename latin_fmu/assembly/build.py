@@ -125,8 +125,7 @@ def discretise(
         raise SceneError(problems, "the scene cannot be built")
     remarks: list[Remark] = []
     store_of(scene).recount()
-    if scene.damping is not None:
-        scene = scene.damping.completed(scene)
+    scene = _damped(scene)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
@@ -143,7 +142,7 @@ def discretise(
     if scene.contact:
         scene = with_found(scene, bodies, problems, remarks)
         remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
-        scene = scene if scene.damping is None else scene.damping.completed(scene)  # the interfaces found
+        scene = _damped(scene)  # the interfaces found
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
@@ -175,11 +174,8 @@ def discretise(
         problems += start_problems(scene, bodies, conditions, units)
         if not problems:
             remarks += remarks_of("free", free_remarks(start_groups(scene, bodies, conditions, units)))
-    if scene.solver.window != 1 and any(isinstance(unit.behaviour, MaxwellJoint) for unit in units):
-        what = "springs that relax are solved in windows of one instant"
-        problems.add("solver.window", what, str(scene.solver.window), "1", "leave the window out")
     if not problems:
-        problems += drag_problems(scene, bodies, conditions, units)
+        problems += _damping_problems(scene, bodies, conditions, units)
     cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
@@ -188,6 +184,22 @@ def discretise(
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
     remarks += [] if known.compared else _remarks(problem, bodies, units)
     return replace(problem, remarks=tuple(remarks), sensors=sensors)
+
+
+def _damped(scene: Scene) -> Scene:
+    """The scene with the ratio of [damping] where nothing else is said."""
+    return scene if scene.damping is None else scene.damping.completed(scene)
+
+
+def _damping_problems(
+    scene: Scene, bodies: dict[str, Body], conditions: dict[str, Conditions], units: list[InterfaceUnit]
+) -> Problems:
+    """Damping that brakes what moves as a whole, and springs that relax in windows of several instants."""
+    problems = Problems(drag_problems(scene, bodies, conditions, units))
+    if scene.solver.window != 1 and any(isinstance(unit.behaviour, MaxwellJoint) for unit in units):
+        what = "springs that relax are solved in windows of one instant"
+        problems.add("solver.window", what, str(scene.solver.window), "1", "leave the window out")
+    return problems
 
 
 def _problem(

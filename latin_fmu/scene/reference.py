@@ -92,7 +92,7 @@ Rigid          A rigid substructure keeps its mass and its mesh, which gives its
                motion satisfies are refused. Its rotations are small ones.
 Damping        damping_ratios of a material, a spring or an elastic layer: damping by strain whose ratio goes from the
                first to the second value over the band, on a line in the logarithms, within 5 %. It is a dashpot b K and
-               up to four Maxwell branches of the stiffness K (springs with dashpots in series): a mode has the ratio
+               up to five Maxwell branches of the stiffness K (springs with dashpots in series): a mode has the ratio
                whatever it is cut into, and a rigid motion none. Moduli rise with frequency; young_modulus is the static
                one. [damping] ratio gives all materials, springs and layers that say nothing the same. In the results
                the branches of a spring or layer are NAME_branch1, ..., its dashpot NAME_viscosity. A loss

@@ -7,9 +7,10 @@ The complex modulus of a material over the static one is
 and the damping ratio of a mode whose strain energy is all in this material is half the loss factor at its frequency,
 Im / (2 Re). A line zeta(w) between two given ratios, straight in the logarithms, is fitted by as few branches as hold
 it within ``PRECISION`` over the band: for given tau_j the condition Im = 2 zeta Re is linear in b and g_j, which are
-the nonnegative least-squares solution; the tau_j minimise the largest deviation.
+the nonnegative least-squares solution. The tau_j minimise the largest deviation of a line of about this height and
+slope: they depend on both in steps, b and g_j smoothly, so that there are derivatives by the ratios.
 
-No causal damping does without a rise of the modulus with frequency (Kramers, Kronig): about 2 zeta / pi per factor e.
+No causal damping does without a rise of the modulus with frequency (Kramers, Kronig): about 4 zeta / pi per factor e.
 A ratio can fall no faster than 1 / w, and only at a modulus that rises without bound; it can rise no faster than w.
 """
 
@@ -28,11 +29,13 @@ Array = NDArray[np.float64]
 
 PRECISION: Final = 0.05
 """Largest deviation of the fitted from the given ratio in the band, over the given one."""
-MOST_BRANCHES: Final = 4
+MOST_BRANCHES: Final = 5
 WIDEST: Final = 1e3
 """Largest band, as a ratio of frequencies."""
 _SAMPLES: Final = 60  # frequencies of the band
-_GRID: Final = {1: 40, 2: 28, 3: 16, 4: 12}  # corner frequencies tried, by number of branches
+_GRID: Final = {1: 40, 2: 28, 3: 16, 4: 12, 5: 10}  # corner frequencies tried, by number of branches
+_SLOPES: Final = 0.05  # steps of the slope of the line for which corner frequencies are chosen
+_HEIGHTS: Final = 0.2  # and of its height, in logarithms
 _LOWEST: Final = 0.15  # corner frequency over the lower end of the band: below, the modulus rises far under the band
 
 
@@ -76,11 +79,14 @@ def fitted(first: float, last: float, low: float, high: float) -> StrainDamping:
 
     The fewest branches, at most ``MOST_BRANCHES``, that hold it within ``PRECISION``; else those that come closest.
     """
-    w = np.geomspace(1.0, last / first, _SAMPLES)  # in the lower end of the band
-    target = low * w ** (math.log(high / low) / math.log(last / first))
+    width = last / first
+    w = np.geomspace(1.0, width, _SAMPLES)  # in the lower end of the band
+    slope = math.log(high / low) / math.log(width)
+    target = low * w**slope
     best: tuple[float, Array, Array] | None = None
     for n in range(1, MOST_BRANCHES + 1):
-        corners = _corners(w, target, n)
+        height = round(math.log(low * high) / (2.0 * _HEIGHTS)) * _HEIGHTS
+        corners = _corners(width, round(slope / _SLOPES) * _SLOPES, height, n)
         shares, deviation = _shares(w, target, corners)
         if best is None or deviation < best[0]:
             best = deviation, corners, shares
@@ -118,10 +124,15 @@ def _shares(w: Array, target: Array, corners: Array) -> tuple[Array, float]:
     return shares, float(np.abs(rows @ shares - 1.0).max())
 
 
-def _corners(w: Array, target: Array, n: int) -> Array:
-    """Corner frequencies (n,) of branches with the least largest deviation: the best of a grid, then improved."""
+@lru_cache(maxsize=256)
+def _corners(width: float, slope: float, height: float, n: int) -> Array:
+    """Corner frequencies (n,), in the lower end of a band, of branches with the least largest deviation from a line:
+    the best of a grid, then improved. ``slope``, ``height`` : of the logarithms of the ratios, the latter in the middle
+    of the band."""
     from scipy.optimize import minimize
 
+    w = np.geomspace(1.0, width, _SAMPLES)
+    target = math.exp(height) * (w / math.sqrt(width)) ** slope
     lowest, highest = math.log(_LOWEST), math.log(2.0 * w[-1])
     grid = np.exp(np.linspace(lowest, highest, _GRID[n]))
     start = min(combinations(grid, n), key=lambda corners: _shares(w, target, np.array(corners))[1])

@@ -108,6 +108,15 @@ def crushed(settings: tuple[str, ...], *parameters: str, of_interface: str = "cr
 
 OTHERS = (
     crushed(
+        (
+            "material.steel.damping_ratios={frequencies=[1e4,1e6],ratios=[0.05,0.03]}",
+            "material.aluminium.damping_ratios={frequencies=[1e4,1e5],ratios=[0.02,0.02]}",
+        ),
+        "material.steel.young_modulus",
+        "material.steel.damping_ratios.ratios.0",
+        "material.aluminium.density",
+    ),
+    crushed(
         (*HEAT, 'load.press.law="constant"', f'temperature.heat={{substructures=["upper"],change=80.0,{PULSE}'),
         "temperature.heat.change",
         "material.steel.thermal_expansion",
