@@ -77,6 +77,7 @@ from .statics import tightened
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
 _NO_DAMPING = 1e-7  # %, round-off
+_UNMOVED = 1e-9  # of a mode of a body, whose rate is round-off
 _NO_MASS = 1e-6  # of the assembly, round-off
 _EFFECTIVE: Final = "effective mass along x, y, z"
 _NEAR = 1e-4  # of the size of the assembly: larger gaps are open
@@ -150,6 +151,7 @@ class JoinedAssembly:
     discretised : the scene with a scheme that moves no mass. parts : matrices of its substructures, full dofs.
     vibration : stiffness and mass (n, n) of the dofs that are left. expansion : (n_full, n) from these to the full
         dofs. damping : (n_full, n_full) of bodies and viscous joints, N s m-1. remarks : how each interface was taken.
+        to_ground : (n_full, n_full) the part of springs and layers between bodies and ground in the stiffness, N m-1.
     """
 
     discretised: DiscretisedProblem
@@ -158,6 +160,7 @@ class JoinedAssembly:
     expansion: sp.csr_array
     damping: sp.csr_array
     remarks: tuple[str, ...]
+    to_ground: sp.csr_array
 
     @staticmethod
     def of(
@@ -169,12 +172,14 @@ class JoinedAssembly:
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
         rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []
+        to_ground = sp.csr_array((parts.n, parts.n))
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and scene.bolt:
                 remark += " when the bolts are tight"
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
+            to_ground = to_ground if stiffness is None or not unit.against_ground else to_ground + stiffness
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
             if isinstance(unit.behaviour, ViscousJoint):
                 viscosity = [unit.behaviour.normal_viscosity, unit.behaviour.tangential_viscosity]
@@ -191,7 +196,8 @@ class JoinedAssembly:
             weight = _STIFF * float(k.diagonal().max())
             k = sp.csr_array(k + weight * (left.T @ left))
         vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
-        return JoinedAssembly(discretised, parts, vibration, expansion, sum(dashpots, parts.damping), tuple(remarks))
+        damping = sum(dashpots, parts.damping)
+        return JoinedAssembly(discretised, parts, vibration, expansion, damping, tuple(remarks), to_ground)
 
     def damping_of(self, full: Array) -> Array:
         """Phi^T C Phi (m, m) of motions (n_full, m), modal damping of bodies included where it has a limit."""
@@ -201,6 +207,18 @@ class JoinedAssembly:
                 rates = model.modal_rows @ full[self.parts.where[name]]
                 projected += rates.T @ rates
         return projected
+
+    def modal_drag(self, full: Array) -> Array:
+        """Forces (n_full,), N s m-1, of the modal damping of bodies with a limit in a motion (n_full,)."""
+        forces = np.zeros(self.parts.n)
+        for name, model in self.parts.models.items():
+            if model.modal_rows is not None:
+                own = self.parts.where[name]
+                rates = model.modal_rows @ full[own]
+                # of rigid motions: round-off
+                size = np.linalg.norm(model.modal_rows) * np.linalg.norm(full[own])
+                forces[own] = model.modal_rows.T @ np.where(np.abs(rates) > _UNMOVED * size, rates, 0.0)
+        return forces
 
     def nearly_closed(self, pressed: Mapping[str, np.ndarray], state: InitialState | None) -> dict[str, Array]:
         """Gaps (n_point,), m, of the points that are nearly closed, NaN at all others, by interface that has some.
