@@ -532,7 +532,7 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
         indicators = {name: indicators.get(name, 0.0) for name in histories}
         n_body += len(problem.untouched.info)
     time, ends = assembly.time[: recorder.n_kept], body_ends(problem)
-    faults = faults_of(problem, histories, march.account(), ends)
+    faults = faults_of(problem, histories, time[:: recorder.rows.every], march.account(), ends)
     return Outcome(
         time=time,
         interfaces=histories,

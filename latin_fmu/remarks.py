@@ -30,6 +30,7 @@ REMARKS: Final = MappingProxyType(
         "resolution": "steps or elements that do not resolve a wave",
         "sampling": "laws whose impulse the instants change",
         "scheme": "a time scheme that does not suit the contacts",
+        "sinking": "sides that loads press together and that approach by errors of the iteration",
         "size": "bodies of doubtful size",
         "start": "a static start that has not converged far enough",
         "step": "a step of doubtful length",

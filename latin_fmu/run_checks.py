@@ -17,7 +17,9 @@ contains, each with the number, the place and a remedy:
     sinking    a point that never opened and has sunk (``InterfaceHistory.sunk``) by more than 1 % of the shortening
                of the bolt around whose shank it is, else of the elastic approach p (L/E + L'/E') of both bodies,
                p the largest mean pressure of the interface and L/E as in ``body.side_stiffness``; bodies without
-               elasticity have none
+               elasticity have none. Where loads press the joint, as a weight does (``assembly.release``), an
+               approach s changes its force by k s + m s'' alone: more than 0.1 % of the largest force is a remark,
+               more than 5 % is not trustworthy
     energy     the sum of the account of energies (``kernels.energy``) beyond 1 % of its largest term
     rotation   a body that has turned by more than 10 degrees: strains and normals are those of small rotations
 
@@ -34,6 +36,7 @@ import scipy.spatial as spatial
 
 from .assembly.bolts import Clamp
 from .assembly.problem import SolverReadyProblem
+from .assembly.release import Release, released
 from .interface.laws import SEPARATION, bonds
 from .latin.assembly import Array, Assembly
 from .latin.outcome import InterfaceHistory, Resultants
@@ -58,6 +61,9 @@ _CANCELLED = 16.0 * float(np.finfo(float).eps)  # of the largest forces of the e
 _UNBALANCED = 10.0  # tolerances on the unbalanced part of the largest resultant
 SUNK, OPEN = 0.01, 0.01
 """Share of the shortening of a bolt or of the elastic approach, and of the largest energy, likewise."""
+TOLD, STRAYED = 1e-3, 0.05
+"""Share of the largest force of a joint that loads press, by which the approach of its sides changes the force: from
+which on it is a remark, and beyond which a run is not trustworthy."""
 _IMPACT = 0.1  # of the largest force of an interface, of points that close in one step
 _PRECISION = 1e-12  # of sizes and displacements: round-off of a gap
 
@@ -78,7 +84,9 @@ def run_remarks(
     ``body_ends``. ``stresses`` : of the run.
     """
     moved = [*small_motion_remarks(problem, histories, time, ends), *strain_remarks(problem, ends)]
+    strayed = [s.words for s in sinkings(problem, histories, time[::every]) if not s.fault]
     return [
+        *remarks_of("sinking", strayed),
         *remarks_of("drift", drift_remarks(problem.assembly, histories, problem.unit_system)),
         *remarks_of("motion", moved),
         *remarks_of("scheme", impact_remarks(problem, histories, time[::every])),
@@ -225,17 +233,21 @@ def _impact(problem: SolverReadyProblem, i: int, history: InterfaceHistory, time
     first, second = (np.einsum("tpc,pc->tp", history.velocity[:-1, side], history.normals) for side in (0, 1))
     closing = (first - second).clip(min=0.0)
     closing = np.where((status[:-1] == SEPARATION) & (status[1:] != SEPARATION), closing, 0.0)
-    # along N
-    z, other = (assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1))
-    # no impedance: a side that cannot move
-    both = np.where(z * other > 0.0, z * other / np.maximum(z + other, 1e-300), np.maximum(z, other))
-    force = closing @ (history.areas * both)
+    force = closing @ (history.areas * _impedances(assembly, i))
     at = int(np.argmax(force))
     hit = closing[at] > 0.5 * closing[at].max()
     speed = readable(float(closing[at].max()), problem.unit_system.label("m s-1"), 3)
     when = readable(float(time[at + 1]), "s", 3)
     share = 100 * history.areas[hit].sum() / history.areas.sum()
     return float(force[at]) / largest, history.name, f"closes by an impact at {when} ({share:.0f} % of it at {speed})"
+
+
+def _impedances(assembly: Assembly, i: int) -> Array:
+    """Traction of the points of interface ``i`` that meet with a unit relative velocity along N, (n_point,), Pa s m-1,
+    by the impedances z and z' of their sides: z z' / (z + z')."""
+    z, other = (assembly.impedance[assembly.layout.channels(i, side)][:, 0] for side in (0, 1))
+    # no impedance: a side that cannot move
+    return np.where(z * other > 0.0, z * other / np.maximum(z + other, 1e-300), np.maximum(z, other))
 
 
 def untouched_remarks(histories: Mapping[str, InterfaceHistory], units: UnitSystem = SI) -> list[str]:
@@ -407,14 +419,17 @@ def balance_remarks(made: Mapping[str, Resultants], tolerance: float, units: Uni
 def faults_of(
     problem: SolverReadyProblem,
     histories: Mapping[str, InterfaceHistory],
+    time: Array,
     account: Account | None,
     ends: Mapping[str, BodyEnd],
 ) -> list[str]:
     """Sentences on what makes a run not trustworthy at its end; none where it is.
 
-    ``account`` : the energies at the end, None where they are not accounted for. ``ends`` from ``body_ends``.
+    ``time`` : (n_time,) of the histories, s. ``account`` : the energies at the end, None where they are not accounted
+    for. ``ends`` from ``body_ends``.
     """
-    return [*_sunk(problem, histories), *_open(account, problem.unit_system["J"]), *_turned(ends)]
+    sunk = [s.words for s in sinkings(problem, histories, time) if s.fault]
+    return [*sunk, *_open(account, problem.unit_system["J"]), *_turned(ends)]
 
 
 def with_faults(sentence: str, faults: Sequence[str]) -> str:
@@ -422,8 +437,16 @@ def with_faults(sentence: str, faults: Sequence[str]) -> str:
     return f"not trustworthy: {'; '.join(faults)} ({sentence})" if faults else sentence
 
 
-def _sunk(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory]) -> Iterator[str]:
-    """Interfaces whose points have sunk into each other while they were closed."""
+class Sinking(NamedTuple):
+    """A sentence on sides that have sunk into each other while they were closed, and whether it is a fault."""
+
+    words: str
+    fault: bool
+
+
+def sinkings(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], time: Array) -> Iterator[Sinking]:
+    """Interfaces whose points have sunk into each other while they were closed; ``time`` : (n_time,) of the histories,
+    s."""
     length, clamps = problem.unit_system["m"], problem.clamps
     for name, history in histories.items():
         sunk = history.sunk()
@@ -436,16 +459,68 @@ def _sunk(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory]
             held = clamp.holds(history.points) & (SUNK * clamp.shortening > 0.0)
             allowed[held], whose[held] = SUNK * clamp.shortening, number
         deep = (allowed > 0.0) & ~(sunk <= allowed + _PRECISION * _size(problem, history))  # NaN is deep, too
+        if (deep & (whose < 0)).any():
+            free = _released(problem, histories, name)
+            if free is not None:
+                yield from _strayed(problem, history, time, free)
+                deep &= whose >= 0
         if not deep.any():
             continue
         worst = int(np.argmax(np.where(deep, sunk / np.maximum(allowed, np.finfo(float).tiny), 0.0)))
         of = f"the shortening of bolt {clamps[whose[worst]].cut.name}" if whose[worst] >= 0 else "the elastic approach"
         at = ", ".join(f"{x:.4g}" for x in history.points[worst])
-        yield (
+        words = (
             f"interface {name}: {int(deep.sum())} of {len(sunk)} points that never opened have sunk, at [{at}] by "
             f"{sunk[worst]:.3g} {length}, {percent(SUNK * sunk[worst] / allowed[worst])} "
-            f"of {of} (allowed: {percent(SUNK)}), so that the clamp force is wrong: lower solver.tolerance, as to "
-            f"{0.1 * problem.settings.tolerance:g}"
+            f"of {of} (allowed: {percent(SUNK)}), so that the clamp force is wrong: {_finer(problem)}"
+        )
+        yield Sinking(words, fault=True)
+
+
+def _finer(problem: SolverReadyProblem) -> str:
+    """The remedy for errors of the iteration."""
+    return f"lower solver.tolerance, as to {0.1 * problem.settings.tolerance:g}"
+
+
+def _released(problem: SolverReadyProblem, histories: Mapping[str, InterfaceHistory], name: str) -> Release | None:
+    """The joint as one that loads press, None where bodies are clamped in it."""
+    models = {n: m for p in problem.assembly.propagators for n, m in zip(p.names, p.members, strict=True)}
+    nodes = {n: problem.info[n].nodes for n in models}
+    opening = {n: h for n, h in histories.items() if h.contact_status is not None}
+    pressed = {n: np.asarray((h.pressure() > 0.0).any(axis=0)) for n, h in opening.items()}
+    return released(list(models.values()), nodes, problem.assembly.interfaces, pressed, name)
+
+
+def _strayed(problem: SolverReadyProblem, history: InterfaceHistory, time: Array, free: Release) -> Iterator[Sinking]:
+    """A sentence on a joint that loads press, where the approach of its sides changes the force; ``time`` : (n_time,),
+    s.
+
+    In points that stay closed for two steps the sides have no relative acceleration along the normal: what the gap has
+    of it, over the mean of these points, is an error of the iteration, and takes a force by the mass that it moves, or
+    that of a wave where it is over before the wave is back.
+    """
+    force = free.stiffness * float(history.sunk().max())
+    largest = float(history.normal_resultant().max(initial=0.0))
+    if history.gap is not None and history.contact_status is not None and len(time) > 2 and not history.quasi_static:
+        closed = history.contact_status != SEPARATION
+        areas = (closed[:-2] & closed[1:-1] & closed[2:]) * history.areas
+        speed = np.diff(history.gap, axis=0) / np.diff(time)[:, None]
+        total = np.maximum(areas.sum(axis=1), np.finfo(float).tiny)
+        change = np.abs((areas * np.diff(speed, axis=0)).sum(axis=1)) / total
+        inertia = free.mass * change / np.diff(time)[1:]
+        i = [unit.name for unit in problem.assembly.interfaces].index(history.name)
+        front = np.maximum(np.abs(speed[:-1]), np.abs(speed[1:])) * areas @ _impedances(problem.assembly, i)
+        force += float(np.minimum(inertia, front).max(initial=0.0))
+    share = force / largest if largest > 0.0 else 0.0
+    if not share <= TOLD:  # NaN, too
+        fault, depth = not share <= STRAYED, readable(float(history.sunk().max()), problem.unit_system.label("m"), 3)
+        yield Sinking(
+            f"interface {history.name}: loads alone press its sides together, which have approached by {depth} where "
+            f"they stayed closed; by the inertia of that the force between them is off by {percent(share)} of its "
+            f"largest value in the mean over a few steps, at single instants by more"
+            + (f" (allowed: {percent(STRAYED)})" if fault else "")
+            + f": {_finer(problem)}",
+            fault,
         )
 
 

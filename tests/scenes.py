@@ -111,4 +111,4 @@ def clamp(**tables: Any) -> Description:
 def rayleigh(tables: Description) -> None:
     """Rayleigh damping of all materials."""
     for material in tables["material"].values():
-        material |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+        material |= {"frame": "absolute", "rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}

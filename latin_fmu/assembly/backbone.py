@@ -24,7 +24,10 @@ damping.
              point slid before and all keep their pressure (Masing's rule); points that open or close are counted
 
 The amplitude is that of a sensor along its motion in the mode, or of the point that moves most; rigid motions, which
-the static problem leaves undetermined, are taken out.
+the static problem leaves undetermined, are taken out. The first loads are those of the linear mode. Where points slide
+or open they make other amplitudes than those wanted: the loops are run again with loads interpolated between those that
+are known, ln alpha over ln amplitude, until all amplitudes are met. Loads without an equilibrium are a bound on alpha,
+from which the largest amplitude follows that the joint can have in statics.
 """
 
 from __future__ import annotations
@@ -69,6 +72,14 @@ _MOST: Final = 1000  # increments up to an amplitude
 _CUTS: Final = 5  # of all increments in two, where one does not converge
 _ITERATIONS: Final = 200  # of an increment
 _FEW: Final = 40  # sliding points: a front of some elements in width
+_SIZES: Final = (1e-12, 0.1)  # smallest and largest amplitude, of the size of the assembly
+_NEAREST: Final = 1e-4  # least share by which amplitudes may differ from those wanted
+_TRIES: Final = 12  # loops until the amplitudes are those wanted
+_LESS: Final = 16.0  # loads over those of the next try, where not even the first increment has an equilibrium
+_FAILS: Final = 4  # tries without any equilibrium
+_STEEPEST, _FLATTEST = 1.0, 0.02  # d ln alpha / d ln amplitude beyond what is known: linear; close to sliding away
+_ASIDE: Final = 0.3  # of ``within``: loads beside those at which the iteration stalls
+_CLOSE: Final = 1e-3  # of a load that has no equilibrium: nearer ones are not tried
 _MOVES: Final = 1e-9  # of the largest displacement of the mode: below, a sensor does not move in it
 
 
@@ -81,23 +92,26 @@ def backbone(
     loop: Loop = "half",
     increments: int = 2,
     tolerance: float = 1e-9,
+    within: float = 0.01,
     progress: Callable[[int, int, int, float], None] | None = None,
 ) -> Backbone:
     """Frequency and damping of a mode against the amplitude, by static loops after tightening (module docstring).
 
     Parameters
     ----------
-    mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) aimed at, > 0, m; the result
-        has those reached. sensor : whose amplitude is meant; None for the point that moves most in the mode.
+    mode : number of the elastic mode of the clamped assembly, from 1. amplitudes : (n,) > 0, m, from 1e-12 to a tenth
+        of the size of the assembly. sensor : whose amplitude is meant; None for the point that moves most in the mode.
     loop : half, full or masing. increments : of load from 0 to an amplitude, a half loop that is measured has twice as
         many; all are cut in two, again and again, where one does not converge.
-    tolerance : of the static iteration, whose residuals are the floor of the losses. progress : called with the number
-        of increments done, that of all, iterations and error of the last one.
+    tolerance : of the static iteration, whose residuals are the floor of the losses. within : share by which the
+        amplitudes of the result may differ from those wanted; infinite: the loops of the linear loads, whose amplitudes
+        are larger where points slide, in a third of the time. progress : called with the number of increments done,
+        that of all, iterations and error of the last one.
 
     Raises
     ------
     InputError : an argument that does not fit the scene. SceneError : the scene cannot be built, or has no equilibrium.
-    SolverError : an increment did not converge, 16 times as short as it was given.
+    SolverError : an increment did not converge, 16 times as short as it was given; an amplitude that no load makes.
 
     Examples
     --------
@@ -107,9 +121,10 @@ def backbone(
     '1e-06 m, 863 Hz, ...'
     """
     wanted = np.sort(np.asarray(amplitudes, dtype=float).ravel())
-    _check(scene, mode, wanted, sensor, loop, increments, tolerance)
+    _check(scene, mode, wanted, sensor, loop, (increments, tolerance, within))
     with one_thread():
         whole = discretise(_at_rest(scene))
+        _check_sizes(whole, wanted)
         kept: Kept = {}
         tight = tightened(whole, kept) if whole.cuts else None
         state = static_state(whole, {}, tight, kept)
@@ -118,23 +133,28 @@ def backbone(
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
         joined = JoinedAssembly.of(scene, "sticking", pressed_of(state))
         shape = _Shape.of(joined, mode, whole, sensor)
+        _check_rest(scene, whole, shape)
+
+        def loops(levels: Array) -> _Loops:
+            for cut in range(_CUTS):
+                path = _Path.of(levels, loop, increments * 2**cut)
+                run, recorder = _run(_loaded(whole, shape, path.load), state, kept, tolerance, progress)
+                converged, sentence = run.status()
+                reached = float(np.abs(path.load[: run.assembly.instant + 1]).max())
+                if converged:
+                    return _Loops.of(shape, path, recorder, loop)
+            return _Loops(path, sentence, reached)
+
         # of the linear mode: q = alpha / omega^2, which moves the place by q times sensed
-        levels = wanted * shape.omega**2 / shape.sensed
-        for cut in range(_CUTS):
-            path = _Path.of(levels, loop, increments * 2**cut)
-            run, recorder = _run(_loaded(whole, shape, path.load), state, kept, tolerance, progress)
-            converged, sentence = run.status()
-            if converged:
-                return _read(scene, shape, path, recorder, loop, mode, tolerance)
-        remedy = "take more increments, smaller amplitudes or a larger tolerance"
-        raise SolverError(f"the loops of the backbone did not converge: {sentence}; {remedy}")
+        made = _searched(loops, wanted, shape.omega**2 / shape.sensed, within, scene.unit_system)
+        return _read(scene, shape, made, loop, mode, tolerance)
 
 
 def _check(
-    scene: Scene, mode: int, amplitudes: Array, sensor: str | None, loop: str, increments: int, tolerance: float
+    scene: Scene, mode: int, amplitudes: Array, sensor: str | None, loop: str, numbers: tuple[int, float, float]
 ) -> None:
-    """Arguments that can be judged without meshes. Raises InputError."""
-    problems = []
+    """Arguments that can be judged without meshes; ``numbers`` : increments, tolerance, within. Raises InputError."""
+    (increments, tolerance, within), problems = numbers, []
     if mode < 1:
         problems.append(Problem("mode", "out of range", str(mode), "1 for the first elastic mode, 2, ..."))
     if not (len(amplitudes) and (amplitudes > 0).all() and np.isfinite(amplitudes).all()):
@@ -148,6 +168,38 @@ def _check(
         problems.append(Problem("increments", "out of range", str(increments), f"1 to {_MOST}"))
     if not 0 < tolerance < 1e-2:
         problems.append(Problem("tolerance", "out of range", f"{tolerance:g}", "> 0, < 1e-2"))
+    if not within >= _NEAREST:
+        problems.append(Problem("within", "out of range", f"{within:g}", f"{_NEAREST:g} or more"))
+    if problems:
+        raise InputError(problems, "no backbone")
+
+
+def _check_sizes(whole: DiscretisedProblem, amplitudes: Array) -> None:
+    """Amplitudes that the displacements of the assembly can have. Raises InputError."""
+    nodes, metre = np.concatenate([body.mesh.nodes for body in whole.bodies.values()]), whole.scene.unit_system["m"]
+    size = float(np.ptp(nodes, axis=0).max())
+    low, high = _SIZES[0] * size, _SIZES[1] * size
+    if wrong := [a for a in amplitudes.tolist() if not low <= a <= high]:
+        what = "no amplitude of an assembly of this size: displacements are small, and larger than round-off"
+        allowed = f"{low:.3g} to {high:.3g} {metre}"
+        raise InputError([Problem("amplitude", what, ", ".join(f"{a:g}" for a in wrong), allowed)], "no backbone")
+
+
+def _check_rest(scene: Scene, whole: DiscretisedProblem, shape: _Shape) -> None:
+    """Bodies that move at t = 0 are not in the equilibrium of the start, and have no part in a mode. Raises
+    InputError."""
+    still = static_scene(whole.scene, {}).substructure
+    largest = max(float(np.abs(f).max()) for f in shape.forces.values())
+    moving = [n for n, f in shape.forces.items() if n not in still and np.abs(f).max() > _MOVES * largest]
+    problems = [
+        Problem(
+            f"substructure.{name}",
+            "it moves at t = 0, so that the equilibrium does not hold it, and it has a part in the mode",
+            ", ".join(scene.substructure[name].initial_keys) or None,
+            remedy="leave the initial motion out for the backbone",
+        )
+        for name in moving
+    ]
     if problems:
         raise InputError(problems, "no backbone")
 
@@ -273,6 +325,109 @@ class _Path:
         return _Path(np.array(load), top, other, end)
 
 
+@dataclass(frozen=True)
+class _Loops:
+    """The loops of some levels, or why there are none.
+
+    Attributes
+    ----------
+    path : their loads. sentence : of an increment without an equilibrium, empty where there is none. reached : largest
+        load up to which there is one. q, moved : (n_time,) of ``_Shape.measured``. histories : of the interfaces.
+    """
+
+    path: _Path
+    sentence: str
+    reached: float
+    q: Array | None = None
+    moved: Array | None = None
+    histories: Mapping[str, InterfaceHistory] | None = None
+    swing: float = 2.0
+    """Amplitudes between the instants ``top`` and ``other``."""
+
+    @staticmethod
+    def of(shape: _Shape, path: _Path, recorder: Recorder, loop: Loop) -> _Loops:
+        """Those of a run that has converged."""
+        q, moved = shape.measured(recorder, len(path.load))
+        # masing: from the start to +alpha is half of the whole swing already
+        swing = 1.0 if loop == "masing" else 2.0
+        return _Loops(path, "", float(np.abs(path.load).max()), q, moved, recorder.interfaces(), swing)
+
+    @property
+    def amplitude(self) -> Array:
+        """(n,) at the place, m."""
+        assert self.moved is not None
+        return np.asarray(np.abs(self.moved[self.path.top] - self.moved[self.path.other]) / self.swing)
+
+    @property
+    def half(self) -> Array:
+        """(n,) modal displacement, kg0.5 m."""
+        assert self.q is not None
+        return np.asarray((self.q[self.path.top] - self.q[self.path.other]) / self.swing)
+
+
+def _searched(
+    loops: Callable[[Array], _Loops], wanted: Array, stiffness: float, within: float, units: UnitSystem
+) -> _Loops:
+    """Loops whose amplitudes are those wanted (n,), m, to the share ``within``; ``stiffness`` : levels of the linear
+    mode over amplitudes. Raises SolverError: no load makes an amplitude."""
+    levels, known, limit = wanted * stiffness, dict[float, float](), np.inf
+    fails, lost = 0, ""
+    for _ in range(_TRIES):
+        made = loops(levels)
+        if not made.sentence:
+            known |= dict(zip(levels.tolist(), made.amplitude.tolist(), strict=True))
+            if (np.abs(made.amplitude - wanted) <= within * wanted).all() and (made.half > 0.0).all():
+                return made
+            top = _interpolated(known, wanted[-1:], limit)[0]
+        elif known and levels[-1] < max(known):
+            # larger loads have an equilibrium: the iteration has stalled, as it will not under slightly other ones
+            levels = levels * (1.0 - _ASIDE * within)
+            continue
+        else:
+            lost, limit = made.sentence, min(limit, float(levels[-1]))
+            fails += not known
+            # what was reached before the loads were too large, or far less
+            top = max(made.reached, limit / _LESS) if not known else np.sqrt(limit * max(known))
+        if fails >= _FAILS or top >= (1.0 - _CLOSE) * limit or (known and max(known) >= (1.0 - _CLOSE) * limit):
+            break
+        levels = _interpolated(known, wanted, limit) if known else levels
+        # none above the largest, and none equal to it
+        levels = np.minimum(levels, top * np.linspace(1.0, 1.0 - _CLOSE, len(levels))[::-1])
+    raise SolverError(_unreached(known, wanted, within, lost, units))
+
+
+def _interpolated(known: Mapping[float, float], wanted: Array, limit: float) -> Array:
+    """Levels (n,) for amplitudes wanted, increasing, from known pairs, below the level that has no equilibrium."""
+    levels = np.array(sorted(known))
+    amplitudes = np.maximum.accumulate(np.array([known[level] for level in levels.tolist()]))
+    moved = amplitudes > 0.0
+    if not moved.any():
+        return np.asarray(np.minimum(2.0 * levels[-1] * wanted / wanted[-1], limit))
+    x, y, at = np.log(amplitudes[moved]), np.log(levels[moved]), np.log(wanted)
+    x, first = np.unique(x, return_index=True)
+    y = y[first]
+    slope = (y[-1] - y[-2]) / (x[-1] - x[-2]) if len(x) > 1 else _STEEPEST
+    beyond = y[-1] + np.clip(slope, _FLATTEST, _STEEPEST) * (at - x[-1])
+    found = np.where(at > x[-1], beyond, np.where(at < x[0], y[0] + at - x[0], np.interp(at, x, y)))
+    made = np.exp(found)
+    if made[-1] >= (1.0 - _CLOSE) * limit:
+        made[-1] = np.sqrt(limit * levels[-1])
+    return np.asarray(np.minimum.accumulate(made[::-1])[::-1])
+
+
+def _unreached(known: Mapping[float, float], wanted: Array, within: float, lost: str, units: UnitSystem) -> str:
+    """Which amplitude is not reached, and why."""
+    metre = units.label("m")
+    largest = max(known.values(), default=0.0)
+    first = next((a for a in wanted.tolist() if a > (1.0 + within) * largest), wanted[-1])
+    words = f"amplitude not reached: {readable(first, metre, 4)} is wanted, and the largest load with an equilibrium "
+    words += f"makes {readable(largest, metre, 4)}" if known else "makes less"
+    if lost:
+        words += f"; under a larger one: {lost}"
+    remedy = f"ask for at most {readable(largest, metre, 3)}" if known else "ask for smaller amplitudes"
+    return f"{words}; {remedy}, tighten the joint further, or take more increments or a larger tolerance"
+
+
 def _loaded(whole: DiscretisedProblem, shape: _Shape, load: Array) -> DiscretisedProblem:
     """The static problem under the loads of t = 0, which stay, and the modal load."""
     scene = static_scene(whole.scene, {})
@@ -310,19 +465,15 @@ def _run(
     return run, recorder
 
 
-def _read(
-    scene: Scene, shape: _Shape, path: _Path, recorder: Recorder, loop: Loop, mode: int, tolerance: float
-) -> Backbone:
+def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tolerance: float) -> Backbone:
     """The backbone from the histories of a run."""
-    q, moved = shape.measured(recorder, len(path.load))
-    histories = recorder.interfaces()
+    path, q, histories = made.path, made.q, made.histories
+    assert q is not None
+    assert histories is not None
     power = sum((h.friction_power for h in histories.values() if h.friction_power is not None), np.zeros(len(q)))
     work = np.concatenate([[0.0], np.cumsum(power[1:])]) / (len(q) - 1)  # instants are parts of 1 s
-    top, other = path.top, path.other
-    first = np.zeros_like(top) if loop == "masing" else top
-    load = path.load[top]
-    # masing: from the start to +alpha is half of the whole swing already
-    half = (q[top] - q[other]) / (1.0 if loop == "masing" else 2.0)
+    first = np.zeros_like(path.top) if loop == "masing" else path.top
+    load, half = path.load[path.top], made.half
     loss = {"half": 2.0, "full": 1.0, "masing": 4.0}[loop] * (work[path.end] - work[first])
     spans = list(zip(first, path.end, strict=True))
     return Backbone(
@@ -332,7 +483,7 @@ def _read(
         loop=loop,
         tolerance=tolerance,
         linear_frequency=shape.omega / (2 * np.pi),
-        amplitude=np.abs(moved[top] - moved[other]) / (1.0 if loop == "masing" else 2.0),
+        amplitude=made.amplitude,
         frequency=np.sqrt(load / half) / (2 * np.pi),
         damping=loss / (2 * np.pi * load * half),
         loss=loss,

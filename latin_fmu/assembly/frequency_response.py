@@ -8,10 +8,15 @@ is free, ``propagator.reduction``). The static response stands for the modes tha
 w = 0, and the error of the rest falls as the fourth power of w over the first frequency left out.
 
 Excitation is a unit force, at a sensor or spread as a load of the scene, or a base: everything that holds the assembly
-(fixed, symmetric and driven faces, the ground) moves along an axis with the displacement s. With u = r s + v, r the
-rigid translation of all bodies, damping acts on the motion v relative to the base, and
+(fixed, symmetric and driven faces, contacts and bonds with the ground) moves along an axis with the displacement s.
+With u = r s + v, r the rigid translation of all bodies,
 
-    (K + i w C - w^2 M) v = w^2 M r s,        transmissibility (r s + v) / s
+    (K + i w C - w^2 M) v = (w^2 M - i w C - K) r s,        transmissibility (r s + v) / s
+
+Springs and dashpots between bodies have no part in C r and K r. What leads to the ground has, springs, layers, dashpots
+and absorbing faces, and so has damping by the mass: the ground is at rest, as in a run whose driven faces move. Where
+springs and layers to the ground are all that holds the assembly along the axis, the ground itself is the base, and C r
+and K r are left out, as they are with damping ratios that are given.
 
 C is 2 zeta_j omega_j of each Ritz vector, or what the scene has: Rayleigh damping, modal damping of bodies, dampers,
 viscous joints, absorbing faces, wave ports, which may couple the modes. The Maxwell branches of materials make K depend
@@ -26,17 +31,19 @@ Groups of a file::
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem, did_you_mean, listed
 from ..latin.assembly import Array
+from ..propagator.model import closest_reduced
 from ..propagator.reduction import ritz_vectors
 from ..results.dataset import Stored
 from ..results.groups import StoredGroup, in_units, root_attributes
@@ -50,6 +57,7 @@ from .modes import JoinedAssembly, Joints, damped, pressed_points, without_schem
 
 Kind = Literal["receptance", "mobility", "accelerance"]
 Complex = NDArray[np.complex128]
+OfFrequency = Callable[[Complex], Complex]
 KINDS: Final = get_args(Kind)
 BASE: Final = "base"
 _POWER: Final = MappingProxyType({"receptance": 0, "mobility": 1, "accelerance": 2})  # of i w
@@ -60,6 +68,8 @@ _POINTS: Final = (1, 100_000)
 _LOWEST: Final = 0.1  # of the first natural frequency, where no lowest frequency is given
 _AT_PEAKS: Final = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])  # half widths of a peak
 _SHARE: Final = 1e-6  # of the mass that a base moves
+_FREE: Final = 1e-6  # of a translation, that rows of joints and supports leave free
+_CANCELLED: Final = 1e-12  # of the forces of a matrix, round-off where they cancel
 _AT_ONCE: Final = 2**22  # numbers in the matrices of frequencies that are solved together
 _HEADING: Final = "no frequency response"
 _UNDAMPED: Final = ("damping", "the scene has none, and without it the peaks are infinite")
@@ -116,7 +126,8 @@ def frf(
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")
     names = list(drives) or excitations.held
-    columns = np.column_stack([excitations.column(name) for name in names])
+    terms = [excitations.terms(name, _POWER[kind], ratios is None) for name in names]
+    columns = np.column_stack([column for own in terms for _, column in own])
     given = None if frequencies is None else np.asarray(frequencies, dtype=float).ravel()
     top = highest if given is None else float(given.max())
     basis = _Basis.of(excitations, columns, top, ratios)
@@ -124,15 +135,16 @@ def frf(
         given = basis.frequencies(lowest, highest, points)
     response: dict[str, dict[str, Complex]] = {name: {} for name in names}
     motions = basis.responses(given, columns)
-    rate = (2j * np.pi * given) ** _POWER[kind]
-    for sensor in sensors or scene.sensor:
-        rows_of = excitations.rows(sensor) @ basis.vectors
-        for i, name in enumerate(names):
-            moved = motions[:, :, i] @ rows_of.T
-            if (axis := _base_axis(name)) is None:
-                response[name][sensor] = rate[:, None] * moved
-            else:  # the base moves by 1, the sensor relative to it by w^2 Z^-1 M r
-                response[name][sensor] = np.eye(3)[axis] + (2 * np.pi * given[:, None]) ** 2 * moved
+    rate, first = (2j * np.pi * given[:, None]).astype(np.complex128), 0
+    for name, own in zip(names, terms, strict=True):
+        numbers = range(first, first + len(own))
+        moving = np.sum([of(rate) * motions[:, :, i] for i, (of, _) in zip(numbers, own, strict=True)], axis=0)
+        first += len(own)
+        axis = _base_axis(name)
+        for sensor in sensors or scene.sensor:
+            moved: Complex = moving @ (excitations.rows(sensor) @ basis.vectors).T
+            # the base moves by 1
+            response[name][sensor] = moved if axis is None else np.eye(3)[axis] + moved
     return FrequencyResponse(
         name=scene.name,
         scene=scene.text(),
@@ -191,10 +203,21 @@ def _checked(
     return ratios
 
 
+def _clear(matrix: sp.csr_array, motion: Array) -> Array:
+    """Forces (n,) of a motion (n,) by a matrix, without the round-off of those that cancel."""
+    forces = matrix @ motion
+    return np.where(np.abs(forces) > _CANCELLED * (abs(matrix) @ np.abs(motion)), forces, 0.0)
+
+
 def _base_axis(drive: str) -> int | None:
     """Axis of a base motion, None for other drives."""
     place, _, axis = drive.rpartition(".")
     return AXES.index(axis) if place == BASE and axis in AXES else None
+
+
+def _power(n: int) -> OfFrequency:
+    """The n-th power."""
+    return lambda rate: rate**n
 
 
 @dataclass(frozen=True)
@@ -214,16 +237,42 @@ class _Excitations:
         moved = own @ self.joined.expansion[where]
         return np.asarray(moved if isinstance(moved, np.ndarray) else moved.toarray())
 
-    def column(self, drive: str) -> Array:
-        """Forces (n,) of a drive: of unit size, or M r of a base along an axis. Raises InputError: nothing is held
-        along the axis, or a load has no resultant."""
+    def terms(self, drive: str, power: int, damped: bool) -> list[tuple[OfFrequency, Array]]:
+        """Functions of i w (n, 1) and forces (n,) that make the response to a drive: a force of unit size, or what the
+        motion of a base along an axis does to the motion relative to it.
+
+        ``power`` : of responses to forces. ``damped`` : with the damping of the scene. Raises InputError: nothing is
+        held along the axis, or a load has no resultant.
+        """
         axis = _base_axis(drive)
-        if axis is not None:
-            if self.carried[axis] > 1.0 - _SHARE:
-                what = f"nothing holds the assembly along {AXES[axis]}, so that no base moves it"
-                raise InputError([Problem("drive", what, drive, remedy="drive it by a force")], _HEADING)
-            pulled: Array = self._pulled[:, axis]
-            return pulled
+        if axis is None:
+            return [(_power(power), self.column(drive))]
+        if self.carried[axis] > 1.0 - _SHARE:
+            what = f"nothing holds the assembly along {AXES[axis]}, so that no base moves it"
+            raise InputError([Problem("drive", what, drive, remedy="drive it by a force")], _HEADING)
+        made: list[tuple[OfFrequency, Array]] = [(_power(2), -self._pulled[:, axis])]
+        if not self._carried_by_springs(axis):
+            joined, along = self.joined, self.joined.parts.translations[:, axis]
+            at_rest: list[tuple[OfFrequency, Array]] = [(_power(0), _clear(joined.to_ground, along))]
+            if damped:
+                at_rest.append((_power(1), _clear(joined.damping, along) + joined.modal_drag(along)))
+                at_rest += [(part.branches.rise, _clear(part.stiffness, along)) for part in joined.relaxing_to_ground]
+            made += [(of, -(joined.expansion.T @ force)) for of, force in at_rest if force.any()]
+        return made
+
+    def _carried_by_springs(self, axis: int) -> bool:
+        """Whether springs and layers to the ground are all that holds the assembly along an axis."""
+        joined, along = self.joined, self.joined.parts.translations[:, [axis]]
+        free = closest_reduced(joined.expansion, along)
+        if np.abs(along - joined.expansion @ free).max(initial=0.0) >= _FREE:
+            return False
+        # a body that is held whole has no dofs, but layers on it
+        stiffness, motion = joined.vibration.stiffness, free[:, 0]
+        rest = stiffness @ motion - joined.expansion.T @ (joined.to_ground @ along[:, 0])
+        return bool((np.abs(rest) <= _CANCELLED * (abs(stiffness) @ np.abs(motion))).all())
+
+    def column(self, drive: str) -> Array:
+        """Forces (n,) of unit size of a drive at a sensor or of a load. Raises InputError: a load has no resultant."""
         place, _, along = drive.rpartition(".")
         if place in self.scene.sensor and along in AXES:
             # work of a unit force: what gives the motion of the place gives its nodal forces
@@ -364,8 +413,8 @@ class _Basis:
             square = part[:, :, None] ** 2 * np.eye(m)
             dynamic = stiffness - square + 1j * part[:, :, None] * self.damping
             for strained in self.strained:
-                rise = strained.branches.modulus((1j * part[:, 0]).astype(np.complex128)) - 1.0
-                dynamic = dynamic + rise[:, None, None] * strained.stiffness
+                rise = strained.branches.rise((1j * part[:, :, None]).astype(np.complex128))
+                dynamic = dynamic + rise * strained.stiffness
             made.append(np.linalg.solve(dynamic, load[None]))
         return np.concatenate(made)
 

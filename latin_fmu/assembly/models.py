@@ -460,8 +460,10 @@ def _of_landings(courant: float) -> str:
 def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) -> list[LoadTerm]:
     """Loads of a scene on the nodes of a body; ``layer`` : the mass that body forces act with."""
     terms = []
-    if any(body.description.body_force):
-        terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, layer)))
+    # of this scene: that of a static start has other forces on the same bodies
+    force = scene.substructure[name].body_force
+    if any(force):
+        terms.append(LoadTerm(f"{BODY_FORCE}{name}", _body_load(body, force, layer)))
     if scene.gravity is not None and any(scene.gravity.acceleration):
         terms.append(LoadTerm(GRAVITY, _weight(body, scene.gravity.acceleration, layer)))
     terms += [LoadTerm(n, t.change * body.shape.thermal_load) for n, t in scene.temperatures_of(name).items()]
@@ -487,9 +489,9 @@ def load_terms(scene: Scene, name: str, body: Body, layer: ContactLayer | None) 
     return terms
 
 
-def _body_load(body: Body, layer: ContactLayer | None) -> Array:
-    """Nodal forces (3 n_node,) of the body force, N, where the mass of the mesh is: a free body is not strained."""
-    force = np.asarray(body.description.body_force)
+def _body_load(body: Body, per_volume: tuple[float, float, float], layer: ContactLayer | None) -> Array:
+    """Nodal forces (3 n_node,) of a body force, N m-3, where the mass of the mesh is: a free body is not strained."""
+    force = np.asarray(per_volume)
     acceleration = np.tile(force / body.shape.material.density, body.mesh.n_node)
     if layer is not None and layer.loaded is not None:
         return np.asarray(layer.loaded @ acceleration)

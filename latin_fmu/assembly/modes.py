@@ -9,6 +9,10 @@ and what acts at t = 0 does. With open joints bolts have no tension, and their s
 (``bolts``).
 Springs of layers add to K. Held and prescribed directions do not move.
 
+Points that are not closed, but by less than ``_NEAR`` of the size of the assembly, are nearly closed: a vibration that
+strains the bodies by about as much closes them in a part of its period. It rings between the frequencies with these
+points open and those with them closed as well, which are not lower, mode by mode: constraints raise every eigenvalue.
+
 Rows of C with one or two entries (nodes against nodes) make dofs one, or hold them: exact. Of other rows (mortar) each
 gives one dof by the others (``merged_assembly.tied``; where they depend on each other, by a dense elimination). Only
 a large number of dependent rows becomes springs ``_STIFF`` times as stiff as the stiffest dof.
@@ -25,16 +29,16 @@ for the phi of ``shapes``. The effective masses of all modes add up to the mass 
 Results are a table, files for ParaView, and the groups of a file::
 
     /                      provenance and scene, as attributes
-    /modes                 frequency, rigid, modal_mass, scheme_damping, landing_damping, body_damping (mode),
-                           participation, effective_mass (mode, component); joints, interfaces, mass, time_scheme and
-                           time_step as attributes
+    /modes                 frequency, frequency_closed, rigid, modal_mass, scheme_damping, landing_damping,
+                           body_damping (mode), participation, effective_mass (mode, component); joints, interfaces,
+                           mass, time_scheme and time_step as attributes
     /substructures/<name>  shape (mode, node, component), and the mesh
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -79,8 +83,12 @@ from .statics import tightened
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
 _NO_DAMPING = 1e-7  # %, round-off
+_UNMOVED = 1e-9  # of a mode of a body, whose rate is round-off
 _NO_MASS = 1e-6  # of the assembly, round-off
 _EFFECTIVE: Final = "effective mass along x, y, z"
+_NEAR = 1e-4  # of the size of the assembly: larger gaps are open
+_ROUND_OFF = 1e-9  # of this, a gap that is none
+_SAME = 1e-3  # of a frequency: smaller changes are not printed
 _CLOSED = 1e-6  # gaps below this share of the spacing of the points are closed
 _SLOWEST = 0.01  # shift of the eigenvalues: this share of shear wave speed over size of the assembly, in Hz
 
@@ -110,12 +118,19 @@ def vibration_modes(scene: Scene, joints: Joints = "sticking", count: int = 10) 
     >>> modes.frequency.size - 3  # rigid motions of the free bars and of their joints
     12
     """
-    pressed = pressed_points(scene) if joints == "sticking" else {}
+    state = start_state(scene) if joints == "sticking" else None
+    pressed = {} if state is None else pressed_of(state)
     joined = JoinedAssembly.of(scene, joints, pressed)
     modes = joined.modes(count)
     matrices = run_matrices(scene, joined.discretised, joined.parts.models)
     damping = None if matrices is None else modal_damping(matrices, modes, joined)
-    return _named(joined, modes, damping, joints)
+    near = joined.nearly_closed(pressed, state) if joints == "sticking" else {}
+    closed = None
+    if near:
+        units = {unit.name: unit for unit in joined.discretised.units}
+        every = {name: pressed.get(name, _touching(units[name])) | ~np.isnan(gap) for name, gap in near.items()}
+        closed = JoinedAssembly.of(scene, joints, pressed | every, joined.discretised).frequencies(len(modes.omega))
+    return _named(joined, modes, damping, joints, near, closed)
 
 
 def without_scheme(scene: Scene) -> DiscretisedProblem:
@@ -145,6 +160,8 @@ class JoinedAssembly:
     vibration : stiffness and mass (n, n) of the dofs that are left. expansion : (n_full, n) from these to the full
         dofs. damping : (n_full, n_full) of bodies and viscous joints, N s m-1. strained : stiffnesses whose springs
         relax, of bodies and Maxwell joints, full dofs. remarks : how each interface was taken.
+        to_ground : (n_full, n_full) the part of springs and layers between bodies and ground in the stiffness, N m-1;
+        relaxing_to_ground : of ``strained``.
     """
 
     discretised: DiscretisedProblem
@@ -154,6 +171,8 @@ class JoinedAssembly:
     damping: sp.csr_array
     strained: tuple[BranchedStiffness, ...]
     remarks: tuple[str, ...]
+    to_ground: sp.csr_array
+    relaxing_to_ground: tuple[BranchedStiffness, ...]
 
     @staticmethod
     def of(
@@ -165,17 +184,20 @@ class JoinedAssembly:
         models = {m.name: m for c in discretised.classes for m in c.members}
         parts = Parts.of([models[name] for name in discretised.bodies])
         rows, springs, dashpots, remarks = [sp.csr_array((0, parts.n))], [], [], []
-        relaxing = list[BranchedStiffness]()
+        relaxing, grounded = list[BranchedStiffness](), list[BranchedStiffness]()
+        to_ground = sp.csr_array((parts.n, parts.n))
         for unit in discretised.units:
             kept, stiffness, remark = _joint(unit, joints, parts, pressed.get(unit.name))
             if unit.name in pressed and unit.behaviour.opens and scene.bolt:
                 remark += " when the bolts are tight"
             rows += [] if kept is None else [kept]
             springs += [] if stiffness is None else [stiffness]
+            to_ground = to_ground if stiffness is None or not unit.against_ground else to_ground + stiffness
             remarks.append(f"{unit.name} ({unit.behaviour.name}): {remark}")
             if isinstance(unit.behaviour, MaxwellJoint):
                 branch = MaxwellBranches((1.0,), (unit.behaviour.relaxation_time,))
                 relaxing.append(BranchedStiffness(branch, _layer(unit, parts, _stiffness(unit), _every(unit))))
+                grounded += relaxing[-1:] if unit.against_ground else []
             if isinstance(unit.behaviour, ViscousJoint):
                 viscosity = [unit.behaviour.normal_viscosity, unit.behaviour.tangential_viscosity]
                 dashpots.append(_layer(unit, parts, np.repeat(viscosity, [1, 2]), _every(unit)))
@@ -191,7 +213,9 @@ class JoinedAssembly:
             k = sp.csr_array(k + weight * (left.T @ left))
         vibration = Vibration(k, m, shift=_shift(discretised, parts), dense=0 if left.shape[0] else None)
         damping, strained = sum(dashpots, parts.damping), (*parts.strained, *relaxing)
-        return JoinedAssembly(discretised, parts, vibration, expansion, damping, strained, tuple(remarks))
+        return JoinedAssembly(
+            discretised, parts, vibration, expansion, damping, strained, tuple(remarks), to_ground, tuple(grounded)
+        )
 
     def damping_of(self, full: Array) -> Array:
         """Phi^T C Phi (m, m) of motions (n_full, m), modal damping of bodies included where it has a limit."""
@@ -225,6 +249,54 @@ class JoinedAssembly:
         motions = modes.expansion @ np.hstack([modes.vectors, added])
         return eigenvalues(omega, self.damping_of(motions), self.strained_of(motions), len(modes.omega))
 
+    def modal_drag(self, full: Array) -> Array:
+        """Forces (n_full,), N s m-1, of the modal damping of bodies with a limit in a motion (n_full,)."""
+        forces = np.zeros(self.parts.n)
+        for name, model in self.parts.models.items():
+            if model.modal_rows is not None:
+                own = self.parts.where[name]
+                rates = model.modal_rows @ full[own]
+                # of rigid motions: round-off
+                size = np.linalg.norm(model.modal_rows) * np.linalg.norm(full[own])
+                forces[own] = model.modal_rows.T @ np.where(np.abs(rates) > _UNMOVED * size, rates, 0.0)
+        return forces
+
+    def nearly_closed(self, pressed: Mapping[str, np.ndarray], state: InitialState | None) -> dict[str, Array]:
+        """Gaps (n_point,), m, of the points that are nearly closed, NaN at all others, by interface that has some.
+
+        ``pressed`` : points that are closed, by interface, of the others those whose gap is. ``state`` : of the start,
+        None for the bodies as they are meshed.
+        """
+        nodes = np.concatenate([body.mesh.nodes for body in self.discretised.bodies.values()])
+        largest, near = _NEAR * float(np.ptp(nodes, axis=0).max()), {}
+        for unit in self.discretised.units:
+            if not unit.behaviour.opens:
+                continue
+            gap = unit.geometry.gap + (0.0 if state is None else self._opened(unit, state))
+            closed = pressed.get(unit.name, _touching(unit))
+            # a point that touches without pressure is open by round-off
+            open_by = np.where(closed | (gap > largest), np.nan, np.where(gap > _ROUND_OFF * largest, gap, 0.0))
+            if not np.isnan(open_by).all():
+                near[unit.name] = open_by
+        return near
+
+    def _opened(self, unit: InterfaceUnit, state: InitialState) -> Array:
+        """Change (n_point,) of the gap of an interface by the displacements of a state, m."""
+        moved = np.zeros(self.parts.n)
+        for name, own in state.displacement.items():
+            moved[self.parts.where[name]] = own
+        # motion of the owner less that of the other, along the normal of side E
+        sign = -1.0 if unit.geometry.owner == 0 else 1.0
+        along: Array = sign * (self.parts.jump(unit, local=True) @ moved)[::3]
+        return along
+
+    def frequencies(self, count: int) -> Array:
+        """The lowest natural frequencies (count,), Hz, rigid motions among them as 0; NaN where there are fewer."""
+        modes = self.modes(count)
+        damped = self.eigenvalues(modes)
+        omega = (modes.omega if damped is None else np.abs(damped))[:count]
+        return np.concatenate([omega / (2 * np.pi), np.full(count - len(omega), np.nan)])
+
     def modes(self, count: int) -> Modes:
         """Rigid motions and at least ``count`` elastic modes where there are as many."""
         values, vectors, n_rigid = _lowest(self.vibration, count)
@@ -232,13 +304,18 @@ class JoinedAssembly:
         return Modes(self.vibration, self.expansion, vectors, omega, n_rigid)
 
 
+def start_state(scene: Scene) -> InitialState | None:
+    """The equilibrium with tight bolts under what acts at t = 0; None for a scene without bolts and static start."""
+    if not (scene.bolt or scene.time.start.type == "static"):
+        return None
+    discretised = discretise(scene)
+    return tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+
+
 def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
     """(n_point,) whether the points of each interface are under pressure when the bolts are tight and what acts at
     t = 0 does; empty for a scene without bolts and static start."""
-    if not (scene.bolt or scene.time.start.type == "static"):
-        return {}
-    discretised = discretise(scene)
-    state = tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+    state = start_state(scene)
     return {} if state is None else pressed_of(state)
 
 
@@ -334,7 +411,7 @@ def _joint(
     if joints == "open":
         return None, None, "open"
     # of the bolts: closed is what is under pressure when they are tight, whatever gap meshes have
-    closed = geometry.gap <= _CLOSED * np.sqrt(geometry.areas.mean()) if pressed is None else pressed
+    closed = _touching(unit) if pressed is None else pressed
     sticks = kind == "no_slip" or bool(coulomb_coefficient(unit.behaviour))
     share = f"{int(closed.sum())} of {geometry.n_point} points closed"
     words = f"{'sticking' if sticks else 'free to slide'}, {share}"
@@ -357,6 +434,12 @@ def _stiffness(unit: InterfaceUnit) -> Array:
 def _every(unit: InterfaceUnit) -> np.ndarray:
     """All points of an interface."""
     return np.ones(unit.geometry.n_point, dtype=bool)
+
+
+def _touching(unit: InterfaceUnit) -> NDArray[np.bool_]:
+    """(n_point,) whether the points of an interface are closed as they are meshed."""
+    closed: NDArray[np.bool_] = unit.geometry.gap <= _CLOSED * np.sqrt(unit.geometry.areas.mean())
+    return closed
 
 
 def _layer(unit: InterfaceUnit, parts: Parts, stiffness: Array, points: np.ndarray) -> sp.csr_array:
@@ -396,8 +479,16 @@ def _lowest(vibration: Vibration, count: int) -> tuple[Array, Array, int]:
     return np.concatenate([np.zeros(rigid.shape[1]), values]), np.hstack([rigid, vectors]), rigid.shape[1]
 
 
-def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, joints: str) -> VibrationModes:
-    """The modes by substructure, the largest nodal displacement of each 1."""
+def _named(
+    joined: JoinedAssembly,
+    modes: Modes,
+    damping: ModalDamping | None,
+    joints: str,
+    near: Mapping[str, Array],
+    closed: Array | None,
+) -> VibrationModes:
+    """The modes by substructure, the largest nodal displacement of each 1; ``near``, ``closed`` : of
+    ``VibrationModes``."""
     parts, scene = joined.parts, joined.discretised.scene
     full, omega, shapes = modes.expansion @ modes.vectors, modes.omega, {}
     frequency = omega / (2 * np.pi)
@@ -428,6 +519,8 @@ def _named(joined: JoinedAssembly, modes: Modes, damping: ModalDamping | None, j
         damping=damping,
         curves=tuple(curve_lines(scene.material)),
         units=scene.unit_system,
+        near=near,
+        frequency_closed=closed,
     )
 
 
@@ -435,6 +528,7 @@ _MODES: Final = rows(
     """
     frequency  | Hz | mode | natural frequency, 0 for rigid motions
     static_frequency | Hz | mode | the same with the static stiffness | without the rise of moduli with frequency
+    frequency_closed | Hz | mode | natural frequency with the nearly closed points closed as well
     rigid      | -  | mode | whether the mode is a rigid motion | | elastic rigid
     modal_mass | kg | mode | modal mass | of the shape whose largest nodal displacement is 1
     participation | 1 | mode component | participation factor | of that shape, for a base that moves along x, y, z
@@ -477,6 +571,9 @@ class VibrationModes(Stored):
     shapes : (n_mode, n_node, 3) by substructure. meshes : of the substructures. remarks : on every interface.
     damping : ratios in a run with the time scheme and the step of the scene; None where the scene has no inertia.
     curves : lines on materials whose stiffness depends on frequency. units : system of units of the scene.
+    near : gaps (n_point,), m, of nearly closed points, NaN at all others, by interface that has some.
+    frequency_closed : (n_mode,), Hz, with these points closed as well, rigid motions among them, NaN where there are
+    fewer modes; None where no point is nearly closed.
     """
 
     scene: str
@@ -494,6 +591,8 @@ class VibrationModes(Stored):
     damping: ModalDamping | None = None
     curves: tuple[str, ...] = ()
     units: UnitSystem = SI
+    near: Mapping[str, Array] = field(default_factory=dict)
+    frequency_closed: Array | None = None
 
     @property
     def n_rigid(self) -> int:
@@ -509,13 +608,15 @@ class VibrationModes(Stored):
         """Text: the joints, and a table of the modes."""
         head = f"{self.name}: joints {self.joints}, {self.n_rigid} rigid motion(s), {int((~self.rigid).sum())} mode(s)"
         ratios = {} if self.damping is None else self.damping.columns()
+        rises = ["if closed"] if self.rises else []
         rows: list[tuple[str, ...]] = [
-            ("mode", "frequency", "modal mass", *ratios, "moves most", "mean squares along x, y, z", _EFFECTIVE)
+            ("mode", "frequency", *rises, "modal mass", *ratios, "moves most", "mean squares along x, y, z", _EFFECTIVE)
         ]
         if self.n_rigid:
             number = f"1 to {self.n_rigid}" if self.n_rigid > 1 else "1"
             carried = self._shares(self.effective_mass[: self.n_rigid].sum(axis=0))
-            rows.append((number, "rigid", *["-"] * (len(rows[0]) - 3), carried))
+            beside = ["-"] * (len(rows[0]) - 3 - len(rises))
+            rows.append((number, "rigid", *self._if_closed(slice(self.n_rigid)), *beside, carried))
         for i in range(self.n_rigid, len(self.frequency)):
             largest = {name: float(np.linalg.norm(shape[i], axis=1).max()) for name, shape in self.shapes.items()}
             squares = sum(np.square(shape[i]).sum(axis=0) for shape in self.shapes.values())
@@ -528,6 +629,7 @@ class VibrationModes(Stored):
                 (
                     f"{i + 1}",
                     text,
+                    *self._if_closed(slice(i, i + 1)),
                     readable(self.modal_mass[i], self.units.label("kg"), 3),
                     *damped,
                     moves,
@@ -538,7 +640,39 @@ class VibrationModes(Stored):
         weight = readable(self.mass, self.units.label("kg"), 4)
         total = f"effective masses of these modes: {self._shares(self.effective_mass.sum(axis=0))} of {weight}"
         top = [head, *(f"  {remark}" for remark in self.remarks), ""]
-        return [*top, *aligned(rows), total, *self._damping_lines(), *self.curves]
+        return [*top, *aligned(rows), total, *self._near_lines(), *self._damping_lines(), *self.curves]
+
+    @property
+    def rises(self) -> bool:
+        """Whether a frequency is another with the nearly closed points closed."""
+        closed = self.frequency_closed
+        return closed is not None and bool((~(closed <= (1.0 + _SAME) * self.frequency))[~self.rigid].any())
+
+    def _if_closed(self, modes: slice) -> list[str]:
+        """Cell of some modes in the column of the frequencies with the nearly closed points closed; none without
+        column."""
+        if not self.rises or self.frequency_closed is None:
+            return []
+        closed = self.frequency_closed[modes]
+        largest = float(closed.max())
+        if np.isnan(largest):
+            return ["none"]
+        return [f"{'up to ' if len(closed) > 1 else ''}{largest:.5g} Hz" if largest > 0.0 else "rigid"]
+
+    def _near_lines(self) -> list[str]:
+        """Which points are nearly closed, by how much, and what it means for the frequencies."""
+        if not self.near:
+            return []
+        places, metre = [], self.units.label("m")
+        for name, gap in self.near.items():
+            least, most = (readable(float(f(gap)), metre, 3) for f in (np.nanmin, np.nanmax))
+            size = f"{least} to {most}" if least != most else most
+            places.append(f"{name} {int((~np.isnan(gap)).sum())} points by {size}")
+        text = f"nearly closed, open by less than {_NEAR:g} of the size of the assembly: {', '.join(places)}"
+        if not self.rises:
+            return ["", f"{text}; closed, they change no frequency by more than {100 * _SAME:g} %"]
+        rule = "a vibration that closes them in a part of its period rings between both frequencies"
+        return ["", f"{text}; with them closed: column 'if closed'; {rule}"]
 
     def _shares(self, masses: Array) -> str:
         """Effective masses (3,) as shares of the mass of the assembly."""

@@ -678,7 +678,9 @@ def _preloads(scene: Scene, bodies: Mapping[str, Body]) -> Iterator[float]:
 def _body_tractions(scene: Scene, body: Body, time: Array) -> Iterator[float]:
     """Largest tractions of body force and gravity over the length of a body, and of temperatures in one that is
     held, Pa."""
-    force, law = body.description.body_force, body.description.body_force_law
+    # of this scene: that of a static start has other forces on the same bodies
+    described = scene.substructure[body.name]
+    force, law = described.body_force, described.body_force_law
     yield float(np.linalg.norm(force)) * _largest(law, time) * body.mesh.size
     if scene.gravity is not None:
         weight = body.shape.material.density * float(np.linalg.norm(scene.gravity.acceleration))

@@ -36,7 +36,7 @@ from ..propagator import StaticPropagator
 from ..reader import scene_from_dict
 from ..scene.boundaries import Absorbing, PrescribedAcceleration, PrescribedDisplacement, PrescribedVelocity
 from ..scene.fields import GROUND, split_face
-from ..scene.laws import ConstantLaw, InputLaw, TimeLaw
+from ..scene.laws import InputLaw, TimeLaw
 from ..scene.materials import DAMPING_KEYS
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene, toml_text
 from ..scene.settings import StaticStart
@@ -473,10 +473,10 @@ def _ports(
 
 
 def _start_body_forces(scene: Scene, data: _Tables, amplitudes: Mapping[str, float]) -> None:
-    """Give body forces and gravity in the tables ``data`` their amplitudes at t = 0; constant body forces stay."""
+    """Give body forces and gravity in the tables ``data`` their amplitudes at t = 0, raised from zero."""
     for name, table in data["substructure"].items():
         law = scene.substructure[name].body_force_law
-        if any(table["body_force"]) and not isinstance(law, ConstantLaw):
+        if any(table["body_force"]):
             amplitude = _at_start(f"{BODY_FORCE}{name}", law, amplitudes)
             table |= {"body_force_law": _raised(amplitude)} if amplitude else {"body_force": [0.0] * 3}
         if not any(table["body_force"]):

@@ -153,7 +153,7 @@ class Predictor:
             ends = table.along[0], table.along[-1]
             # each costs a loop of static solutions; between them the curve is smooth
             levels = np.geomspace(*ends, LEVELS) if len(table.along) > LEVELS else np.unique(table.along)
-            curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments)
+            curve = backbone(scene, self._mode, levels, table.sensor, increments=self._increments, within=np.inf)
             places, known = np.log(table.along), np.log(curve.amplitude)
             return {key: _linear(places, known, getattr(curve, key)) for key in ("frequency", "damping")}
         return {}

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ..errors import InputError, Problem
 from ..scene.schema import Scene
+from ..scene.settings import MAX_ITERATIONS
 from .variables import CAUSAL, PRESCRIBED, WINDOWED
 
 SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
@@ -61,7 +62,7 @@ class Settings:
             ("timeStep", self.time_step, _is_span(self.time_step), *span),
             ("endTime", self.end_time, _is_span(self.end_time), *span),
             ("tolerance", tolerance, in_range, "out of range", "1e-14 <= tolerance < 1"),
-            ("maxIterations", n, n is None or n >= 1, "out of range", "1 or more"),
+            ("maxIterations", n, n is None or 1 <= n <= MAX_ITERATIONS, "out of range", f"1 to {MAX_ITERATIONS}"),
         )
         return [Problem(name, what, repr(value), allowed) for name, value, good, what, allowed in checks if not good]
 

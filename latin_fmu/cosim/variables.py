@@ -11,6 +11,7 @@ from typing import Final
 
 from ..scene.ports import COMPONENTS, indexed
 from ..scene.schema import Scene
+from ..scene.settings import MAX_ITERATIONS
 from .input_table import given_of
 from .output_table import AT_POINTS, outputs_of
 from .variable import Kind, Variable, input_variable, output, parameter, variable_of
@@ -69,7 +70,7 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
         ("timeStep", "real", time.time_step, "s", 0.0, None),
         ("endTime", "real", time.end, "s", 0.0, None),
         ("tolerance", "real", solver.tolerance, "1", 0.0, 1.0),
-        ("maxIterations", "integer", solver.max_iterations, None, 1, None),
+        ("maxIterations", "integer", solver.max_iterations, None, 1, MAX_ITERATIONS),
         ("historyFile", "string", "", None, None, None),
         ("resultsFile", "string", "", None, None, None),
         ("estimateError", "integer", 0, None, 0, 1),

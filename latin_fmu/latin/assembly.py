@@ -146,6 +146,9 @@ def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: 
                 positions.append(unit.geometry.points)
                 # of a frictionless interface N alone
                 at.append(np.pad(own, ((0, 0), (0, 3 - own.shape[1])), constant_values=-1))
+    # a class that nothing touches
+    if not at:
+        return Points(np.zeros((0, 3)), np.zeros((0, 3), dtype=row.dtype), np.zeros(0, dtype=row.dtype))
     return Points(np.concatenate(positions), np.concatenate(at), np.repeat(np.arange(len(at)), list(map(len, at))))
 
 

@@ -202,8 +202,9 @@ class MassCompliance:
     def diagonal(self) -> Array:
         """Estimate (n_channel,) of the diagonal, from that of M."""
         ops = self._operators
-        # dofs without mass: a large number, no division by zero
-        inverse = 1.0 / np.maximum(ops.mass.diagonal()[ops.dofs], np.finfo(float).tiny)
+        mass = ops.mass.diagonal()[ops.dofs]
+        # dofs without mass have no part in it: the solver gives them no acceleration
+        inverse = np.divide(1.0, mass, out=np.zeros_like(mass), where=mass > 0.0)
         return np.asarray(ops.trace.multiply(ops.trace) @ inverse)
 
     def __matmul__(self, force: Array) -> Array:

@@ -26,6 +26,8 @@ from .raw_scene import (
 )
 
 MAX_INSTANTS = 10_000_000
+MAX_ITERATIONS = 100_000
+"""Of one window; the numbers of every iteration are kept, 0.3 kB each."""
 _REDUCIBLE = ("hht", "newmark")  # schemes that the reduced propagator can march
 _SHORTEST, _LONGEST = 1e-60, 1e60  # s; squares of steps, and what they divide, are numbers
 _STEP_ROUND_OFF = 1e-6
@@ -413,7 +415,7 @@ class Solver(SceneTable):
     force_tolerance: Annotated[
         Real | None, about("on the interface force residual; 10 * tolerance where left out", "1", gt=0)
     ] = None
-    max_iterations: Annotated[Count, about("of one window", "1", ge=1)] = 200
+    max_iterations: Annotated[Count, about("of one window", "1", ge=1, le=MAX_ITERATIONS)] = 200
     search_direction: Annotated[SearchDirection, about("the parameter k of the method")] = Automatic()
     acceleration: Annotated[Acceleration, about("acceleration of the iteration")] = AndersonTable()
     relaxation: Annotated[Real, about("1: none; 1/2: the most robust", "1", gt=0, le=1)] = 1.0

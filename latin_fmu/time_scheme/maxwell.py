@@ -66,8 +66,13 @@ class MaxwellBranches:
 
     def modulus(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Dynamic stiffness over the static one at complex angular frequencies, i w of a harmonic motion, s-1."""
+        made: NDArray[np.complex128] = 1.0 + self.rise(s)
+        return made
+
+    def rise(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """``modulus`` less 1: the stiffness of the branches over the static one."""
         turns = np.multiply.outer(s, np.array(self.times))
-        made: NDArray[np.complex128] = np.asarray(1.0 + (turns / (1.0 + turns)) @ np.array(self.strengths))
+        made: NDArray[np.complex128] = np.asarray((turns / (1.0 + turns)) @ np.array(self.strengths))
         return made
 
 

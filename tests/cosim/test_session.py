@@ -184,6 +184,12 @@ def test_overflow_is_refused_and_harmless():
     assert session.step(0.0, H)
 
 
+@pytest.mark.parametrize("most", [0, 100_001, 10**18])
+def test_numbers_of_iterations_out_of_range_are_refused(most: int) -> None:
+    with pytest.raises(InputError, match=r"maxIterations: out of range .*allowed: 1 to 100000"):
+        Session(blocks(), Settings(max_iterations=most))
+
+
 def test_no_convergence_is_refused_and_harmless():
     session = Session(blocks(), Settings(max_iterations=1, tolerance=1e-9))
     session.initialize()

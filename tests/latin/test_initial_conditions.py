@@ -26,7 +26,7 @@ def cut(bars_scene: Any, bar_box: Any, case: str, pieces: int) -> dict[str, Any]
     tables: dict[str, Any] = bars_scene("perfect")
     material = tables["material"]["m"] | {"poisson_ratio": 0.3}
     if what.get("damping"):
-        material |= {"rayleigh_mass": 0.7, "rayleigh_stiffness": 0.2}
+        material |= {"frame": "absolute", "rayleigh_mass": 0.7, "rayleigh_stiffness": 0.2}
     tables["material"] = {"m": material}
     length, n = 3.0 / pieces, 12 // pieces
     tables["substructure"] = {

@@ -77,7 +77,7 @@ def driven(tables: Tables) -> None:
         f"drive_{name}": given_motion(f"{name}.xmin", [1.0 + i], law)
         for i, name in enumerate(sorted(tables["substructure"]))
     }
-    tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
+    tables["material"]["steel"] |= {"frame": "absolute", "rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-9}
 
 
 def massless(tables: Tables) -> None:

@@ -55,7 +55,7 @@ def single(tables: Tables) -> None:
 
 
 def damped(tables: Tables) -> None:
-    tables["material"]["steel"] |= {"rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
+    tables["material"]["steel"] |= {"frame": "absolute", "rayleigh_mass": 1e3, "rayleigh_stiffness": 1e-8}
 
 
 def static(tables: Tables) -> None:

@@ -136,6 +136,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("interface.meet.sides", ["left.zmax", "right"], "interface.meet.sides[1]", ["not a valid side", "ground"]),
     ("output.fields", 1, "output.fields", ["true or false"]),
     ("output.every", 0, "output.every", ["out of range", ">= 1"]),
+    ("solver.max_iterations", 10**18, "solver.max_iterations", ["out of range", ">= 1, <= 100000"]),
     ("solver.tolerance", 0.0, "solver.tolerance", ["out of range", "> 0"]),
     ("solver.relaxation", 1.5, "solver.relaxation", ["out of range", "<= 1"]),
     ("solver.window", "all", "solver.window", ["not a window", '"whole"']),

@@ -14,6 +14,7 @@ friction per length (Goodman, Klumpp, J. Appl. Mech. 23 (1956) 421):
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import xarray as xr
 import latin_fmu
 from latin_fmu.assembly.backbone import LOOPS, Backbone, Loop
 from latin_fmu.cli import main
-from latin_fmu.errors import InputError
+from latin_fmu.errors import InputError, SolverError
 from tests.scenes import clamp
 
 SIDE, K = 0.02, 2e6
@@ -76,6 +77,7 @@ def test_jenkins_elements(loop: Loop) -> None:
     wanted = [5e-6, 20e-6, 100e-6]
     curve = latin_fmu.backbone(latin_fmu.scene_from_dict(chain()), 1, wanted[::-1], "tip", loop=loop)
     assert curve.linear_frequency == pytest.approx(np.sqrt((K + sum(SPRINGS)) / MASS) / (2 * np.pi), rel=1e-5)
+    assert curve.amplitude == pytest.approx(wanted, rel=0.01)
     assert curve.slipping.tolist()[-1] == 8
     assert loop == "full" or curve.slipping.tolist() == [0, 4, 8]
     for u, *found in zip(curve.amplitude, curve.frequency, curve.damping, curve.loss, strict=True):
@@ -84,6 +86,56 @@ def test_jenkins_elements(loop: Loop) -> None:
         assert found[1] == pytest.approx(damping, rel=1e-6, abs=1e-9)
         assert found[2] == pytest.approx(loss, rel=1e-6, abs=1e-12)
     assert curve.amplitude[0] == pytest.approx(5e-6, rel=1e-6)
+
+
+def test_the_loads_of_the_linear_mode_make_other_amplitudes() -> None:
+    """Loops of those loads alone, as many times as they are asked for: with F the force of the linear mode."""
+    scene, wanted = latin_fmu.scene_from_dict(chain()), 100e-6
+    curve = latin_fmu.backbone(scene, 1, [wanted], "tip", within=np.inf)
+    slid = ((K + sum(SPRINGS)) * wanted - sum(LIMITS)) / K
+    assert curve.amplitude[0] == pytest.approx(slid, rel=1e-6)
+    near = latin_fmu.backbone(scene, 1, [wanted], "tip", within=1e-4)
+    assert near.amplitude[0] == pytest.approx(wanted, rel=1e-4)
+
+
+def test_an_amplitude_that_friction_cannot_hold() -> None:
+    """Without a spring beside them the elements slide away under more than both forces of friction; below, the first
+    slides and the second holds, up to the 60 um from which on it slides."""
+    data = chain()
+    del data["spring"]["k"]
+    with pytest.raises(SolverError, match=r"amplitude not reached: 1.000 mm is wanted.*makes") as caught:
+        latin_fmu.backbone(latin_fmu.scene_from_dict(data), 1, [1e-3], "tip", increments=1)
+    found = re.search(r"ask for at most ([\d.]+) um", str(caught.value))
+    assert found is not None
+    assert 20.0 < float(found[1]) <= 60.1
+    curve = latin_fmu.backbone(latin_fmu.scene_from_dict(data), 1, [50e-6], "tip")
+    assert curve.amplitude[0] == pytest.approx(50e-6, rel=0.01)
+
+
+def thrown() -> dict[str, Any]:
+    """A block that moves onto another at the start."""
+    box = {"size": [0.01] * 3, "elements": [1, 1, 1]}
+    return {
+        "name": "thrown",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            "low": {"material": "steel", "box": box},
+            "up": {
+                "material": "steel",
+                "box": {**box, "origin": [0.0, 0.0, 0.01]},
+                "initial_velocity": [1.0, 0.0, -5.0],
+            },
+        },
+        "interface": {"strike": {"sides": ["low.zmax", "up.zmin"], "friction_coefficient": 0.2}},
+        "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+        "gravity": {"acceleration": [0.0, 0.0, -9.81]},
+        "time": {"end": 1e-5, "instants": 100},
+    }
+
+
+def test_a_body_that_moves_at_the_start_is_no_part_of_an_equilibrium() -> None:
+    with pytest.raises(InputError, match=r"substructure.up: it moves at t = 0.*initial_velocity"):
+        latin_fmu.backbone(latin_fmu.scene_from_dict(thrown()), 1, [1e-6])
 
 
 FREE, LAP, WIDE, THICK, TIP = 0.05, 0.02, 0.01, 0.5e-3, 0.5  # m, and the mass at the end, kg
@@ -211,6 +263,9 @@ def test_a_free_assembly_in_balance() -> None:
         (1, [1e-6], None, {"loop": "whole"}, "half, full, masing"),
         (1, [1e-6], None, {"increments": 0}, "1 to 1000"),
         (1, [1e-6], None, {"tolerance": 0.0}, "tolerance"),
+        (1, [1e-6], None, {"within": 0.0}, "within"),
+        (1, [1e-20, 1e-6, 1.0], None, {}, r"no amplitude of an assembly of this size.*1e-20, 1\);"),
+        (1, [1e300], None, {}, "no amplitude of an assembly of this size"),
     ],
 )
 def test_refused(mode: int, amplitudes: list[float], sensor: str | None, options: Any, words: str) -> None:

@@ -14,7 +14,7 @@ from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.cosim.session import Session
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Box, Material, column
-from tests.scenes import given_motion
+from tests.scenes import clamp, given_motion
 
 Tables = dict[str, Any]
 EXACT = 1e-8
@@ -239,6 +239,35 @@ def test_a_static_start_is_the_equilibrium_under_the_weight_at_its_start() -> No
     assert max(np.abs(b.velocity).max() for b in still.substructures.values()) < 1e-8 * weight
     force = float(still.interfaces["i1"].areas @ still.interfaces["i1"].traction[-1, :, 2])
     assert force == pytest.approx(-(2e6 + (1e6 * 2700.0 + 0.5e9) * 0.01) * 4e-4, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", ["constant", {"type": "table", "times": [0.0, 1e-4], "values": [0.5, 0.5]}])
+def test_a_bolt_is_tightened_without_body_forces_which_then_act(law: Any) -> None:
+    """As the gravity that they are, in the tightened state and after it."""
+    runs = []
+    for own in (False, True):
+        tables = clamp()
+        if own:
+            for body in tables["substructure"].values():
+                body |= {"body_force": [0.0, 0.0, -1e5 * 7800.0], "body_force_law": law}
+        else:
+            tables["gravity"] = {"acceleration": [0.0, 0.0, -1e5], "law": law}
+        solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+        assert solution.converged
+        runs.append((solution.sensors["tip"].displacement, solution.bolts["b"].force))
+    (moved, force), (other, same) = runs
+    assert off(moved, other) < 1e-6
+    assert off(force, same) < 1e-6
+
+
+def test_a_body_force_that_begins_with_nothing_has_no_part_in_the_start() -> None:
+    tables = pair(start="static")
+    still = solved(tables)
+    tables["substructure"]["b2"] |= {"body_force": [0.0, 0.0, -1e9]}
+    tables["substructure"]["b2"]["body_force_law"] = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
+    rising = solved(tables)
+    assert np.array_equal(fields(rising)[0], fields(still)[0])
+    assert np.abs(fields(rising)[-1] - fields(still)[-1]).max() > 0.0
 
 
 def test_what_needs_inertia_is_refused_without() -> None:

@@ -129,6 +129,102 @@ def test_reciprocity() -> None:
     assert -1.0 < slow[0] / slow[1] < -0.1
 
 
+def on_a_plate(**tables: Any) -> dict[str, Any]:
+    """A rigid block on a layer above a rigid plate that is held, and what joins the block to the ground."""
+    block = Box(Material(E, RHO, 0.3), (1.0, 0.8, 0.5), (1, 1, 1), keys={"rigid": True})
+    layer = {"behaviour": "elastic_layer", "normal_stiffness": 1e9, "tangential_stiffness": 2e9}
+    data = column({"low": block, "up": block}, {"joint": layer}, {"end": 1e-3, "instants": 10})
+    data["boundary"] = {"held": {"type": "fixed", "face": "low.zmin"}}
+    data["interface"] |= tables.pop("interface", {})
+    data["sensor"] = {"up": {"face": "up.zmax"}}
+    return data | tables
+
+
+@pytest.mark.parametrize("way", ["spring", "dashpot", "interface"])
+def test_springs_and_dashpots_to_a_ground_at_rest(way: str) -> None:
+    """T = k / (k + k_g - m w^2 + i w c_g): what leads to the ground is moved by the block alone, whatever the base
+    does."""
+    k, m, k_g, c_g = 1e9 * 0.8, RHO * 0.4, 3e8, 2e5
+    if way == "interface":
+        layer = {"behaviour": "elastic_layer", "normal_stiffness": k_g / 0.8, "tangential_stiffness": 0.0}
+        damper = {"behaviour": "viscous_joint", "normal_viscosity": c_g / 0.8, "tangential_viscosity": 0.0}
+        sides = {"sides": ["up.zmax", "ground"]}
+        scene = on_a_plate(interface={"layer": {**layer, **sides}, "damper": {**damper, **sides}})
+    else:
+        k_g = k_g if way == "spring" else 0.0
+        stiffness = {"stiffness": k_g} if k_g else {}
+        link = {"ends": ["up.zmax", "ground"], "direction": [0.0, 0.0, 1.0], "viscosity": c_g, **stiffness}
+        scene = on_a_plate(spring={"link": link})
+    frequency = np.sqrt((k + k_g) / m) / (2 * np.pi) * np.array([0.1, 0.7, 1.0, 1.4, 5.0])
+    w = 2 * np.pi * frequency
+    made = latin_fmu.frf(read(scene), ["base.z", "up.z"], frequency, kind="receptance")
+    dynamic = k + k_g - m * w**2 + 1j * w * c_g
+    assert made.response["base.z"]["up"][:, 2] == pytest.approx(k / dynamic, rel=1e-9)
+    assert made.response["up.z"]["up"][:, 2] == pytest.approx(1 / dynamic, rel=1e-9)
+
+
+def test_a_dashpot_to_ground_in_a_run() -> None:
+    """The same block in a run whose plate is driven, when it has rung down: one definition of the ground."""
+    k, m, c_g = 1e9 * 0.8, RHO * 0.4, 2e5
+    own = np.sqrt(k / m)
+    steps, periods = 200, 40
+    link = {"ends": ["up.zmax", "ground"], "direction": [0.0, 0.0, 1.0], "viscosity": c_g, "stiffness": 1e8}
+    scene = on_a_plate(spring={"link": link})
+    w = 0.8 * own
+    time = np.linspace(0.0, periods * 2 * np.pi / w, periods * steps + 1)
+    history = np.sin(w * time) * np.minimum(time / time[-1] * 4.0, 1.0)
+    law = {"type": "table", "times": time.tolist(), "values": history.tolist()}
+    push = {"type": "acceleration", "face": "low.zmin", "components": ["x", "y", "z"], "value": [0.0, 0.0, 1.0]}
+    scene["boundary"] = {"held": {**push, "law": law}}
+    scene["time"] = {"end": float(time[-1]), "instants": len(time) - 1, "scheme": "newmark"}
+    solution = latin_fmu.solve(read(scene))
+    assert solution.converged
+    last = slice(-4 * steps - 1, -1)
+    carrier = np.exp(-1j * w * time[last])
+    up = solution.sensors["up"].acceleration
+    assert up is not None
+    measured = (carrier @ up[last, 2]) / (carrier @ history[last])
+    expected = latin_fmu.frf(read(scene), ["base.z"], [w / (2 * np.pi)]).response["base.z"]["up"][0, 2]
+    assert abs(measured / expected - 1.0) < 5e-3
+
+
+def test_an_absorbing_face_looks_at_a_medium_at_rest() -> None:
+    """A bar whose end absorbs: the wave from its base arrives with its delay and never comes back,
+    T = exp(-i w L / c)."""
+    side, length = 0.1, 1.0
+    bar = Box(Material(E, RHO, 0.0), (side, side, length), (1, 1, 60))
+    data = column({"bar": bar}, {}, {"end": 1e-3, "instants": 10})
+    faces = ("xmin", "xmax", "ymin", "ymax")
+    data["boundary"] = {face: {"type": "symmetry", "face": f"bar.{face}"} for face in faces}
+    data["boundary"] |= {
+        "base": {"type": "fixed", "face": "bar.zmin"},
+        "end": {"type": "absorbing", "face": "bar.zmax"},
+    }
+    data["sensor"] = {"top": {"face": "bar.zmax"}}
+    c = np.sqrt(E / RHO)
+    frequency = c / length * np.array([0.05, 0.25, 0.6, 1.0])
+    made = latin_fmu.frf(read(data), ["base.z"], frequency)
+    delay = np.exp(-2j * np.pi * frequency * length / c)
+    assert made.response["base.z"]["top"][:, 2] == pytest.approx(delay, abs=5e-3)
+
+
+def test_damping_by_the_mass_is_that_of_a_medium_at_rest() -> None:
+    """A bar with Rayleigh's part of the mass, as in a run: T = 1 / cos(q L) at its end, q^2 = (w^2 - i w a) / c^2."""
+    side, length, rate = 0.1, 1.0, 3000.0
+    bar = Box(Material(E, RHO, 0.0, keys={"frame": "absolute", "rayleigh_mass": rate}), (side, side, length), (1, 1, 60))
+    data = column({"bar": bar}, {}, {"end": 1e-3, "instants": 10})
+    faces = ("xmin", "xmax", "ymin", "ymax")
+    data["boundary"] = {face: {"type": "symmetry", "face": f"bar.{face}"} for face in faces}
+    data["boundary"]["base"] = {"type": "fixed", "face": "bar.zmin"}
+    data["sensor"] = {"top": {"face": "bar.zmax"}}
+    c = np.sqrt(E / RHO)
+    frequency = c / length * np.array([0.05, 0.2, 0.3, 0.6])
+    w = 2 * np.pi * frequency
+    made = latin_fmu.frf(read(data), ["base.z"], frequency)
+    exact = 1.0 / np.cos(np.sqrt(w**2 - 1j * w * rate) * length / c)
+    assert made.response["base.z"]["top"][:, 2] == pytest.approx(exact, rel=1e-2)
+
+
 def test_against_a_direct_harmonic_solution() -> None:
     """(K - w^2 M + i w C) of all dofs, 2 % at two frequencies: 1 % away from peaks, 3 % at them."""
     first = float(latin_fmu.vibration_modes(read(lap()), count=1).frequency[0])
@@ -142,19 +238,22 @@ def test_against_a_direct_harmonic_solution() -> None:
     damping = full.T @ (joined.damping @ full)
     where = joined.parts.where["up"]
     tip = joined.discretised.sensors["tip"].rows @ full[where]
-    pulled = full.T @ (joined.parts.mass @ joined.parts.translations[:, 2])
+    along = joined.parts.translations[:, 2]
+    pulled, drag = full.T @ (joined.parts.mass @ along), full.T @ (joined.damping @ along)
     near = np.abs(made.frequency[:, None] / made.natural_frequency - 1.0).min(axis=1) < 2 * RATIO
     assert near.any()
     assert not near.all()
-    for drive, force in (("tip.z", tip[[2]].toarray()[0]), ("base.z", pulled)):
+    force = tip[[2]].toarray()[0]
+    for drive in ("tip.z", "base.z"):
         exact = []
         for f in made.frequency:
             w = 2 * np.pi * f
+            by = w**2 * pulled - 1j * w * drag if drive == "base.z" else -(w**2) * force
             dynamic = stiffness - w**2 * mass + 1j * w * damping
             for part in joined.strained:
                 dynamic = dynamic + (part.branches.modulus(1j * w) - 1.0) * (full.T @ part.stiffness @ full)
-            solved = tip @ spla.spsolve(dynamic.tocsc(), force)
-            exact.append(w**2 * solved + [0.0, 0.0, 1.0] if drive == "base.z" else -(w**2) * solved)
+            solved = tip @ spla.spsolve(dynamic.tocsc(), by)
+            exact.append(np.add(solved, [0.0, 0.0, float(drive == "base.z")]))
         error = np.abs(made.response[drive]["tip"][:, 2] / np.array(exact)[:, 2] - 1.0)
         assert error[~near].max() < 0.01, drive
         assert error[near].max() < 0.03, drive

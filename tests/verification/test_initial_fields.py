@@ -320,3 +320,75 @@ def test_bars_after_an_impact_continue_and_those_in_contact_are_refused(tmp_path
 def test_a_state_beside_a_broken_table_is_reported(results):
     with pytest.raises(latin_fmu.SceneError, match="substructure: must be a table"):
         latin_fmu.scene_from_dict({**continued(), "substructure": 7}, results[0])
+
+
+# -- velocities of bonded sides -------------------------------------------------------------------------------------
+def pair(first, second, **interface):
+    """Two bonded cubes, one above the other, with keys of their substructures."""
+    size = 0.05
+    box = {"size": [size] * 3, "elements": [2, 2, 2]}
+    above = {**box, "origin": [0.0, 0.0, size]}
+    return {
+        "name": "pair",
+        "material": {"stuff": {"young_modulus": 1e9, "poisson_ratio": 0.3, "density": 1000.0}},
+        "substructure": {
+            "low": {"material": "stuff", "box": box, **first},
+            "up": {"material": "stuff", "box": above, **second},
+        },
+        "interface": {"bond": {"sides": ["low.zmax", "up.zmin"], "behaviour": "perfect", **interface}},
+        "time": {"end": 1e-5, "instants": 10},
+    }
+
+
+def turning(spin, centre, place):
+    """A cube about a place whose centre is given."""
+    arm = np.subtract(centre, place)
+    return {"initial_velocity": np.cross(spin, arm).tolist(), "initial_spin": list(spin)}
+
+
+LOW, UP = (0.025, 0.025, 0.025), (0.025, 0.025, 0.075)
+
+
+@pytest.mark.parametrize("place", [(0.025, 0.025, 0.05), (0.1, -0.3, 0.7)])
+def test_a_pair_that_turns_as_one_loses_no_jump(place):
+    """About the middle of the bonded faces, whose own velocity is round-off, and about a point outside."""
+    for spin in ((1.0, 0.0, 0.0), (0.3, -1.7, 0.9)):
+        scene = pair(turning(spin, LOW, place), turning(spin, UP, place))
+        assert not [r for r in discretise(latin_fmu.scene_from_dict(scene)).remarks if "the jump is lost" in r]
+        skew = [[0.0, -spin[2], spin[1]], [spin[2], 0.0, -spin[0]], [-spin[1], spin[0], 0.0]]
+        for body in scene["substructure"].values():
+            del body["initial_spin"]
+            body["initial_velocity_gradient"] = skew
+        assert not [r for r in discretise(latin_fmu.scene_from_dict(scene)).remarks if "the jump is lost" in r]
+
+
+def test_a_displaced_pair_of_round_off_is_not_torn():
+    """Stretched about the bonded faces: their own displacement is round-off."""
+    grown = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1e-4]]
+    ends = ({"initial_displacement_gradient": grown, "initial_displacement": [0.0, 0.0, d]} for d in (-2.5e-6, 2.5e-6))
+    scene = pair(*ends)
+    discretise(latin_fmu.scene_from_dict(scene))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ({"initial_spin": [0.0, 0.0, 1.0]}, {}),
+        ({"initial_velocity": [0.0, 0.0, 1.0]}, {}),
+        ({"initial_velocity": [0.0, 0.0, 1.0]}, {"initial_velocity": [0.0, 0.0, 1.0 + 1e-6]}),
+        (turning((1.0, 0.0, 0.0), LOW, LOW), turning((1.0, 0.0, 0.0), UP, UP)),
+    ],
+)
+def test_bonded_sides_with_other_velocities_lose_the_jump(first, second):
+    remarks = discretise(latin_fmu.scene_from_dict(pair(first, second))).remarks
+    assert len([r for r in remarks if "interface bond: bonded sides start with different velocities" in r]) == 1
+
+
+def test_a_body_bonded_to_ground_starts_as_fast_as_it():
+    moving = {"direction": [1.0, 0.0, 0.0], "amplitude": 2.0, "law": {"type": "constant"}}
+    for speed, lost in ((2.0, 0), (1.0, 1)):
+        scene = pair({"initial_velocity": [speed, 0.0, 0.0]}, {"initial_velocity": [speed, 0.0, 0.0]})
+        base = {"sides": ["low.zmin", "ground"], "behaviour": "perfect", "ground_velocity": moving}
+        scene["interface"]["base"] = base
+        remarks = discretise(latin_fmu.scene_from_dict(scene)).remarks
+        assert len([r for r in remarks if "the jump is lost" in r]) == lost

@@ -246,7 +246,7 @@ def test_balance_closes_with_a_body_force_on_a_body_in_contact(scheme: str) -> N
     tables = Bars(6, 0.5, 0.0, nu=0.25, scheme=scheme, keys=(("body_force", [0.1, 0.0, -1.0]),), end=1.0).scene()
     tables["interface"]["meet"] |= {"gap": 0.0, "friction_coefficient": 0.3}
     tables["substructure"]["bar"]["initial_velocity"] = [0.0, 0.0, 0.0]
-    tables["material"]["unit"] |= {"rayleigh_mass": 0.1, "rayleigh_stiffness": 0.01}
+    tables["material"]["unit"] |= {"frame": "absolute", "rayleigh_mass": 0.1, "rayleigh_stiffness": 0.01}
     tables["load"] = {"side": {"face": "bar.xmin", "pressure": 0.2, "law": "constant"}}
     tables["solver"] = {"tolerance": 1e-8}
     energy = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).energy

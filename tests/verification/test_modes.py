@@ -197,3 +197,52 @@ def test_bolt_without_tension_slides_in_the_thread() -> None:
     slides, tight = (vibration_modes(scene, joints, 4) for joints in ("open", "bonded"))
     assert (slides.n_rigid, tight.n_rigid) == (7, 6)
     np.testing.assert_allclose(slides.frequency[7:9], tight.frequency[6:8], rtol=1e-6)
+
+
+# -- nearly closed points -------------------------------------------------------------------------------------------
+def against_a_stop(gap: float, load: float = 0.0, friction: float = 0.0) -> latin_fmu.Scene:
+    """A bar on the ground whose end is a gap from a stop; ``load`` : static force along the bar, N."""
+    data = bars((N, 1), ground=True).tables()
+    data["interface"]["base"] = {"sides": ["b0.zmin", "ground"], "behaviour": "perfect"}
+    data["interface"]["stop"] = {"sides": ["b0.zmax", "ground"], "gap": gap, "friction_coefficient": friction}
+    if load:
+        data["load"] = {"pull": {"face": "b0.zmax", "force": [0.0, 0.0, load]}}
+        data["time"]["start"] = "static"
+    return latin_fmu.scene_from_dict(data)
+
+
+@pytest.mark.parametrize(("gap", "load"), [(3e-6, 0.0), (5e-6, 2e-6 * E * 0.01 / L), (2e-6, -1e-6 * E * 0.01 / L)])
+def test_a_nearly_closed_stop_gives_a_range(gap: float, load: float) -> None:
+    """f = (2 k - 1) c / (4 L) with the stop open, k c / (2 L) with it closed; the gap is that under the static load."""
+    modes = vibration_modes(against_a_stop(gap, load), count=2)
+    assert modes.frequency == pytest.approx(np.array([1, 3]) * C / (4 * L), rel=5e-3)
+    assert modes.frequency_closed == pytest.approx(np.array([1, 2]) * C / (2 * L), rel=5e-3)
+    assert modes.near["stop"] == pytest.approx(np.full(4, 3e-6), rel=1e-6)
+    text = "\n".join(modes.lines())
+    assert "if closed" in text
+    assert "nearly closed, open by less than 0.0001 of the size of the assembly: stop 4 points by 3.00 um" in text
+    assert modes.to_datatree()["modes/frequency_closed"].values == pytest.approx(modes.frequency_closed)
+
+
+@pytest.mark.parametrize("joints", ["open", "bonded"])
+def test_only_sticking_joints_have_a_range(joints: Joints) -> None:
+    assert not vibration_modes(against_a_stop(3e-6), joints, 1).near
+
+
+def test_a_wide_gap_is_open() -> None:
+    wide = vibration_modes(against_a_stop(1e-3), count=1)
+    assert wide.frequency_closed is None
+    assert "nearly closed" not in "\n".join(wide.lines())
+
+
+def test_points_whose_closing_changes_nothing() -> None:
+    """A second bar beside the first one that could touch it at its fixed end only: no column, one sentence."""
+    data = against_a_stop(1e-3).tables()
+    data["interface"]["rest"] = {"sides": ["b0.zmin", "ground"], "gap": 1e-6}
+    del data["interface"]["base"]
+    data["boundary"]["held"] = {"type": "fixed", "face": "b0.zmin"}
+    modes = vibration_modes(latin_fmu.scene_from_dict(data), count=2)
+    assert modes.frequency_closed == pytest.approx(modes.frequency)
+    text = "\n".join(modes.lines())
+    assert "if closed" not in text
+    assert "closed, they change no frequency by more than 0.1 %" in text

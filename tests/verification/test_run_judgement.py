@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from latin_fmu.assembly.build import build
+from latin_fmu.assembly.release import Release, released
 from latin_fmu.cli import main
 from latin_fmu.latin.outcome import InterfaceHistory
 from latin_fmu.latin.status import with_energy
@@ -199,3 +201,117 @@ def test_exit_codes(tables: Callable[[], Tables], strict: list[str], code: int, 
     tree = latin_fmu.open_results(target)
     assert (tree.attrs["converged"], tree.attrs["trustworthy"]) == (1, int(code != 1))
     tree.close()
+
+
+# -- joints that a load presses -------------------------------------------------------------------------------------
+TO_AND_FRO = {
+    "type": "table",
+    "times": [0.0, 0.01, 0.02, 0.03, 0.05, 0.06, 0.07, 0.08, 0.1],
+    "values": [0.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 0.0],
+}
+WEIGHT = 7800.0 * 0.04 * 0.04 * 0.01 * 9.81
+
+
+def shaken_plate(tolerance: float, **more: Any) -> Tables:
+    """A plate that lies on a table by its weight alone and slips to and fro on it."""
+    steel = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+    ground = {"direction": [1.0, 0.0, 0.0], "amplitude": 0.1, "law": TO_AND_FRO}
+    table = {"sides": ["plate.zmin", "ground"], "friction_coefficient": 0.2, "ground_velocity": ground}
+    box = {"size": [0.04, 0.04, 0.01], "elements": [2, 2, 1]}
+    return {
+        "name": "shaken_plate",
+        "material": {"steel": steel},
+        "substructure": {"plate": {"material": "steel", "box": box}},
+        "interface": {"table": table},
+        "gravity": {"acceleration": [0.0, 0.0, -9.81]},
+        "time": {"end": 0.12, "step": 1e-4, "start": {"type": "static"}},
+        "solver": {"tolerance": tolerance},
+    } | more
+
+
+def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
+    """Points have sunk by more than the elastic approach, which takes no force from a weight; the force is right."""
+    solution = solve(shaken_plate(1e-4))
+    history = solution.interfaces["table"]
+    approach = 0.01 * 0.765e3 / 210e9
+    assert history.sunk().max() > 0.01 * approach
+    np.testing.assert_allclose(history.normal_resultant(), WEIGHT, rtol=1e-3)
+    assert solution.trustworthy
+    assert not [w for w in solution.warnings if w.code == "sinking"]
+
+
+def test_a_plate_whose_force_strays_is_told() -> None:
+    """By four parts in a hundred at single instants, by one in the mean over two steps (the mass times the second
+    difference of the gap)."""
+    solution = solve(shaken_plate(1e-3))
+    history = solution.interfaces["table"]
+    stray = np.abs(history.normal_resultant() / WEIGHT - 1.0)
+    assert 0.01 < stray.max() < 0.1
+    (warning,) = [w for w in solution.warnings if w.code == "sinking"]
+    assert solution.trustworthy
+    assert "interface table: loads alone press its sides together" in warning
+    assert "lower solver.tolerance, as to 0.0001" in warning
+    assert history.gap is not None
+    told = number(r"off by ([\d.]+) %", warning)
+    moved = np.diff(history.gap @ history.areas, n=2, axis=0) / history.areas.sum() / 1e-4**2
+    assert told == pytest.approx(100.0 * np.abs(moved).max() / 9.81, rel=0.5)
+
+
+def pressed_joint(tables: Tables, joint: str) -> Release | None:
+    """The joint of a scene as one that loads press, all points of all joints touching."""
+    problem = build(latin_fmu.scene_from_dict(tables))
+    models = [m for p in problem.assembly.propagators for m in p.members]
+    nodes = {name: info.nodes for name, info in problem.info.items()}
+    return released(models, nodes, problem.assembly.interfaces, {}, joint)
+
+
+def standing(joints: Tables, **more: Any) -> Tables:
+    """A plate on a table that also touches what ``joints`` has."""
+    made = shaken_plate(1e-3, **more)
+    made["interface"]["table"] = {"sides": ["plate.zmin", "ground"]}
+    del made["time"]["start"]
+    made["interface"] |= joints
+    return made
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_the_mass_that_an_approach_moves(rigid: bool) -> None:
+    made = standing({})
+    made["substructure"]["plate"] |= {"rigid": rigid}
+    free = pressed_joint(made, "table")
+    assert free is not None
+    assert free.mass == pytest.approx(WEIGHT / 9.81)
+    assert free.stiffness == 0.0
+
+
+def test_a_wall_without_friction_holds_nothing_and_one_with_friction_does() -> None:
+    for friction, clamped in ((0.0, False), (0.3, True)):
+        wall = {"sides": ["plate.xmin", "ground"], "friction_coefficient": friction}
+        assert (pressed_joint(standing({"wall": wall}), "table") is None) is clamped
+
+
+def test_a_ceiling_clamps_and_a_spring_has_its_stiffness() -> None:
+    assert pressed_joint(standing({"ceiling": {"sides": ["plate.zmax", "ground"]}}), "table") is None
+    assert (
+        pressed_joint(standing({"glue": {"sides": ["plate.xmin", "ground"], "behaviour": "perfect"}}), "table") is None
+    )
+    spring = {"ends": ["plate.zmax", "ground"], "direction": [0.0, 0.0, 1.0], "stiffness": 3e4}
+    free = pressed_joint(standing({}, spring={"s": spring}), "table")
+    assert free is not None
+    assert free.stiffness == pytest.approx(3e4)
+    assert free.mass == pytest.approx(WEIGHT / 9.81)
+
+
+def test_a_plate_on_two_wide_legs_is_held_by_their_elasticity() -> None:
+    """It lies flat on each of them: where one sinks, the force within the other moves."""
+    made = standing({})
+    leg = {"material": "steel", "box": {"origin": [0.0, 0.0, -0.01], "size": [0.01, 0.04, 0.01], "elements": [1, 2, 1]}}
+    made["substructure"]["leg"] = leg
+    made["boundary"] = {"leg": {"type": "fixed", "face": "leg.zmin"}}
+    made["substructure"]["plate"]["box"]["elements"] = [4, 2, 1]
+    made["interface"]["table"]["sides"] = ["plate.zmin", "leg.zmax"]
+    assert pressed_joint(made, "table") is not None
+    made["substructure"]["other"] = {**leg, "box": {**leg["box"], "origin": [0.03, 0.0, -0.01]}}
+    made["boundary"]["other"] = {"type": "fixed", "face": "other.zmin"}
+    made["interface"]["more"] = {"sides": ["plate.zmin", "other.zmax"]}
+    assert pressed_joint(made, "table") is None

@@ -298,3 +298,53 @@ def test_colours_keep_their_distance() -> None:
         apart_ = np.linalg.norm(same[:, None] - same, axis=2)[~np.eye(len(same), dtype=bool)]
         assert apart_.min(initial=1.0) > 0.3
     assert colour.max() < 60
+
+
+# -- bodies that nothing touches, and couplings at massless nodes ---------------------------------------------------
+BLOCK = (0.02, 0.02, 0.01)
+
+
+def beside(**solver: Any) -> Tables:
+    """A pressed pair, and a block that touches nothing, which falls by a body force."""
+    tables = column(
+        {"low": Box(STEEL, BLOCK, (2, 2, 2)), "up": Box(STEEL, BLOCK, (2, 2, 2))},
+        {"face": {"friction_coefficient": 0.3}},
+        {"end": 3e-6, "instants": 10},
+        boundary={"base": {"type": "fixed", "face": "low.zmin"}},
+        load={"press": {"face": "up.zmax", "pressure": 1e7}},
+        solver=solver,
+        output={"fields": True},
+    )
+    tables["substructure"]["far"] = copy.deepcopy(tables["substructure"]["up"])
+    tables["substructure"]["far"]["box"]["origin"] = [1.0, 0.0, 0.0]
+    tables["substructure"]["far"]["body_force"] = [0.0, 0.0, -1e9]
+    return tables
+
+
+@pytest.mark.parametrize("form", ["exact", "sparse"])
+def test_a_body_that_nothing_touches(form: str) -> None:
+    """It falls by a t^2 / 2 beside the others, which are solved for as with the operator of the program's choice."""
+    known, found = solved(beside(), "automatic"), solved(beside(), form)
+    assert found.converged
+    fall = -0.5 * 1e9 / STEEL.density * 3e-6**2
+    assert found.substructures["far"].displacement[-1, :, 2] == pytest.approx(np.full(27, fall), rel=1e-6)
+    assert apart(found, known) < 2e-3
+    tables = beside()
+    tables["solver"]["interface_operator"] = form
+    assert choices(Prediction(discretise(latin_fmu.scene_from_dict(tables))))  # its cost is predicted, too
+
+
+@pytest.mark.parametrize("form", ["exact", "sparse"])
+@pytest.mark.parametrize("rotations", [False, True])
+def test_a_coupling_at_nodes_without_mass(form: str, rotations: bool) -> None:
+    """The edge of a coupled face belongs to a contact, whose nodes have no mass in this scheme; a force acts from the
+    start, so that tractions of the coupling are found at t = 0."""
+    tables = beside()
+    del tables["substructure"]["far"]
+    del tables["load"]["press"]
+    tables["time"]["scheme"] = "generalized_alpha"
+    tables["substructure"]["up"]["body_force"] = [0.0, 0.0, -1e9]
+    tables["coupling"] = {"c": {"ends": ["low.ymax", "up.ymax"], "rotations": rotations}}
+    known, found = (solved(tables, kind, tolerance=1e-7) for kind in ("automatic", form))
+    assert found.converged
+    assert apart(found, known) < 1e-5
