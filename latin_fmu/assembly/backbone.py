@@ -11,7 +11,9 @@ and the loss D of a whole loop,
 
     omega^2 = 2 alpha / (q(+alpha) - q(-alpha)),    zeta = D / (2 pi alpha q)
 
-(the secant, and the loss over that of an oscillator with zeta = 1 of the same secant). D is the work of friction, slip
+(the secant, and the loss over that of an oscillator with zeta = 1 of the same secant). Where materials have Maxwell
+branches the frequencies are times that of the linear mode with the stiffness there over its static one; the damping is
+that of the joints alone. D is the work of friction, slip
 by slip, which has no difference of large numbers.
 
 The amplitudes are taken from the largest one down, as in a ring-down, after a loop of the largest one that is not
@@ -57,10 +59,11 @@ from ..results.summary import aligned, readable
 from ..scene.schema import Scene
 from ..scene.settings import StaticStart
 from ..scene.units import SI, UnitSystem
-from .build import discretise
+from .build import discretise, without_scheme
+from .dynamic_stiffness import curve_lines
 from .initial_state import InitialState
+from .joined_assembly import JoinedAssembly, pressed_of
 from .models import Kept
-from .modes import JoinedAssembly, pressed_of
 from .problem import DiscretisedProblem
 from .statics import static_problem, static_scene, static_state, tightened
 
@@ -131,7 +134,7 @@ def backbone(
         if state is None:
             what = "nothing presses the joints: no bolts, and nothing acts at t = 0"
             raise InputError([Problem("SCENE", what, remedy="tighten bolts, or give a preload or load")], "no backbone")
-        joined = JoinedAssembly.of(scene, "sticking", pressed_of(state))
+        joined = JoinedAssembly.of(without_scheme(scene), "sticking", pressed_of(state))
         shape = _Shape.of(joined, mode, whole, sensor)
         _check_rest(scene, whole, shape)
 
@@ -219,10 +222,11 @@ class _Shape:
     omega : s-1, of the linear assembly. forces : M phi (n_full,) by substructure. rows : (1 + n_rigid, 3 n_node) by
         substructure: q and the rigid motions from the displacements of the nodes. place, direction : where the
         amplitude is read, (3,) unit vector. rigid : (n_rigid,) what a rigid motion adds there. sensed : displacement
-        there for q = 1.
+        there for q = 1. rise : frequency of the mode with the stiffness there, over that with the static one.
     """
 
     omega: float
+    rise: float
     forces: Mapping[str, Array]
     rows: Mapping[str, Array]
     place: SensorPlace
@@ -254,7 +258,9 @@ class _Shape:
         if size <= _MOVES * most:
             raise InputError([Problem("sensor", f"it does not move in mode {mode}", sensor)], "no backbone")
         direction = there[:, 0] / size
-        return _Shape(float(modes.omega[number]), forces, rows, place, direction, direction @ there[:, 1:], size)
+        omega, damped = float(modes.omega[number]), joined.eigenvalues(modes)
+        rise = 1.0 if damped is None else float(np.abs(damped[number])) / omega
+        return _Shape(omega, rise, forces, rows, place, direction, direction @ there[:, 1:], size)
 
     @property
     def places(self) -> dict[str, SensorPlace]:
@@ -482,9 +488,9 @@ def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tole
         mode=mode,
         loop=loop,
         tolerance=tolerance,
-        linear_frequency=shape.omega / (2 * np.pi),
+        linear_frequency=shape.rise * shape.omega / (2 * np.pi),
         amplitude=made.amplitude,
-        frequency=np.sqrt(load / half) / (2 * np.pi),
+        frequency=shape.rise * np.sqrt(load / half) / (2 * np.pi),
         damping=loss / (2 * np.pi * load * half),
         loss=loss,
         slipping=np.array([_changed(histories, a, b, 2) for a, b in spans]),
@@ -492,6 +498,7 @@ def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tole
         load=path.load,
         displacement=q,
         units=scene.unit_system,
+        curves=tuple(curve_lines(scene.material)),
     )
 
 
@@ -552,6 +559,7 @@ class Backbone(Stored):
     load: Array
     displacement: Array
     units: UnitSystem = SI
+    curves: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """Text: what was done, and a table of the amplitudes."""
@@ -573,6 +581,9 @@ class Backbone(Stored):
             open_or_close = "some open or close here: " if self.opening.any() else ""
             rule = "Masing's rule holds where no point has slid before and all keep their pressure"
             lines += ["", f"{rule}; {open_or_close}compare with --loop half"]
+        if self.curves:
+            rule = "damping: that of the joints alone; frequencies: with the stiffness of materials at that of the mode"
+            lines += ["", rule, *self.curves]
         return lines
 
     def groups(self) -> dict[str, StoredGroup]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -18,17 +19,19 @@ from ..scene.boundaries import Boundary
 from ..scene.ports import Port
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
-from ..scene.settings import ReducedPropagatorTable
+from ..scene.settings import GivenStart, HHTTable, ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
+from .damping_band import DampingBand, band_of
 from .drag import drag_problems
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
+from .joined_assembly import JoinedAssembly, pressed_of
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
@@ -125,7 +128,7 @@ def discretise(
         raise SceneError(problems, "the scene cannot be built")
     remarks: list[Remark] = []
     store_of(scene).recount()
-    scene = _damped(scene)
+    scene = _damped(scene, remarks)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
@@ -142,7 +145,7 @@ def discretise(
     if scene.contact:
         scene = with_found(scene, bodies, problems, remarks)
         remarks += remarks_of("unjoined", unconnected_remarks(scene, bodies))
-        scene = _damped(scene)  # the interfaces found
+        scene = _damped(scene, remarks)  # the interfaces found
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
@@ -186,9 +189,54 @@ def discretise(
     return replace(problem, remarks=tuple(remarks), sensors=sensors)
 
 
-def _damped(scene: Scene) -> Scene:
-    """The scene with the ratio of [damping] where nothing else is said."""
-    return scene if scene.damping is None else scene.damping.completed(scene)
+def without_scheme(scene: Scene) -> DiscretisedProblem:
+    """Matrices and interfaces of a scene with a scheme that moves no mass."""
+    plain = {"scheme": HHTTable(), "quasi_static": False, "start": GivenStart()}
+    return discretise(scene.model_copy(update={"time": scene.time.model_copy(update=plain)}))
+
+
+def start_state(scene: Scene) -> InitialState | None:
+    """The equilibrium with tight bolts under what acts at t = 0; None for a scene without bolts and static start."""
+    if not (scene.bolt or scene.time.start.type == "static"):
+        return None
+    discretised = discretise(scene)
+    return tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+
+
+def _damped(scene: Scene, remarks: list[Remark]) -> Scene:
+    """The scene with the ratio of [damping] where nothing else is said; a remark names a band that was found."""
+    table = scene.damping
+    if table is None:
+        return scene
+    if table.band is None:
+        found = _band_of(_SceneText(scene.text(), str(scene.base_dir), scene))
+        table = table.model_copy(update={"band": found.ends})
+        remarks += remarks_of("damping", [f"[damping] holds {100 * table.ratio:g} % of critical {found.words}"])
+    completed: Scene = table.completed(scene.model_copy(update={"damping": table}))
+    return completed
+
+
+@dataclass(frozen=True)
+class _SceneText:
+    """A scene that is compared by its text."""
+
+    text: str
+    base_dir: str
+    scene: Scene = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _band_of(of: _SceneText) -> DampingBand:
+    """The band of the damping of a scene that names none, from the modes of its undamped tightened assembly.
+
+    Raises
+    ------
+    SceneError : the assembly has no elastic mode.
+    """
+    plain = of.scene.model_copy(update={"damping": None})
+    state = start_state(plain)
+    joined = JoinedAssembly.of(without_scheme(plain), "sticking", {} if state is None else pressed_of(state))
+    return band_of(plain, joined.modes(1))
 
 
 def _damping_problems(

@@ -51,9 +51,11 @@ from ..results.quantities import AXES, LABELS, named, rows
 from ..results.summary import aligned
 from ..scene.schema import Scene
 from ..scene.units import SI, UnitSystem, unit_text
+from .build import without_scheme
 from .dynamic_stiffness import ProjectedStiffness, curve_lines, eigenvalues
+from .joined_assembly import JoinedAssembly, Joints
 from .modal_damping import Modes
-from .modes import JoinedAssembly, Joints, damped, pressed_points, without_scheme
+from .modes import damped, pressed_points
 
 Kind = Literal["receptance", "mobility", "accelerance"]
 Complex = NDArray[np.complex128]
@@ -121,7 +123,7 @@ def frf(
     problem = without_scheme(scene)
     if ratios is None and not damped(problem):  # before the bolts are tightened, which takes far longer
         raise InputError.of(_HEADING, *_UNDAMPED, remedy="give a damping ratio of the modes")
-    joined = JoinedAssembly.of(scene, joints, pressed_points(scene) if joints == "sticking" else {}, problem)
+    joined = JoinedAssembly.of(problem, joints, pressed_points(scene) if joints == "sticking" else {})
     excitations = _Excitations(joined, scene, joined.modes(_FIRST))
     if not len(excitations.modes.omega):
         raise InputError.of(_HEADING, "modes", "the assembly has none: all that can move has no mass")

@@ -31,7 +31,7 @@ from ..propagator import SubstructureModel
 from ..propagator.model import closest_reduced
 from .body import consecutive
 from .free_bodies import HELD
-from .modes import Parts
+from .joined_assembly import Parts
 
 _LIFTED = 1e-6  # opening of a point over the mean one from which on it closes when the others open
 _AT_ALL = 1e-3  # mean opening over the largest that is possible

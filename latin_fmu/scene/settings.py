@@ -665,6 +665,13 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
         for key in DAMPING_KEYS:
             if table.get(key):
                 yield _refused(f"material.{name}.{key}", "damping acts on rates", table[key], "remove it")
+    for kind in ("spring", "interface"):
+        for name, table in named_tables(raw, kind).items():
+            if given(table, "damping_ratios"):
+                value = table["damping_ratios"]
+                yield _refused(f"{kind}.{name}.damping_ratios", "damping acts on rates", value, "remove it")
+    if given(raw, "damping"):
+        yield _refused("damping", "damping acts on rates", raw["damping"], "remove it")
     yield from _solver_problems(single_table(raw, "solver"))
 
 

@@ -110,7 +110,10 @@ VARIANTS: dict[str, Callable[[dict[str, Any]], None]] = {
         sensor={},
     ),
     "no slip, damping": _changed(
-        interface__rub=rub(behaviour="no_slip"), material__m__rayleigh_mass=0.2, material__m__frame="absolute", material__m__rayleigh_stiffness=0.01
+        interface__rub=rub(behaviour="no_slip"),
+        material__m__rayleigh_mass=0.2,
+        material__m__frame="absolute",
+        material__m__rayleigh_stiffness=0.01,
     ),
     "elastic layer": _changed(
         interface__rub=rub(behaviour="elastic_layer", normal_stiffness=20.0, tangential_stiffness=8.0)

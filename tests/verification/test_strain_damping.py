@@ -480,3 +480,17 @@ def test_ratios_in_an_absolute_frame_are_rayleigh_damping() -> None:
     both = dragged(rayleigh_mass=a, rayleigh_stiffness=b, frame="absolute")
     first = run(COASTING | {"material": {"m": ratios}}).reactions["base"].force
     assert np.abs(first - run(both).reactions["base"].force).max() < 1e-9 * np.abs(first).max()
+
+
+def test_the_band_where_none_is_named() -> None:
+    """From a third of the lowest mode of the undamped assembly to the corner of a filter, and in a remark."""
+    plain = {key: value for key, value in material().items() if key != "damping_ratios"}
+    tables = beam(2, materials=(plain,))
+    first = float(latin_fmu.vibration_modes(latin_fmu.scene_from_dict(tables), count=1).frequency[0])
+    tables["sensor"]["tip"]["filter"] = {"type": "low_pass", "cutoff": 4000.0}
+    tables["damping"] = {"ratio": 0.02}
+    problem = discretise(latin_fmu.scene_from_dict(tables))
+    ratios = problem.scene.material["m0"].damping_ratios
+    assert ratios is not None
+    assert ratios.frequencies == pytest.approx((first / 3, 4000.0))
+    assert [r for r in problem.remarks if r.code == "damping" and "filter of sensor tip" in r]
