@@ -23,6 +23,7 @@ from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
+from .driven_starts import check_driven_starts
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
@@ -133,8 +134,7 @@ def discretise(
         bodies = with_masses(scene, bodies, problems)
     if scene.coupling:
         bodies = with_rigid_faces(scene, bodies)
-    fields = any(s.initial_fields for s in scene.substructure.values())
-    if fields:
+    if any(s.initial_fields for s in scene.substructure.values()):
         check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems, remarks)
@@ -156,8 +156,7 @@ def discretise(
         units = with_behaviours(units, behaviours, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
-    if fields:
-        remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
+    _check_conditions(scene, bodies, conditions, problems, remarks)
     # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
@@ -178,6 +177,19 @@ def discretise(
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
     remarks += [] if known.compared else _remarks(problem, bodies, units)
     return replace(problem, remarks=tuple(remarks), sensors=sensors)
+
+
+def _check_conditions(
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: Mapping[str, Conditions],
+    problems: Problems,
+    remarks: list[Remark],
+) -> None:
+    """What initial values and the conditions on the same nodes say against each other."""
+    check_driven_starts(scene, bodies, conditions, problems, remarks)
+    if any(s.initial_fields for s in scene.substructure.values()):
+        remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
 
 
 def _problem(

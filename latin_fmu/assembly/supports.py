@@ -109,6 +109,11 @@ class PrescribedMotion:
         """Displacement at t = 0, m."""
         return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
 
+    def start_velocity(self) -> float:
+        """Velocity at t = 0 that the condition gives, m s-1; 0 of displacements, whose path may have a corner there,
+        and of accelerations, which start from rest."""
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "velocity" else 0.0
+
     def largest_speed(self, time: Array) -> float:
         """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
         whole time."""
