@@ -32,6 +32,7 @@ from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
+from .rigid_landings import rigid_landings
 from .statics import Stage, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
@@ -156,6 +157,7 @@ def discretise(
         units = with_behaviours(units, behaviours, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
+    problems += rigid_landings(scene, bodies, units)
     _check_conditions(scene, bodies, conditions, problems, remarks)
     # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
     if scene.time.quasi_static and not problems:

@@ -48,6 +48,7 @@ from .models import (
     unforeseen_landings,
 )
 from .propagator_choice import divided, made_propagators
+from .rigid_landings import rigid_impacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 
@@ -377,7 +378,7 @@ class DiscretisedProblem:
             ],
             flexibility(self.bodies, units, layout),
             self.untouched,
-            unforeseen_landings(scene, self.bodies, units, scheme, self.dt),
+            unforeseen_landings(scene, self.bodies, units, scheme, self.dt) | rigid_impacts(scene, self.bodies, units),
         )
 
     def output(self, bolts: TightBolts) -> OutputRequest:
