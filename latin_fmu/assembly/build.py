@@ -23,11 +23,13 @@ from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
+from .displaced_starts import displaced_start
 from .driven_starts import check_driven_starts
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
+from .joint_rotations import rotation_problems
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
@@ -73,6 +75,13 @@ def starting_equilibrium(
 ) -> InitialState | None:
     """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
     solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
+    return displaced_start(discretised, undisplaced_equilibrium(discretised, amplitudes, stages))
+
+
+def undisplaced_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """``starting_equilibrium`` without the initial displacements that are added to it."""
     if discretised.scene.time.start.type != "static":
         return None
     store = store_of(discretised.scene)
@@ -157,7 +166,7 @@ def discretise(
         units = with_behaviours(units, behaviours, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
-    problems += rigid_landings(scene, bodies, units)
+    problems += [*rigid_landings(scene, bodies, units), *rotation_problems(scene, bodies, conditions, units)]
     _check_conditions(scene, bodies, conditions, problems, remarks)
     # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
     if scene.time.quasi_static and not problems:

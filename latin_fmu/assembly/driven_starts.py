@@ -46,8 +46,8 @@ def check_driven_starts(
 ) -> None:
     """Refuse faces that do not start where their bodies are, or not as fast; a held face of a moving body is a remark.
 
-    Without inertia every increment is an equilibrium, and a static start strains bodies at rest by what their faces are
-    displaced at t = 0: displacements are not compared there.
+    Without inertia every increment is an equilibrium: nothing is compared. A static start strains bodies at rest by
+    what their faces are displaced at t = 0, and initial displacements are counted from there.
     """
     if scene.time.quasi_static:
         return
@@ -55,16 +55,16 @@ def check_driven_starts(
     for name, body in bodies.items():
         supports, description = conditions[name], body.description
         settles = scene.time.start.type == "static" and not description.motion_keys
-        moves = bool(supports.motions) and not settles
-        if moves or (description.initial_keys and not settles):
-            _check_places(body, supports, time, problems)
+        if description.initial_keys or (supports.motions and not settles):
+            _check_places(body, supports, time, settles, problems)
         if supports.motions or description.motion_keys:
             _check_speeds(body, supports, time, problems, remarks)
 
 
-def _check_places(body: Body, supports: Conditions, time: Array, problems: Problems) -> None:
-    """Displacements at t = 0."""
-    initial, start = body.initial_displacement(), supports.start()
+def _check_places(body: Body, supports: Conditions, time: Array, settles: bool, problems: Problems) -> None:
+    """Displacements at t = 0; ``settles`` : they are added to an equilibrium that has those of prescribed motions."""
+    initial = body.initial_displacement()
+    start = np.zeros(len(supports.motions)) if settles else supports.start()
     rest = np.abs(_rest(body, supports, initial, start, velocity=False))
     paths = [m.value * m.law.sample(time) for m in supports.motions if m.kind == "displacement"]
     level = _OFFSET * max(float(np.abs(x).max()) for x in (initial, *paths))

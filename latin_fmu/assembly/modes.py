@@ -63,7 +63,7 @@ from ..scene.schema import Scene
 from ..scene.settings import GivenStart
 from ..scene.units import SI, UnitSystem
 from .body import consecutive
-from .build import discretise, starting_equilibrium
+from .build import discretise, undisplaced_equilibrium
 from .initial_state import InitialState
 from .merged_assembly import jump, kept_together
 from .modal_damping import ModalDamping, Modes, modal_damping, run_matrices
@@ -201,7 +201,7 @@ def pressed_points(scene: Scene) -> dict[str, np.ndarray]:
     if not (scene.bolt or scene.time.start.type == "static"):
         return {}
     discretised = discretise(scene)
-    state = tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+    state = tightened(discretised, {}) if scene.time.quasi_static else undisplaced_equilibrium(discretised, {})
     return {} if state is None else pressed_of(state)
 
 

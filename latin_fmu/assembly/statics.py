@@ -45,6 +45,7 @@ from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
+from .displaced_starts import without_displacements
 from .free_bodies import (
     FreeGroup,
     acting,
@@ -268,7 +269,8 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
     kept = whole.kept if whole.kept is not None and whole.kept.compared else None
-    return DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
+    return without_displacements(problem)
 
 
 def loose_bolts(

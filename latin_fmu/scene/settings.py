@@ -113,7 +113,8 @@ class StaticStart(SceneTable):
     """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
     over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
-    initial velocity take no part and start as given."""
+    initial velocity take no part and start as given; initial displacements of the others are added to the
+    equilibrium."""
 
     type: Literal["static"] = "static"
     increments: Annotated[
