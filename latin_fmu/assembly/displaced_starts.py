@@ -102,11 +102,8 @@ def _check_overlap(scene: Scene, unit: InterfaceUnit, gap: Array, moved: Array, 
         )
 
 
-def without_displacements(problem: DiscretisedProblem) -> DiscretisedProblem:
-    """A static problem whose bodies start undisplaced."""
-    if not any(member.displacement.any() for c in problem.classes for member in c.members):
+def at_rest(problem: DiscretisedProblem) -> DiscretisedProblem:
+    """A static problem whose bodies start undisplaced and at rest."""
+    if not any(m.displacement.any() or m.velocity.any() for c in problem.classes for m in c.members):
         return problem
-    classes = [
-        replace(c, members=[m.displaced(np.zeros_like(m.displacement)) for m in c.members]) for c in problem.classes
-    ]
-    return replace(problem, classes=classes)
+    return replace(problem, classes=[replace(c, members=[m.at_rest() for m in c.members]) for c in problem.classes])

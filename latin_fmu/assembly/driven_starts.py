@@ -14,7 +14,7 @@ first slope.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..errors import Problems, shown
 from ..fem.mesh import Array
 from ..propagator.model import closest_reduced
 from ..remarks import Remark
+from ..scene.fields import split_face
 from ..scene.schema import Scene
 from .body import Body
 from .conditions import Conditions, RigidConditions
@@ -52,13 +53,17 @@ def check_driven_starts(
     if scene.time.quasi_static:
         return
     time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
+    if scene.motion is not None and scene.thrown:
+        _check_ground(scene, scene.motion.velocity, problems)
     for name, body in bodies.items():
-        supports, description = conditions[name], body.description
-        settles = scene.time.start.type == "static" and not description.motion_keys
-        if description.initial_keys or (supports.motions and not settles):
+        supports, table = conditions[name], scene.substructure[name]  # its velocities are relative to [motion]
+        settles = scene.time.start.type == "static" and not table.motion_keys
+        if table.initial_keys or (supports.motions and not settles):
             _check_places(body, supports, time, settles, problems)
-        if supports.motions or description.motion_keys:
-            _check_speeds(body, supports, time, problems, remarks)
+        if supports.motions or body.description.motion_keys:
+            _check_speeds(body, supports, time, problems, [] if scene.thrown else remarks)
+        if scene.motion is not None and scene.thrown:
+            _check_throw(body, supports, scene.motion.velocity, problems)
 
 
 def _check_places(body: Body, supports: Conditions, time: Array, settles: bool, problems: Problems) -> None:
@@ -121,6 +126,39 @@ def _check_speeds(body: Body, supports: Conditions, time: Array, problems: Probl
         lost = rest[_still(supports)].max()
         text = f"a boundary holds nodes that start with {lost:.3g} {unit}: their velocity is lost in the first "
         remarks.append(Remark("initial_state", f"substructure {body.name}: {text}step, with its energy"))
+
+
+def _check_throw(body: Body, supports: Conditions, velocity: Sequence[float], problems: Problems) -> None:
+    """What holds nodes of a body that starts with the velocity (3,) of the whole assembly, m s-1."""
+    uniform = np.tile(np.asarray(velocity, dtype=float), body.mesh.n_node)
+    rest = np.abs(_rest(body, supports, uniform, np.zeros(len(supports.motions)), velocity=True))[_still(supports)]
+    if rest.max(initial=0.0) > _SPEED * np.abs(uniform).max():
+        problems.add(
+            "motion.velocity",
+            f"a boundary holds {body.name}, which cannot start with the velocity of the assembly",
+            shown(list(velocity)),
+            "no component along what boundaries hold",
+            "leave the boundary out, or drive its face by a velocity that starts with that of the assembly",
+        )
+
+
+def _check_ground(scene: Scene, velocity: Sequence[float], problems: Problems) -> None:
+    """Bonds between bodies that start with the velocity (3,) of the whole assembly, m s-1, and ground without it."""
+    for name, joint in scene.joints.items():
+        if joint.behaviour != "perfect" or not joint.against_ground:
+            continue
+        ground = joint.ground_velocity
+        moving = np.zeros(3)
+        if ground is not None:
+            moving = np.asarray(ground.vector) * float(ground.law.sample(np.zeros(1))[0])
+        if np.abs(moving - velocity).max() > _SPEED * np.abs(velocity).max():
+            problems.add(
+                "motion.velocity",
+                f"interface {name} bonds {split_face(joint.sides[0])[0]} to the ground, which does not move with it",
+                shown(list(velocity)),
+                f"the velocity of the ground, {shown(moving.tolist())}",
+                f"leave interface {name} out, or give its ground_velocity this velocity",
+            )
 
 
 def start_velocities(supports: Conditions, initial: Array, time: Array) -> Array:

@@ -45,7 +45,7 @@ from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
-from .displaced_starts import without_displacements
+from .displaced_starts import at_rest
 from .free_bodies import (
     FreeGroup,
     acting,
@@ -135,7 +135,8 @@ def start_problems(
                 "not in equilibrium at the start",
                 moving[0],
                 None,
-                f'remove the velocity of {moving[0]}, or set time.start = "given"',
+                f"remove the velocity of {moving[0]}, give that of all bodies as [motion] velocity, or set "
+                'time.start = "given"',
             )
     forces = acting(scene, {n: bodies[n] for n in still}, np.zeros(1))
     yield from unheld(start_groups(scene, bodies, conditions, units), forces, conditions, "time.start")
@@ -270,7 +271,7 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
     kept = whole.kept if whole.kept is not None and whole.kept.compared else None
     problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
-    return without_displacements(problem)
+    return at_rest(problem)
 
 
 def loose_bolts(
@@ -389,7 +390,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
-    for key in ("sensor", "accuracy", "output", "bolt", "spread"):
+    for key in ("sensor", "accuracy", "output", "bolt", "spread", "motion"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
 

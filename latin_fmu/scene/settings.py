@@ -643,6 +643,9 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
     requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
     if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
         yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
+    motion = single_table(raw, "motion")
+    if moves(motion.get("velocity")):
+        yield _refused("motion.velocity", "a velocity needs inertia", motion["velocity"], "remove it")
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):
             if moves(table.get(key)):
