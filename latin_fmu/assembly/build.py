@@ -35,7 +35,7 @@ from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
-from .statics import Stage, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
+from .statics import Stage, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -179,7 +179,7 @@ def discretise(
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
         if not problems:
-            remarks += remarks_of("free", free_remarks(start_groups(scene, bodies, conditions, units)))
+            remarks += remarks_of("free", start_remarks(scene, bodies, conditions, units))
     cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)

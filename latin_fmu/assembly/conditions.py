@@ -304,7 +304,7 @@ class RigidConditions(Conditions):
 
     def values(self, translation: Array, rotation: Array, driven: Array) -> Array:
         """Unknowns (n_full,) closest, in kinetic energy, to a motion of the centre; ``driven`` (n_motion,) is known."""
-        n_free = self.expansion.shape[1]
+        n_free = self.basis.shape[1] - len(self.motions)
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
         # closest in the mass of the body

@@ -19,6 +19,7 @@ from ..latin.assembly import InterfaceUnit
 from ..scene.schema import Scene
 from .body import Body, body_sides
 from .conditions import Conditions, RigidConditions
+from .falling_bodies import falling_in
 from .initial_state import InitialState
 from .problem import DiscretisedProblem
 
@@ -33,16 +34,18 @@ def displaced_bodies(scene: Scene) -> list[str]:
 
 
 def displaced_start(problem: DiscretisedProblem, state: InitialState | None) -> InitialState | None:
-    """The state from which the run starts, the initial displacements added to the equilibrium ``state``; None where
-    nothing acts at t = 0, and the scene itself has them.
+    """The state from which the run starts, the initial displacements added to the equilibrium ``state``, and whether
+    bodies set off from it; None where nothing acts at t = 0, and the scene itself has them.
 
     Raises
     ------
     SceneError : a contact that the equilibrium has closed overlaps.
     """
     names = [name for name in displaced_bodies(problem.scene) if name in problem.bodies]
-    if state is None or not names:
-        return state
+    if state is None:
+        return None
+    if not names:
+        return replace(state, sets_off=bool(falling_in(problem)))
     shifts = {name: _shift(problem.bodies[name], problem.conditions[name]) for name in names}
     displacement, traction, problems = dict(state.displacement), dict(state.traction), Problems()
     for name, shift in shifts.items():
@@ -62,7 +65,7 @@ def displaced_start(problem: DiscretisedProblem, state: InitialState | None) -> 
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     words = f"{state.message}; displaced from there: {', '.join(names)}"
-    return replace(state, displacement=displacement, traction=traction, message=words)
+    return replace(state, displacement=displacement, traction=traction, message=words, sets_off=True)
 
 
 def _shift(body: Body, conditions: Conditions) -> Array:

@@ -266,7 +266,8 @@ def _march(
         impedance[to] = problem.impedance
     assembly = assembled(stage, classes, units, layout, impedance)
     # a start in equilibrium does not accelerate
-    if stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values()):
+    settled = stage.start is not None and not stage.start.sets_off
+    if settled and not any(s.motion_keys for s in problem.scene.substructure.values()):
         assembly.characteristic_traction = _BALANCED
     _hand_over(states, assembly)
     for propagator in assembly.propagators:

@@ -46,7 +46,7 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         return traction, np.zeros(assembly.layout.n_flat)
     unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
     level = (
-        (_STATIC if assembly.start_tractions else _ROUND_OFF)
+        (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
         * assembly.characteristic_traction
         * float(assembly.layout.area.sum())
     )

@@ -114,7 +114,7 @@ class StaticStart(SceneTable):
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
     over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
     initial velocity take no part and start as given; initial displacements of the others are added to the
-    equilibrium."""
+    equilibrium. Bodies that nothing holds before a gap closes start in their place, and fall from there."""
 
     type: Literal["static"] = "static"
     increments: Annotated[
