@@ -107,7 +107,8 @@ class Timeline:
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
-        motion = self._conditions[model.name].velocity(time, self._scene.time.quasi_static, given or {})
+        clock = self._scene.time
+        motion = self._conditions[model.name].velocity(time, clock.quasi_static, given or {}, clock.end)
         return Histories(time, amplitudes, motion, self._conditions[model.name].accelerated)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:

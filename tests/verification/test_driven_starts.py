@@ -145,3 +145,28 @@ def test_a_session_refuses_the_offset_that_its_host_sets() -> None:
     session.set_load("boundary.base", OFFSET, 0.0)
     with pytest.raises(InputError, match="away from where column is"):
         session.initialize()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_record_that_ends_with_the_run_has_no_corner_there(scheme: str) -> None:
+    """Its last slope is kept up to the last instant; where the place of the face is that of the record."""
+    end, step = 8e-4, 4e-6
+    law = {"type": "table", "times": [0.0, 2e-4, end], "values": [0.0, 0.0, 1.0]}
+    scene = column(driven("displacement", OFFSET, law), time={"end": end, "step": step, "scheme": scheme})
+    scene["sensor"]["foot"] = {"face": "column.zmin"}
+    foot = latin_fmu.solve(latin_fmu.scene_from_dict(scene)).sensors["foot"]
+    assert foot.velocity[-1, 2] == pytest.approx(OFFSET / 6e-4, rel=1e-9)
+    assert foot.displacement[-1, 2] == pytest.approx(OFFSET, rel=1e-9)
+
+
+def test_a_session_ends_there_without_a_corner_too() -> None:
+    end, step = 8e-4, 4e-6
+    law = {"type": "table", "times": [0.0, 2e-4, end], "values": [0.0, 0.0, 1.0]}
+    scene = column(driven("displacement", OFFSET, law), time={"end": end, "step": step})
+    scene["sensor"]["foot"] = {"face": "column.zmin"}
+    session = Session(latin_fmu.scene_from_dict(scene))
+    session.initialize()
+    for i in range(20):
+        assert session.step(i * 4e-5, 4e-5)
+    names = ["sensor.foot.displacement[3]", "sensor.foot.velocity[3]"]
+    assert session.values(names) == pytest.approx([OFFSET, OFFSET / 6e-4], rel=1e-9)
