@@ -57,7 +57,7 @@ from .scene.settings import MasslessContactTable as MasslessContact
 from .scene.settings import NewmarkTable as Newmark
 from .scene.settings import ReducedPropagatorTable as ReducedPropagator
 from .scene.settings import RowTable as Row
-from .scene.substructures import Bolt, Gravity, Load, MeshFile, MeshParts, Substructure, Temperature
+from .scene.substructures import Bolt, Gravity, Load, MeshFile, MeshParts, Motion, Substructure, Temperature
 from .scene.substructures import BoxTable as Box
 from .scene.substructures import ModalDampingTable as ModalDamping
 
@@ -106,6 +106,7 @@ __all__ = [
     "MeshFile",
     "MeshParts",
     "ModalDamping",
+    "Motion",
     "Newmark",
     "NoAcceleration",
     "OperatorFolder",

@@ -87,7 +87,7 @@ def test_a_plain_scene_has_four_effects_and_every_effect_is_told() -> None:
         ("boundary.out", {"type": "absorbing", "face": "b.zmax"}, "absorbing ends"),
         (
             "boundary.tool",
-            {"type": "velocity", "face": "b.zmax", "components": ["z"], "value": [1.0]},
+            {"type": "velocity", "face": "b.zmax", "components": ["z"], "value": [1.0], "law": "step"},
             "prescribed motion",
         ),
         ("output.fields", True, "interior history"),

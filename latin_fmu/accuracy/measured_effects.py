@@ -360,7 +360,7 @@ def _of_bodies(scene: Scene, solution: Solution) -> Iterator[Switch]:
         if len(scene.substructure) > 1:
             yield Switch(f"elasticity of {name}", f"{where}.rigid = true", _rigid(name))
         # with another density a body that is thrown has another momentum: another scene
-        if not scene.time.quasi_static and not body.motion_keys:
+        if not scene.time.quasi_static and not body.motion_keys and not scene.thrown:
             yield Switch(f"inertia of {name}", f"{where}.material of its own, density x {_LIGHT:g}", _light(name))
 
 

@@ -415,7 +415,8 @@ def build_bodies(
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
     files = _MeshFiles()
-    for name, description in scene.substructure.items():
+    for name in scene.substructure:
+        description = scene.moving(name)
         material = scene.material[description.material]
         old = None if known is None else known.get(name)
         if old is not None and old.of(description, material):

@@ -26,17 +26,21 @@ from .bolts import BoltCut, cuts_of
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .damping_band import DampingBand, band_of
+from .displaced_starts import displaced_start
 from .drag import drag_problems
+from .driven_starts import check_driven_starts
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .joined_assembly import JoinedAssembly, pressed_of
+from .joint_rotations import rotation_problems
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
-from .statics import Stage, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
+from .rigid_landings import rigid_landings
+from .statics import Stage, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -76,6 +80,13 @@ def starting_equilibrium(
 ) -> InitialState | None:
     """The equilibrium that a scene starts from, its bolts tight; None where it has none (see ``build``); what was
     solved for it is added to ``stages``. It is read from the folder of operators where it is stored there."""
+    return displaced_start(discretised, undisplaced_equilibrium(discretised, amplitudes, stages))
+
+
+def undisplaced_equilibrium(
+    discretised: DiscretisedProblem, amplitudes: Mapping[str, float], stages: list[Stage] | None = None
+) -> InitialState | None:
+    """``starting_equilibrium`` without the initial displacements that are added to it."""
     if discretised.scene.time.start.type != "static":
         return None
     store = store_of(discretised.scene)
@@ -124,23 +135,20 @@ def discretise(
         one. leave_out : the bodies that are probably never touched (``untouched``).
     """
     problems = Problems(box_memory(scene))
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
+    _stop_at(problems)
     remarks: list[Remark] = []
     store_of(scene).recount()
     scene = _damped(scene, remarks)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
+    _stop_at(problems)
     # before any matrix: masses of points are part of a body
     if scene.point_mass:
         bodies = with_masses(scene, bodies, problems)
     if scene.coupling:
         bodies = with_rigid_faces(scene, bodies)
-    fields = any(s.initial_fields for s in scene.substructure.values())
-    if fields:
+    if any(s.initial_fields for s in scene.substructure.values()):
         check_fields(bodies, problems, remarks)
     if scene.contact:
         scene = with_found(scene, bodies, problems, remarks)
@@ -157,14 +165,13 @@ def discretise(
         for name, body in bodies.items()
     }
     units = _units(scene, bodies, conditions, problems, remarks, known)
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
+    _stop_at(problems)
     if behaviours:
         units = with_behaviours(units, behaviours, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
-    if fields:
-        remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
+    problems += [*rigid_landings(scene, bodies, units), *rotation_problems(scene, bodies, conditions, units)]
+    _check_conditions(scene, bodies, conditions, problems, remarks)
     # free bodies are looked for only where nothing else is wrong: their motions need sound conditions
     if scene.time.quasi_static and not problems:
         groups = free_groups(bodies, conditions, units)
@@ -176,17 +183,22 @@ def discretise(
     elif scene.time.start.type == "static" and not problems:
         problems += start_problems(scene, bodies, conditions, units)
         if not problems:
-            remarks += remarks_of("free", free_remarks(start_groups(scene, bodies, conditions, units)))
+            remarks += remarks_of("free", start_remarks(scene, bodies, conditions, units))
     if not problems:
         problems += _damping_problems(scene, bodies, conditions, units)
     cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
+    _stop_at(problems)
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
     remarks += [] if known.compared else _remarks(problem, bodies, units)
     return replace(problem, remarks=tuple(remarks), sensors=sensors)
+
+
+def _stop_at(problems: Problems) -> None:
+    """Raises SceneError where there are problems."""
+    if problems:
+        raise SceneError(problems, "the scene cannot be built")
 
 
 def without_scheme(scene: Scene) -> DiscretisedProblem:
@@ -200,7 +212,7 @@ def start_state(scene: Scene) -> InitialState | None:
     if not (scene.bolt or scene.time.start.type == "static"):
         return None
     discretised = discretise(scene)
-    return tightened(discretised, {}) if scene.time.quasi_static else starting_equilibrium(discretised, {})
+    return tightened(discretised, {}) if scene.time.quasi_static else undisplaced_equilibrium(discretised, {})
 
 
 def _damped(scene: Scene, remarks: list[Remark]) -> Scene:
@@ -248,6 +260,19 @@ def _damping_problems(
         what = "springs that relax are solved in windows of one instant"
         problems.add("solver.window", what, str(scene.solver.window), "1", "leave the window out")
     return problems
+
+
+def _check_conditions(
+    scene: Scene,
+    bodies: dict[str, Body],
+    conditions: Mapping[str, Conditions],
+    problems: Problems,
+    remarks: list[Remark],
+) -> None:
+    """What initial values and the conditions on the same nodes say against each other."""
+    check_driven_starts(scene, bodies, conditions, problems, remarks)
+    if any(s.initial_fields for s in scene.substructure.values()):
+        remarks += remarks_of("initial_state", field_remarks(scene, bodies, conditions))
 
 
 def _problem(

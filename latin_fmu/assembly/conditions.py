@@ -67,10 +67,12 @@ class Conditions:
         never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
         return never
 
-    def velocity(self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING) -> Array:
+    def velocity(
+        self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
+    ) -> Array:
         """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
-        there. given : see ``PrescribedMotion.velocity``."""
-        columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given) for m in self.motions]
+        there. given, end : see ``PrescribedMotion.velocity``."""
+        columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given, end) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
     @property
@@ -304,7 +306,7 @@ class RigidConditions(Conditions):
 
     def values(self, translation: Array, rotation: Array, driven: Array) -> Array:
         """Unknowns (n_full,) closest, in kinetic energy, to a motion of the centre; ``driven`` (n_motion,) is known."""
-        n_free = self.expansion.shape[1]
+        n_free = self.basis.shape[1] - len(self.motions)
         free, rest = self.basis[:, :n_free], self.basis[:, n_free:]
         motion, mass = self.body.coordinates(translation, rotation) - rest @ driven, self.body.mass
         # closest in the mass of the body

@@ -31,6 +31,7 @@ from ..scene.fields import GROUND
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
 from .build import discretise, solved_equilibrium
+from .displaced_starts import displaced_start
 from .initial_state import InitialState, TightBolts
 from .models import Kept, KeptOperators, ModelClass, same_operators
 from .problem import DiscretisedProblem
@@ -215,7 +216,8 @@ def _built(stage: Stage, scene: Scene, statics: Kept | None) -> _Copy | None:
         problem = discretise(scene, None, kept.copy() if static else kept.beside(base.bodies))
         if differences(base, problem):
             return None
-        return _Copy(problem, solved_equilibrium(problem, {}, kept=statics) if static else None)
+        start = displaced_start(problem, solved_equilibrium(problem, {}, kept=statics)) if static else None
+        return _Copy(problem, start)
     except LatinError:
         return None
 

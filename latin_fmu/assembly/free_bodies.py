@@ -460,7 +460,7 @@ def unheld(
         by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
         loads = f"; its loads are out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
         for name, own in group.motions.items():
-            ways = _ways(own)
+            ways = ways_of(own)
             problems.add(
                 f"substructure.{name}",
                 "nothing holds it, so that a static position does not exist",
@@ -475,7 +475,8 @@ def free_remarks(groups: Sequence[FreeGroup]) -> list[str]:
     """A sentence for every group whose position is chosen."""
     return [
         f"substructure {', '.join(group.motions)}: nothing holds it, and its loads are in balance: where it "
-        f"can {_ways(next(iter(group.motions.values())))}, {group.n} displacements of nodes are held, without reactions"
+        f"can {ways_of(next(iter(group.motions.values())))}, {group.n} displacements of nodes are held, without "
+        "reactions"
         for group in groups
     ]
 
@@ -535,7 +536,7 @@ def _pivots(moved: Mapping[str, tuple[Index, Array]], n: int, least: float) -> d
     return chosen
 
 
-def _ways(motions: Array) -> str:
+def ways_of(motions: Array) -> str:
     """What motions (3 n_node, n) are, in words."""
     along = [f"along {axis}" for i, axis in enumerate("xyz") if _contains(motions, i)]
     turns = motions.shape[1] > len(along) and np.linalg.matrix_rank(motions, tol=1e-6) > len(along)

@@ -79,7 +79,7 @@ def marched_share(arrival: float, time: Array) -> float:
 def _inside(scene: Scene, name: str, time: Array) -> float:
     """Instant at which the whole body is disturbed, s; infinite where it never is."""
     described, laws = scene.substructure[name], scene.force_laws
-    if described.initial_keys:
+    if described.initial_keys or scene.thrown:
         return 0.0
     sources = (f"{BODY_FORCE}{name}", GRAVITY, *scene.temperatures_of(name))
     return min((_onset(laws[n], time) for n in sources if n in laws), default=np.inf)

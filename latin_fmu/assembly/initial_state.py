@@ -288,7 +288,7 @@ class InitialState:
     displacement : (n_full,) by substructure, m. traction : (n_point, n_component) on side E by interface, local frames,
         Pa. closure : (n_point,) by interface, m: residual gaps of closed points, within the tolerance.
     amplitudes : of the loads that are set from outside. message : how it was computed. remarks : warnings.
-    bolts : as tightened.
+    bolts : as tightened. sets_off : whether bodies begin to move from it: those that fall, and displaced ones.
     """
 
     displacement: Mapping[str, Array]
@@ -298,6 +298,7 @@ class InitialState:
     message: str
     remarks: tuple[str, ...] = ()
     bolts: TightBolts = field(default_factory=TightBolts)
+    sets_off: bool = False
 
     def displaced(self, classes: list[ModelClass]) -> list[ModelClass]:
         """The classes with these initial displacements."""
@@ -311,6 +312,7 @@ class InitialState:
 
         A residual gap, small as it is, would have to close within the first step; in a short step that is a velocity.
         """
+        assembly.sets_off = self.sets_off
         for i, unit in enumerate(assembly.interfaces):
             if unit.name in self.traction:
                 assembly.start_tractions[i] = self.traction[unit.name]

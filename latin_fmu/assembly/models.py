@@ -410,6 +410,11 @@ def _lands(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
     """Whether the sides of an interface meet during the motion."""
     if unit.geometry.gap.max(initial=0.0) > _CLOSED * max(bodies[name].mesh.size for _, _, name in body_sides([unit])):
         return True
+    return approaches(bodies, unit)
+
+
+def approaches(bodies: Mapping[str, Body], unit: InterfaceUnit) -> bool:
+    """Whether the sides of an interface approach each other along N at t = 0."""
     speeds, largest = np.zeros((unit.geometry.n_point, 3)), 0.0
     for _, side, name in body_sides([unit]):
         trace = unit.geometry.traces[side]

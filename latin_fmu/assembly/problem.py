@@ -50,6 +50,7 @@ from .models import (
     unforeseen_landings,
 )
 from .propagator_choice import divided, made_propagators
+from .rigid_landings import rigid_impacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 
@@ -108,7 +109,8 @@ class Timeline:
     def histories(self, model: SubstructureModel, time: Array, given: Mapping[str, Array] | None = None) -> Histories:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
-        motion = self._conditions[model.name].velocity(time, self._scene.time.quasi_static, given or {})
+        clock = self._scene.time
+        motion = self._conditions[model.name].velocity(time, clock.quasi_static, given or {}, clock.end)
         return Histories(time, amplitudes, motion, self._conditions[model.name].accelerated)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
@@ -380,7 +382,7 @@ class DiscretisedProblem:
             ],
             flexibility(self.bodies, units, layout),
             self.untouched,
-            unforeseen_landings(scene, self.bodies, units, scheme, self.dt),
+            unforeseen_landings(scene, self.bodies, units, scheme, self.dt) | rigid_impacts(scene, self.bodies, units),
         )
 
     def output(self, bolts: TightBolts) -> OutputRequest:

@@ -32,6 +32,7 @@ from .body import body_sides
 from .bolts import Yielding, load_name
 from .build import discretise
 from .copies import MARK, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
+from .displaced_starts import displaced_bodies
 from .models import Kept, KeptOperators
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .statics import Stage
@@ -70,6 +71,7 @@ def check_run(problem: DiscretisedProblem, elsewhere: bool) -> None:
         "with an explicit scheme": problem.scheme.explicit,
         "with reduced bodies or conjugate gradients": solver.propagator.type not in ("automatic", "direct"),
         "with bolts that may yield": bool(Yielding(scene).tables),
+        "with initial displacements on top of a static start": bool(displaced_bodies(scene)),
         "with rigid bodies, or soft contacts that are pressed, in contact at t = 0": _pressed_at_start(problem),
     }
     if reasons := [reason for reason, found in refused.items() if found]:
@@ -264,7 +266,8 @@ def _march(
         impedance[to] = problem.impedance
     assembly = assembled(stage, classes, units, layout, impedance)
     # a start in equilibrium does not accelerate
-    if stage.start is not None and not any(s.motion_keys for s in problem.scene.substructure.values()):
+    settled = stage.start is not None and not stage.start.sets_off
+    if settled and not any(s.motion_keys for s in problem.scene.substructure.values()):
         assembly.characteristic_traction = _BALANCED
     _hand_over(states, assembly)
     for propagator in assembly.propagators:

@@ -45,12 +45,15 @@ from ..scene.units import UnitSystem
 from .body import Body, body_sides
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
+from .displaced_starts import at_rest
+from .falling_bodies import falling_groups, falling_remarks, held_in_place, relieved
 from .free_bodies import (
     FreeGroup,
     acting,
     allowed_motions,
     free_groups,
     free_motions,
+    free_remarks,
     loss_of_equilibrium,
     unheld,
     with_place,
@@ -134,7 +137,8 @@ def start_problems(
                 "not in equilibrium at the start",
                 moving[0],
                 None,
-                f'remove the velocity of {moving[0]}, or set time.start = "given"',
+                f"remove the velocity of {moving[0]}, give that of all bodies as [motion] velocity, or set "
+                'time.start = "given"',
             )
     forces = acting(scene, {n: bodies[n] for n in still}, np.zeros(1))
     yield from unheld(start_groups(scene, bodies, conditions, units), forces, conditions, "time.start")
@@ -147,6 +151,18 @@ def start_groups(
     still, kept = resting(scene), static_interfaces(scene)
     there, held = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
     return free_groups(there, held, [u for u in units if u.name in kept])
+
+
+def start_remarks(
+    scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions], units: list[InterfaceUnit]
+) -> list[str]:
+    """Sentences on bodies whose place a static start chooses, and on those that fall from theirs."""
+    still, static = resting(scene), static_interfaces(scene)
+    there, supports = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
+    falling = falling_groups(scene, there, supports, [unit for unit in units if unit.name in static])
+    taken = {name for group in falling for name in group.names}
+    groups = [group for group in start_groups(scene, bodies, conditions, units) if taken.isdisjoint(group.motions)]
+    return [*free_remarks(groups), *falling_remarks(falling)]
 
 
 def static_state(
@@ -264,11 +280,16 @@ def static_problem(whole: DiscretisedProblem, scene: Scene, free: Collection[str
     conditions = {n: conditions_on(b, scene.boundaries_of(n), problems, scene.ports_of(n)) for n, b in bodies.items()}
     assert not problems, problems  # the same conditions stood before
     units = [unit for unit in whole.units if unit.name in scene.joints]
-    conditions = with_place(free_groups(bodies, conditions, units), bodies, conditions, units)
+    falling = falling_groups(whole.scene, bodies, conditions, units)
+    taken = {name for group in falling for name in group.names}
+    still = [group for group in free_groups(bodies, conditions, units) if taken.isdisjoint(group.motions)]
+    groups = [*still, *(group.free for group in falling)]
+    conditions = with_place(groups, bodies, held_in_place(falling, conditions), units)
     moved = {name: layer for name, layer in whole.layers.items() if name in bodies}  # loads of the motion that follows
     cuts = {name: replace(cut, loose=name in free) for name, cut in whole.cuts.items()}
     kept = whole.kept if whole.kept is not None and whole.kept.compared else None
-    return DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
+    problem = DiscretisedProblem.of(scene, bodies, conditions, units, cuts, kept).with_classes(moved)
+    return at_rest(relieved(problem, falling, moved))
 
 
 def loose_bolts(
@@ -391,7 +412,7 @@ def static_scene(scene: Scene, amplitudes: Mapping[str, float], loaded: bool = T
     data["solver"] = {"max_iterations": _MOST, **same}
     if scene.solver.operators is not None:
         data["solver"]["operators"] = scene.solver.operators.model_dump()
-    for key in ("sensor", "accuracy", "output", "bolt", "spread", "damping"):
+    for key in ("sensor", "accuracy", "output", "bolt", "spread", "damping", "motion"):
         data.pop(key, None)
     return scene_from_dict(data, scene.base_dir)
 

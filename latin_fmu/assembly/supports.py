@@ -75,11 +75,12 @@ class PrescribedMotion:
     source: str = ""
     arm: float = 1.0
 
-    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
+    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING, end: float = np.inf) -> Array:
         """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
         acceleration law the acceleration, m s-2, which the time scheme integrates.
 
         given : by source: amplitude (n_time,) of a velocity or acceleration, or its rate, 1/s, of a displacement.
+        end : last instant of the scene, s, which is no corner of a law that ends there.
         """
         if self.source in given:
             known: Array = self.value * given[self.source]
@@ -88,6 +89,8 @@ class PrescribedMotion:
             return self.value * self.law.sample(time)
         step = time[1] - time[0]
         before, after = np.maximum(time - step, 0.0), time + step  # one-sided at the start
+        # and at the end
+        after = np.where((time <= end + 1e-6 * step) & (after > end + 1e-6 * step), time, after)
         difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
         return self.value * difference
 
@@ -108,6 +111,11 @@ class PrescribedMotion:
     def start(self) -> float:
         """Displacement at t = 0, m."""
         return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
+
+    def start_velocity(self) -> float:
+        """Velocity at t = 0 that the condition gives, m s-1; 0 of displacements, whose path may have a corner there,
+        and of accelerations, which start from rest."""
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "velocity" else 0.0
 
     def largest_speed(self, time: Array) -> float:
         """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the

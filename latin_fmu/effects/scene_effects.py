@@ -235,8 +235,9 @@ def bolts(p: Prediction) -> Effect:
 def initial_motion(p: Prediction) -> Effect:
     """Initial velocities, spins and displacements."""
     keys = tuple(f"substructure.{n}.{k}" for n, s in p.scene.substructure.items() for k in s.initial_keys)
+    keys += ("motion.velocity",) if p.scene.thrown else ()
     if not keys:
-        switch = "initial_velocity, initial_spin or initial_displacement"
+        switch = "initial_velocity, initial_spin, initial_displacement or [motion]"
         return _off("initial motion", ["substructure.*.initial_velocity"], "everything starts at rest", switch)
     return Effect("initial motion", True, keys, "initial values that are not zero", "set them to zero")
 

@@ -305,7 +305,8 @@ class Assembly:
         self.ground = Ground(layout, self.interfaces, self.quasi_static)
         self.start_tractions: dict[int, Array] = {}
         """Tractions (n_point, n_component) on side E at t = 0 where they are known, by interface, Pa; in balance with
-        the initial displacements and the loads there."""
+        the initial displacements and the loads there, unless ``sets_off``."""
+        self.sets_off = False  # whether bodies begin to move at t = 0 although tractions are known
         self.owner = self.part_of = tuple[int, ...]()
         """Of a run distributed over processes: for every class the process that marches it, and the number of the class
         that it is a part of."""
@@ -320,6 +321,7 @@ class Assembly:
         self.ground = Ground(self.layout, self.interfaces, self.quasi_static)
         self.ground.take(whole.ground, numbers)
         self.start_tractions = {numbers[i]: f for i, f in whole.start_tractions.items() if i in numbers}
+        self.sets_off = whole.sets_off
         self.rigid = np.flatnonzero(np.isin(channels, whole.rigid))
 
     @property

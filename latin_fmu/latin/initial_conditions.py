@@ -47,7 +47,7 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         return traction, np.zeros(assembly.layout.n_flat)
     unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
     level = (
-        (_STATIC if assembly.start_tractions else _ROUND_OFF)
+        (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
         * assembly.characteristic_traction
         * float(assembly.layout.area.sum())
     )
@@ -214,10 +214,13 @@ def _contact_tractions(
     known[solver.channels] = traction[solver.channels]
     for admittance, channels in zip(admittances, assembly.channels, strict=True):
         free[channels] -= admittance @ known[channels]
-    # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are
+    # a sliding point continues to slide: its friction follows the velocity, whatever the accelerations are; what moves
+    # as one does not slide, but for round-off
+    level = _STILL * float(np.abs(velocity).max(initial=0.0))
     for group in assembly.layout.groups:
         if group.n_component > 1:
             sliding = group.block(velocity)[1, :, 1:] - group.block(velocity)[0, :, 1:]
+            sliding = np.where(np.abs(sliding) > level, sliding, 0.0)
             group.block(free)[1, :, 1:] += sliding / (_STILL * assembly.dt)
     no_gaps = [np.zeros((g.n_point, 1)) for g in assembly.layout.groups]
     # no gap: the law for velocities, read as accelerations

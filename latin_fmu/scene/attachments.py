@@ -109,7 +109,8 @@ class Spring(SceneTable):
     """A linear spring, a dashpot, or both side by side, without mass, between two places.
 
     It acts along one direction, and by `lateral_stiffness` and `lateral_viscosity` equally across it. Its force is
-    proportional to the displacement (velocity) of the second end relative to the first one.
+    proportional to the displacement (velocity) of the second end relative to the first one. Across the line of its ends
+    its two forces would make a couple: between bodies that may turn as one, both ends then have the same `point`.
     """
 
     ends: Annotated[

@@ -52,14 +52,15 @@ class _Prescribed(SceneTable):
 
 
 class PrescribedVelocity(_Prescribed):
-    """Velocity history value * law(t) along the components."""
+    """Velocity history value * law(t) along the components, from the velocity of the body at t = 0 on; a face that
+    starts suddenly has the law "step"."""
 
     type: Literal["velocity"] = "velocity"
     value: Annotated[Series, about("one number per component", "m s-1")]
 
 
 class PrescribedDisplacement(_Prescribed):
-    """Displacement history value * law(t) along the components."""
+    """Displacement history value * law(t) along the components, from the displacement of the body at t = 0 on."""
 
     type: Literal["displacement"] = "displacement"
     value: Annotated[Series, about("one number per component", "m")]

@@ -169,7 +169,8 @@ Static start   time.start = "static" solves the equilibrium under what acts at t
                or pulse that starts at 0 is a shock and not in it), body forces, gravity, temperatures, preloads,
                displaced faces; faces driven by a velocity or an acceleration and the ground stand still. The motion
                starts from its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity
-               are left out. A substructure that friction cannot hold is an error.
+               are left out; [motion] gives one to all, and a tightened assembly starts in its equilibrium with it. A
+               substructure that friction cannot hold is an error.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
                move a free body: after a pulse its velocity and path are the exact integrals of the straight lines

@@ -29,6 +29,7 @@ from .substructures import (
     Gravity,
     Load,
     MeshParts,
+    Motion,
     Substructure,
     Temperature,
     bolt_problems,
@@ -52,7 +53,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("gravity", "damping", "initial_state", "time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "damping", "motion", "initial_state", "time", "solver", "output", "accuracy")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -224,6 +225,7 @@ class Scene(SceneTable):
         default_factory=dict
     )
     gravity: Annotated[Gravity | None, about("acceleration that acts on every body")] = None
+    motion: Annotated[Motion | None, about("velocity at t = 0 of a thrown assembly")] = None
     temperature: Annotated[dict[Name, Temperature], about("changes of temperature by name")] = Field(
         default_factory=dict
     )
@@ -337,9 +339,23 @@ class Scene(SceneTable):
     def standing(self) -> list[str]:
         """What loads or moves bodies beside laws over time, in words."""
         made = [f"bolt {name}" for name in self.bolt]
+        made += ["motion of all bodies"] if self.thrown else []
         # 1 m2: whether there is any
         made += [f"preload of {name}" for name, joint in self.joints.items() if joint.initial_pressure(1.0)]
         return made + [f"initial motion of {name}" for name, body in self.substructure.items() if body.initial_keys]
+
+    @property
+    def thrown(self) -> bool:
+        """Whether all substructures start with a common velocity."""
+        return self.motion is not None and any(self.motion.velocity)
+
+    def moving(self, substructure: str) -> Substructure:
+        """A substructure whose initial velocity has that of the whole assembly added."""
+        table = self.substructure[substructure]
+        if self.motion is None or not self.thrown:
+            return table
+        velocity = tuple(a + b for a, b in zip(table.initial_velocity, self.motion.velocity, strict=True))
+        return table.model_copy(update={"initial_velocity": velocity})
 
     @property
     def loads(self) -> dict[str, Load]:

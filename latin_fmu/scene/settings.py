@@ -115,7 +115,8 @@ class StaticStart(SceneTable):
     """The static equilibrium under all that acts at t = 0: loads at their value there, body forces, preloads,
     prescribed displacements. Displacements, stresses, interface tractions, gaps and the state of friction are taken
     over, so that constant loads cause no motion. Motions of faces and ground begin at t = 0; substructures with an
-    initial velocity take no part and start as given."""
+    initial velocity take no part and start as given; initial displacements of the others are added to the
+    equilibrium. Bodies that nothing holds before a gap closes start in their place, and fall from there."""
 
     type: Literal["static"] = "static"
     increments: Annotated[
@@ -644,6 +645,9 @@ def _static_problems(raw: Any) -> Iterator[Problem]:
     requested = (start.get("type", "static") if isinstance(start, dict) else start) == "static"
     if requested and not named_tables(raw, "bolt"):  # bolts are tightened before the first increment
         yield _refused("time.start", "every step is an equilibrium already", start, "leave the start out")
+    motion = single_table(raw, "motion")
+    if moves(motion.get("velocity")):
+        yield _refused("motion.velocity", "a velocity needs inertia", motion["velocity"], "remove it")
     for name, table in named_tables(raw, "substructure").items():
         for key in ("initial_velocity", "initial_spin"):
             if moves(table.get(key)):

@@ -229,6 +229,16 @@ class Gravity(SceneTable):
     law: Annotated[Law, about("time law a(t)")] = ConstantLaw()
 
 
+class Motion(SceneTable):
+    """A velocity that all substructures have at t = 0, as a thrown or falling assembly has.
+
+    It is added to the initial velocities of the substructures, which then are relative to it: a static start, with its
+    bolts, is an equilibrium of what moves with it. Supports have to move with it as well.
+    """
+
+    velocity: Annotated[Vector, about("velocity of everything at t = 0", "m s-1")]
+
+
 class Temperature(SceneTable):
     """A uniform change of temperature of bodies, times a law; stresses arise where they cannot expand freely.
 
@@ -549,7 +559,8 @@ def bolt_problems(raw: Any) -> Iterator[Problem]:
                     f"bolts are tightened at rest, before t = 0, and {body} has the {key} {substructures[body][key]}",
                     shown(body),
                     "a substructure that is at rest at t = 0",
-                    f"remove substructure.{body}.{key}, or the bolt",
+                    f"remove substructure.{body}.{key}, or the bolt; if all bodies move like that, give their velocity "
+                    "as [motion] velocity, with which a tightened assembly starts",
                 )
     if named_tables(raw, "bolt") and chosen_type(single_table(raw, "time"), "start") == "given":
         yield Problem(

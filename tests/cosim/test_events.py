@@ -33,9 +33,11 @@ def ramp(first: float, last: float, end: float) -> dict[str, Any]:
 
 
 def block(end: float, step: float, gap: float = 0.0, **changes: Any) -> Scene:
-    """A rigid block above or on the ground."""
+    """A rigid block on the ground, or above it, where a layer says how it rebounds."""
     body = Box(Material(1e9, DENSITY), (EDGE,) * 3, (1, 1, 1), keys={"rigid": True})
     floor = rubbing("block.zmin", "ground", FRICTION) | {"gap": gap}
+    if gap > 0.0 and changes.get("body", {}).get("rigid", True):
+        floor |= {"behaviour": "soft_contact", "normal_stiffness": 1e6}
     time, solver = {"end": end, "step": step}, {"tolerance": 1e-8}
     data = column({"block": body}, {}, time, interface={"floor": floor}, solver=solver)
     data["substructure"]["block"] |= changes.pop("body", {})

@@ -42,7 +42,7 @@ def cut(bars_scene: Any, bar_box: Any, case: str, pieces: int) -> dict[str, Any]
     last = names[-1]
     tables["boundary"] = {"held": {"type": "fixed", "face": f"{last}.zmax"}}
     if what.get("drive"):
-        law = {"type": "table", "times": [0.0, 1.0, 3.0], "values": [0.2, 1.0, 0.0]}
+        law = {"type": "table", "times": [0.0, 1.0, 3.0], "values": [0.0, 1.0, 0.0]}
         tables["boundary"]["driven"] = given_motion("a.zmin", [0.5], law, "z")
     tables["load"] = what.get("load", {})
     tables["solver"] = {"tolerance": 1e-11, "force_tolerance": 1e-9}

@@ -17,6 +17,7 @@ from tests.scenes import solve
 
 LENGTH = 0.02
 TRANSIT = LENGTH / STEEL.pressure_speed
+STARTS = {"type": "velocity", "law": "step"}
 
 
 def chain(
@@ -108,7 +109,7 @@ def test_what_nothing_has_reached_is_passed_over_exactly(window: int) -> None:
         {"substructure": {"initial_velocity": [0.0, 0.0, 1.0]}},
         {"substructure": {"initial_spin": [1.0, 0.0, 0.0]}},
         {"substructure": {"body_force": [0.0, 0.0, 1e6]}},
-        {"boundary": {"tool": {"type": "velocity", "face": "b2.zmax", "components": ["z"], "value": [1.0]}}},
+        {"boundary": {"tool": {"face": "b2.zmax", "components": ["z"], "value": [1.0], **STARTS}}},
         {
             "interface": {
                 "g": {

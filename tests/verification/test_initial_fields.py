@@ -157,11 +157,13 @@ def test_supports_win_over_a_field_and_say_so():
 
 def test_a_field_disturbs_its_body_at_once():
     scene = stretched()
-    second = {**scene["substructure"]["bar"], "box": {**scene["substructure"]["bar"]["box"], "origin": [0.4, 0.0, 0.0]}}
+    second = {
+        **scene["substructure"]["bar"],
+        "box": {**scene["substructure"]["bar"]["box"], "origin": [0.40002, 0.0, 0.0]},
+    }
     still = {key: second[key] for key in ("material", "box")}
     scene["substructure"]["still"] = still
     scene["interface"] = {"joint": {"sides": ["bar.xmax", "still.xmin"], "behaviour": "contact"}}
-    scene["substructure"]["bar"]["initial_displacement"] = [-STRAIN * LENGTH / 2, 0.0, 0.0]
     problem = discretise(latin_fmu.scene_from_dict(scene))
     arrival = arrival_times(problem.scene, problem.bodies, problem.units, problem.time)
     assert arrival["bar"] == 0.0

@@ -65,7 +65,7 @@ def test_a_wave_doubles_at_the_support(changes: dict[str, Any]) -> None:
 
 def test_a_driven_end_needs_the_impedance() -> None:
     """rho c A v, until the wave comes back."""
-    top = {"type": "velocity", "face": "bar.zmax", "components": ["z"], "value": [-0.5], "law": "constant"}
+    top = {"type": "velocity", "face": "bar.zmax", "components": ["z"], "value": [-0.5], "law": "step"}
     solution = latin_fmu.solve(bar(boundary={"top": top}))
     t = solution.time * C / L
     early = (t > 0.1) & (t < 1.8)

@@ -91,7 +91,9 @@ def test_a_rigid_body_has_six_unknowns_and_no_stiffness() -> None:
     ],
 )
 def test_conditions_take_directions_out_of_the_six(boundary: dict[str, Any], left: int) -> None:
-    tables = block(initial_velocity=[1.0, 2.0, 3.0], initial_spin=[1.0, 1.0, 1.0])
+    moving = {"initial_velocity": [1.0, 2.0, 3.0], "initial_spin": [1.0, 1.0, 1.0]}
+    driven = {"initial_velocity": [0.0, 0.0, 1.0]}  # as fast as its face
+    tables = block(**driven if boundary["type"] == "velocity" else moving)
     tables["boundary"] = {"held": boundary}
     propagator = build(scene_from_dict(tables)).assembly.propagators[0]
     assert propagator.n_dof == left
@@ -105,7 +107,7 @@ def test_conditions_take_directions_out_of_the_six(boundary: dict[str, Any], lef
 
 def test_a_guided_block_moves_where_it_may() -> None:
     """x driven, y held, z free and pulled: three rotations and two translations gone, the last one is Newton's."""
-    tables = block()
+    tables = block(initial_velocity=[0.3, 0.0, 0.0])
     tables["boundary"] = {
         "plane": {"type": "fixed", "face": "block.ymin", "components": ["y"]},
         "driven": {"type": "velocity", "face": "block.ymax", "components": ["x"], "value": [0.3]},

@@ -24,6 +24,7 @@ from tests.scenes import solve
 GAP = 2e-3
 FIELDS = ("traction", "velocity", "gap", "contact_status", "friction_power", "initial_gap", "areas", "points")
 CHOICE = "left out, never touched"
+STARTS = {"type": "velocity", "law": "step"}
 
 
 def lidded(gap: float = GAP, speed: float = 0.0, long: int = 4, **tables: Any) -> dict[str, Any]:
@@ -164,7 +165,7 @@ def test_a_guess_that_was_wrong_is_found_and_all_bodies_are_solved_for() -> None
         {"solver": {"propagator": {"type": "reduced", "modes": 10}}},
         {"time": {"start": "static"}},
         {"load": {"on_lid": {"face": "lid.xmin", "pressure": 1e5}}},
-        {"boundary": {"held": {"type": "velocity", "face": "lid.zmax", "components": ["z"], "value": [1.0]}}},
+        {"boundary": {"held": {"face": "lid.zmax", "components": ["z"], "value": [1.0], **STARTS}}},
     ],
     ids=lambda change: " ".join(change),
 )

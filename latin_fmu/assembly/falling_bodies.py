@@ -1,0 +1,164 @@
+"""Bodies in a static start that are on their way down to what will catch them.
+
+A body above a table has an equilibrium on the table, but that is not where it starts: at t = 0 nothing holds it. Bodies
+that are bonded or in contact at t = 0 form groups. Where a rigid motion q of a group is free of all their joints and
+supports, and the loads f do work on it, the group is accelerated by
+
+    a = R (R^T M R)^-1 R^T f,    R: the free motions q
+
+and is in balance with its inertia, f - M a (inertia relief). Its static start is that balance, in the place that the
+scene has: stresses of loads that hold each other are there, and a weight, which falls freely, makes none. The motion
+begins at rest with the acceleration a. What no interface can catch is refused (``free_bodies.unheld``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from ..fem.mesh import Array
+from ..latin.assembly import InterfaceUnit
+from ..propagator import LoadTerm, SubstructureModel
+from ..propagator.model import with_load
+from ..scene.schema import TEMPERATURE, Scene
+from .body import Body, body_sides
+from .conditions import Conditions, RigidConditions
+from .free_bodies import BALANCED, FreeGroup, free_groups, ways_of
+from .models import ContactLayer, load_terms
+from .problem import DiscretisedProblem
+
+
+@dataclass(frozen=True)
+class FallingGroup:
+    """Bodies that move together from t = 0 on, and the interfaces that may catch them."""
+
+    free: FreeGroup
+    catching: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Bodies of the group."""
+        return tuple(self.free.motions)
+
+
+def falling_groups(
+    scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions], units: Sequence[InterfaceUnit]
+) -> list[FallingGroup]:
+    """Groups of bodies at rest that the loads of t = 0 move where only open interfaces could hold them; none without
+    inertia, where every increment is an equilibrium."""
+    waiting = [unit for unit in units if _is_open(unit)]
+    if not waiting or scene.time.quasi_static:
+        return []
+    closed = [unit for unit in units if not _is_open(unit)]
+    found = []
+    for group in free_groups(bodies, conditions, closed):
+        catching = tuple(u.name for u in waiting if any(name in group.motions for _, _, name in body_sides([u])))
+        if catching and group.work(_forces(scene, bodies, group))[0] > BALANCED:
+            found.append(FallingGroup(group, catching))
+    return found
+
+
+def falling_in(problem: DiscretisedProblem) -> list[FallingGroup]:
+    """``falling_groups`` of the static start of a problem."""
+    names = [name for name in problem.bodies if not problem.scene.substructure[name].motion_keys]
+    bodies = {name: problem.bodies[name] for name in names}
+    conditions = {name: problem.conditions[name] for name in names}
+    units = [u for u in problem.units if all(name in bodies for _, _, name in body_sides([u])) and not _yields(u)]
+    return falling_groups(problem.scene, bodies, conditions, units)
+
+
+def _yields(unit: InterfaceUnit) -> bool:
+    """Whether an interface carries nothing at rest."""
+    return unit.behaviour.compliant and not unit.behaviour.elastic
+
+
+def _is_open(unit: InterfaceUnit) -> bool:
+    """Whether an interface has a gap at all its points."""
+    return unit.behaviour.opens and float(unit.geometry.gap.min(initial=np.inf)) > 0.0
+
+
+def _forces(scene: Scene, bodies: Mapping[str, Body], group: FreeGroup) -> Iterator[tuple[str, Array, Array]]:
+    """Body, pattern (3 n_node,) and amplitude (1,) of each load at t = 0."""
+    laws = scene.force_laws
+    for name in group.motions:
+        for term in load_terms(scene.model_copy(update={"temperature": {}}), name, bodies[name], None):
+            yield name, term.pattern, laws[term.name].sample(np.zeros(1))
+
+
+def falling_remarks(groups: Sequence[FallingGroup]) -> list[str]:
+    """A sentence for every group that starts in the place of the scene and is moved from there."""
+    return [
+        f"substructure {', '.join(group.names)}: nothing holds it at t = 0, where it can "
+        f"{ways_of(next(iter(group.free.motions.values())))} under its loads; it starts in its place, at rest, and "
+        f"moves on until interface {' or '.join(group.catching)} closes"
+        for group in groups
+    ]
+
+
+def held_in_place(groups: Sequence[FallingGroup], conditions: Mapping[str, Conditions]) -> dict[str, Conditions]:
+    """The conditions with rigid bodies of groups that are all rigid held: nothing in them has a static problem."""
+    changed = dict(conditions)
+    for group in groups:
+        supports = {name: conditions[name] for name in group.names}
+        if all(isinstance(support, RigidConditions) for support in supports.values()):
+            for name, support in supports.items():
+                changed[name] = replace(support, expansion=sp.csr_array(support.expansion[:, :0]))
+    return changed
+
+
+def relieved(
+    problem: DiscretisedProblem, groups: Sequence[FallingGroup], layers: Mapping[str, ContactLayer]
+) -> DiscretisedProblem:
+    """A static problem whose groups are in balance with their inertia; ``layers`` : of the motion that follows, whose
+    masses are accelerated."""
+    forces: dict[str, list[LoadTerm]] = {}
+    for group in groups:
+        members = {m.name: m for c in problem.classes for m in c.members if m.name in group.names}
+        for name, terms in _inertia(problem, group, members, layers).items():
+            forces.setdefault(name, []).extend(terms)
+    if not forces:
+        return problem
+    classes = []
+    for c in problem.classes:
+        changed = []
+        for model in c.members:
+            for term in forces.get(model.name, ()):
+                model = with_load(model, term)
+            changed.append(model)
+        classes.append(replace(c, members=changed))
+    return replace(problem, classes=classes)
+
+
+def _inertia(
+    problem: DiscretisedProblem,
+    group: FallingGroup,
+    members: Mapping[str, SubstructureModel],
+    layers: Mapping[str, ContactLayer],
+) -> dict[str, list[LoadTerm]]:
+    """Forces -M a of each load on the bodies of a group, on their full dofs."""
+    motions, momenta = {}, {}
+    for name, model in members.items():
+        support, nodal = problem.conditions[name], group.free.motions[name]
+        if isinstance(support, RigidConditions):
+            motions[name] = la.lstsq(support.nodal, nodal)[0]
+            momenta[name] = support.basis.T @ support.body.mass @ support.basis @ motions[name]
+        else:
+            layer = layers.get(name)
+            motions[name] = nodal
+            momenta[name] = (problem.bodies[name].mass if layer is None else layer.mass) @ nodal
+        assert model.n_full == len(motions[name])
+    inertia = np.sum([motions[name].T @ momenta[name] for name in members], axis=0)
+    work: dict[str, Array] = {}
+    for name, model in members.items():
+        for load in model.loads:
+            if load.name and load.name in problem.scene.force_laws and not load.name.startswith(TEMPERATURE):
+                part = motions[name].T @ load.pattern
+                work[load.name] = part if load.name not in work else work[load.name] + part
+    accelerations = {load: np.asarray(la.solve(inertia, f, assume_a="pos")) for load, f in work.items()}
+    return {
+        name: [LoadTerm(load, -np.asarray(momenta[name] @ a)) for load, a in accelerations.items()] for name in members
+    }

@@ -1,0 +1,172 @@
+"""Faces that are held or driven start where their bodies are, and as fast as these, or are refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import latin_fmu
+from latin_fmu.api import check
+from latin_fmu.cosim import Session
+from latin_fmu.errors import InputError, SceneError
+
+OFFSET = 0.2e-3
+BUMP = {"type": "table", "times": [0.0, 4e-4, 6e-4, 8e-4], "values": [OFFSET, OFFSET, 1.25 * OFFSET, OFFSET]}
+SCHEMES = ["hht", "newmark", "generalized_alpha", "massless_contact", "central_difference"]
+
+
+def column(boundary: dict[str, Any], **keys: Any) -> dict[str, Any]:
+    """A plastic column with a condition at its foot; ``keys`` of its substructure, or of the scene."""
+    box = {"size": [0.02, 0.02, 0.1], "elements": [1, 1, 8]}
+    body = {key: keys.pop(key) for key in list(keys) if key.startswith("initial_")}
+    foot = {"face": "column.zmin", **boundary}
+    return {
+        "name": "column",
+        "material": {"plastic": {"young_modulus": 2e9, "poisson_ratio": 0.35, "density": 1200.0}},
+        "substructure": {"column": {"material": "plastic", "box": box, **body}},
+        "boundary": {"base": foot},
+        "sensor": {"top": {"face": "column.zmax"}},
+        "time": {"end": 8e-4, "step": 4e-6},
+        "output": {"fields": True},
+        **keys,
+    }
+
+
+def driven(kind: str, value: float, law: Any = "constant") -> dict[str, Any]:
+    return {"type": kind, "components": ["x", "y", "z"], "value": [0.0, 0.0, value], "law": law}
+
+
+def problem_of(scene: dict[str, Any]) -> Any:
+    with pytest.raises(SceneError) as caught:
+        check(latin_fmu.scene_from_dict(scene))
+    (problem,) = caught.value.problems
+    return problem
+
+
+def motion(scene: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Instants, displacements and velocities along z of all nodes."""
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(scene))
+    history = solution.outcome.substructures["column"]
+    return solution.outcome.time, history.displacement[..., 2], history.velocity[..., 2]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_record_with_an_offset_is_refused(scheme: str) -> None:
+    time = {"end": 8e-4, "step": 4e-6, "scheme": scheme}
+    problem = problem_of(column(driven("displacement", 1.0, BUMP), time=time))
+    assert problem.where == "boundary.base"
+    assert "0.0002 m away from where column is" in problem.what
+    for remedy in ("subtract the value at t = 0", "initial_displacement", 'time.start = "static"'):
+        assert remedy in problem.remedy
+
+
+@pytest.mark.parametrize("remedy", ["subtracted", "displaced", "static"])
+def test_its_remedies_leave_the_top_at_rest_until_the_bump(remedy: str) -> None:
+    law = dict(BUMP)
+    keys: dict[str, Any] = {}
+    if remedy == "subtracted":
+        law["values"] = [value - OFFSET for value in law["values"]]
+    elif remedy == "displaced":
+        keys = {"initial_displacement": [0.0, 0.0, OFFSET]}
+    else:
+        keys = {"time": {"end": 8e-4, "step": 4e-6, "start": "static"}}
+    time, u, v = motion(column(driven("displacement", 1.0, law), **keys))
+    before = time < 3.9e-4
+    assert np.abs(v[before]).max() < 1e-7 * np.abs(v).max()
+    assert np.ptp(u[before]) < 1e-9 * OFFSET
+    assert np.ptp(u) > 0.25 * OFFSET
+
+
+def test_a_base_that_starts_faster_than_its_body_is_refused() -> None:
+    problem = problem_of(column(driven("velocity", 2.0)))
+    assert problem.where == "boundary.base"
+    assert "they differ by 2 m/s" in problem.what
+    assert "initial_velocity" in problem.remedy
+    assert 'law = "step"' in problem.remedy
+
+
+@pytest.mark.parametrize("kind", ["displacement", "velocity", "acceleration"])
+def test_a_body_that_starts_faster_than_its_base_is_refused(kind: str) -> None:
+    law = {"type": "half_sine", "start": 1e-4, "duration": 2e-4}
+    problem = problem_of(column(driven(kind, 1e-3, law), initial_velocity=[0.0, 0.0, 3.0]))
+    assert problem.where == "boundary.base"
+    assert "they differ by 3 m/s" in problem.what
+
+
+@pytest.mark.parametrize("kind", ["velocity", "displacement"])
+def test_a_body_as_fast_as_its_base_keeps_its_velocity(kind: str) -> None:
+    law = "constant" if kind == "velocity" else {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
+    _, _, v = motion(column(driven(kind, 2.0, law), initial_velocity=[0.0, 0.0, 2.0]))
+    assert np.abs(v[:-1] - 2.0).max() < 1e-9
+
+
+def test_a_sudden_start_is_a_step() -> None:
+    """All rests at t = 0; the base is fast from the first step on, the top when the wave is there: twice as fast."""
+    time, _, v = motion(column(driven("velocity", 2.0, "step")))
+    assert not v[0].any()
+    base, top = v.min(axis=1), v.max(axis=1)
+    early, late = time < 0.3e-4, (time > 1e-4) & (time < 1.4e-4)
+    assert base[1:][early[1:]].max() < 2.0
+    assert top[late].mean() == pytest.approx(4.0, rel=0.1)
+
+
+def test_an_initial_displacement_of_a_held_face_is_refused() -> None:
+    problem = problem_of(column({"type": "fixed"}, initial_displacement=[0.0, 0.0, 1e-4]))
+    assert problem.where == "substructure.column.initial_displacement"
+    assert "moves nodes that are held by 0.0001 m" in problem.what
+    check(
+        latin_fmu.scene_from_dict(column({"type": "fixed", "components": ["x"]}, initial_displacement=[0.0, 1e-4, 0.0]))
+    )
+
+
+@pytest.mark.parametrize("kind", ["displacement", "velocity"])
+def test_a_rigid_body_starts_with_its_base_as_well(kind: str) -> None:
+    scene = column(driven(kind, 1e-3))
+    scene["substructure"]["column"]["rigid"] = True
+    assert problem_of(scene).where == "boundary.base"
+
+
+def test_an_inclined_condition_is_compared_along_its_own_axes() -> None:
+    axes = {"x": [0.0, 0.6, 0.8], "y": [0.0, -0.8, 0.6]}
+    boundary = {"type": "displacement", "components": ["x"], "value": [1.0], "axes": axes, "law": BUMP}
+    assert problem_of(column(boundary)).where == "boundary.base"
+    check(latin_fmu.scene_from_dict(column(boundary, initial_displacement=[0.0, 0.6 * OFFSET, 0.8 * OFFSET])))
+
+
+def test_a_lost_velocity_of_a_held_face_is_a_remark() -> None:
+    lines = check(latin_fmu.scene_from_dict(column({"type": "fixed"}, initial_velocity=[0.0, 0.0, 3.0])))
+    assert any("start with 3 m/s: their velocity is lost in the first step" in line for line in lines)
+
+
+def test_a_session_refuses_the_offset_that_its_host_sets() -> None:
+    session = Session(latin_fmu.scene_from_dict(column(driven("displacement", 1.0, "input"))))
+    session.set_load("boundary.base", OFFSET, 0.0)
+    with pytest.raises(InputError, match="away from where column is"):
+        session.initialize()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_record_that_ends_with_the_run_has_no_corner_there(scheme: str) -> None:
+    """Its last slope is kept up to the last instant; where the place of the face is that of the record."""
+    end, step = 8e-4, 4e-6
+    law = {"type": "table", "times": [0.0, 2e-4, end], "values": [0.0, 0.0, 1.0]}
+    scene = column(driven("displacement", OFFSET, law), time={"end": end, "step": step, "scheme": scheme})
+    scene["sensor"]["foot"] = {"face": "column.zmin"}
+    foot = latin_fmu.solve(latin_fmu.scene_from_dict(scene)).sensors["foot"]
+    assert foot.velocity[-1, 2] == pytest.approx(OFFSET / 6e-4, rel=1e-9)
+    assert foot.displacement[-1, 2] == pytest.approx(OFFSET, rel=1e-9)
+
+
+def test_a_session_ends_there_without_a_corner_too() -> None:
+    end, step = 8e-4, 4e-6
+    law = {"type": "table", "times": [0.0, 2e-4, end], "values": [0.0, 0.0, 1.0]}
+    scene = column(driven("displacement", OFFSET, law), time={"end": end, "step": step})
+    scene["sensor"]["foot"] = {"face": "column.zmin"}
+    session = Session(latin_fmu.scene_from_dict(scene))
+    session.initialize()
+    for i in range(20):
+        assert session.step(i * 4e-5, 4e-5)
+    names = ["sensor.foot.displacement[3]", "sensor.foot.velocity[3]"]
+    assert session.values(names) == pytest.approx([OFFSET, OFFSET / 6e-4], rel=1e-9)
