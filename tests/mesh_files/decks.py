@@ -93,4 +93,6 @@ def nastran_deck() -> str:
 
 def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
     """Mesh of one volume group of a mesh file."""
-    return mesh_of(read_content(path), path.name, group, scale)
+    content = read_content(path)
+    content.refuse()
+    return mesh_of(content, path.name, group, scale)
