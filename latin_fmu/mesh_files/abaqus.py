@@ -166,7 +166,8 @@ class _PlacedDeck:
         return nodes[nodes >= 0]
 
     def _named(self, instance: str, default: _Frame) -> _Frame:
-        if not instance:
+        # CalculiX reads decks without instances and does not look at the names of these
+        if not instance or len(self.frames) == 1:
             return default
         for frame in self.frames:
             if frame.name == instance:
@@ -261,8 +262,12 @@ class _DeckContent(_PlacedDeck):
         """Nodes that a support or transformation names by their number."""
         for support in self.deck.model.supports:
             label = support.name.rpartition(".")[2]
-            if label.isascii() and label.isdigit():
-                content.add_nodes(f"NODE_{label}", self._other(self.frames[0], "N", support.name))
+            if label.isascii() and label.isdigit() and len(label) < 19:
+                owner = support.name.rpartition(".")[0].upper()
+                frame = self._named(owner, self.frames[0])
+                rows, there = rows_of(frame.node_labels, np.array([int(label)], dtype=np.int64))
+                # CalculiX leaves nodes out that are not there
+                content.add_nodes(f"NODE_{label}", rows[there] + frame.first_node)
 
     def _add_sets(self, content: MeshContent, frame: _Frame) -> None:
         model = self.deck.model

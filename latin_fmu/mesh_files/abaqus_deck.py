@@ -152,6 +152,9 @@ class DeckScopes:
                 )
                 self.content.refused.setdefault(name, problem)
             self.skipped.append((self._here, Skipped.of_card(card, name)))
+            if card.name("ELSET"):
+                # a set of elements that are not read is there, and empty
+                self._members("E", card.name("ELSET"), [])
             return
         if kind == ("wedge", 6) and card.rows and card.rows[0].count(",") > 7:
             # gmsh writes wedges of 18 nodes under C3D6

@@ -20,12 +20,15 @@ _SPIDERS = ("RBE2", "RBE3")
 
 
 def attached_of(entry: BulkEntry, labels: Index, system: Callable[[int, BulkEntry], CoordinateSystem]) -> Attached:
-    """What an entry says; ``labels`` are those of the rows of nodes, ``system`` gives a coordinate system.
-
-    Raises ValueError : it cannot be used, with the reason.
-    """
+    """What an entry says; ``labels`` are those of the rows of nodes, ``system`` gives a coordinate system."""
     read = {"CONM2": _mass, "RBE2": _rigid, "RBE3": _distributing}[entry.name]
-    return read(entry, labels, system)
+    try:
+        return read(entry, labels, system)
+    except ValueError as error:
+        # a problem of those alone who want to take it
+        label = int(entry.text(1)) if entry.text(1).isdigit() else 0
+        why = f"it is not usable ({entry.place.where}, line {entry.place.line}: {error})"
+        return Attached(entry.name, label, -1, _row(labels), problem=why)
 
 
 def _row(labels: Index, *nodes: int) -> Index:
@@ -133,7 +136,9 @@ class _Tables:
 
     def add(self, item: Attached, words: tuple[str, ...]) -> None:
         """The tables of one mass or spider."""
-        if item.word == "CONM2":
+        if item.problem:
+            self.lost.append(f"{item.name}: {item.problem}")
+        elif item.word == "CONM2":
             self._mass(item, words)
         else:
             self._spider(item)

@@ -75,7 +75,8 @@ class Attached:
     ----------
     word, label : entry and its number. node : row of the node of the mass, or of the middle of the spider. legs : rows
     of the nodes at the ends of the legs. components : of displacement, at the legs, as digits. mass : in the units of
-    the file. offset : (3,) of the mass from its node. inertia : I11, I21, I22, I31, I32, I33 about the mass.
+    the file. offset : (3,) of the mass from its node. inertia : I11, I21, I22, I31, I32, I33 about the mass. problem :
+    why it cannot be used, else empty.
     """
 
     word: str
@@ -86,6 +87,7 @@ class Attached:
     mass: float = 0.0
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: tuple[float, ...] = (0.0,) * 6
+    problem: str = ""
 
     @property
     def name(self) -> str:

@@ -10,6 +10,7 @@ Loads, materials and cases are ignored.
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from typing import Final
 
 import numpy as np
@@ -236,7 +237,7 @@ class _BulkData:
                 if name.startswith(("CBAR", "CBEAM", "CROD", "CTUBE", "CBUSH", "CELAS", "CGAP", "CDAMP", "CBEND")):
                     properties[entry.text(2) or entry.text(1)] = None
                 if not is_known(name):
-                    nodes += [int(f) for f in entry.fields[3:] if f.isascii() and f.isdigit() and len(f) < 19]
+                    nodes += _leading_nodes(entry, self.grids.entries)
             found, there = rows_of(labels, np.array(nodes, dtype=np.int64))
             count = len(entries)
             if not is_known(name) and not _OTHER_SOLIDS.fullmatch(name) and there.sum() < 2 * count:
@@ -250,17 +251,12 @@ class _BulkData:
             problem = self.problems.problem(what, f"{count} {name}", None, _IGNORED.format(name), entry.place)
             content.refused.setdefault(name, problem)
         for entry in self.attached:
-            try:
-                item = attached_of(entry, labels, self.grids.placed)
-                content.attached.append(item)
-                if len(item.legs):
-                    # the middle of a rigid spider may be a node of the face, too
-                    rows = np.append(item.legs, item.node) if item.word == "RBE2" else item.legs
-                    content.add_nodes(item.name, rows)
-            except ValueError as error:
-                self.problems.add(
-                    f"not a usable {entry.name} entry: {error}", ", ".join(entry.fields), line=entry.place
-                )
+            item = attached_of(entry, labels, self.grids.placed)
+            content.attached.append(item)
+            if len(item.legs):
+                # the middle of a rigid spider may be a node of the face, too
+                rows = np.append(item.legs, item.node) if item.word == "RBE2" else item.legs
+                content.add_nodes(item.name, rows)
 
     def _rows(self, labels: Index, nodes: Index) -> Index:
         """Rows of nodes by their labels, -1 for the label 0."""
@@ -270,6 +266,16 @@ class _BulkData:
             missing = int(nodes.ravel()[(there | absent).argmin()])
             self.problems.add("an element names a node that no GRID has", missing)
         return np.where(absent, -1, rows).reshape(nodes.shape)
+
+
+def _leading_nodes(entry: BulkEntry, grids: Container[int]) -> list[int]:
+    """Labels of nodes with which an entry goes on after its own label and property; none where a field is no node."""
+    nodes = []
+    for text in entry.fields[3:]:
+        if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) in grids):
+            break
+        nodes.append(int(text))
+    return nodes
 
 
 def _by_owner(elements: list[tuple[int, int, list[int]]]) -> list[tuple[int, Index]]:

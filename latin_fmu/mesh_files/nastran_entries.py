@@ -12,7 +12,10 @@ _EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
 _HM_NAME = re.compile(r'\$HMNAME\s+PROP\s+(\d+)\s*"([^"]+)"')
 _ANSA_NAME = re.compile(r"\$ANSA_NAME_COMMENT;(\d+);P(?:SOLID|SHELL);([^;]+);?")
 _STARTS: Final = (
-    re.compile(r"(?:GRID|CTETRA|CHEXA|CPENTA|CQUAD4|CTRIA3|CORD2R|PSOLID|MAT1)\*?[\s,]"),
+    re.compile(
+        r"(?:GRID|CTETRA|CHEXA|CPENTA|CPYRAM|CQUAD4|CTRIA3|CORD[12][RCS]|PSOLID|PSHELL|MAT1|PARAM|SPC1?|RBE[23]|CONM2)"
+        r"\*?[\s,]"
+    ),
     re.compile(r"(?:SOL\s+\d|CEND\b|BEGIN[\s,]+BULK|NASTRAN\s|ASSIGN\s|ID\s+\S)"),
 )
 """First words of lines that only a Nastran deck has."""

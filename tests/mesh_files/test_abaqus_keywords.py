@@ -374,3 +374,15 @@ def test_a_middle_node_that_is_0(tmp_path: Path) -> None:
     assert volume(content) == pytest.approx(36.0)
     assert content.said == ["1 middle node that the file leaves out was put in the middle of the edge"]
     assert read_mesh(tmp_path / "deck.inp").n_node == 10
+
+
+def test_what_calculix_reads_of_other_decks(tmp_path: Path) -> None:
+    """Sets of elements that are not read, names of instances in a deck without any, supports of nodes that are not
+    there."""
+    text = TWO + "*NODE\n50, 0., 0., 99.\n*ELEMENT, TYPE=B31, ELSET=links\n9, 1, 50\n*ELSET, ELSET=all\nlinks, low\n"
+    text += "*NSET, NSET=some, INSTANCE=PART-1-1\n1, 2, 3\n*BOUNDARY\n999, 1, 3\n"
+    scene = scene_of(tmp_path, text)
+    assert not scene.boundary
+    remarks = remarks_of(scene)
+    assert "*BOUNDARY 999 (it holds no node of a part)" in remarks
+    assert "1 B31 (links) is not used: write [spring.NAME]" in remarks

@@ -300,6 +300,7 @@ def test_a_spider_between_two_parts(tmp_path: Path) -> None:
     ("text", "take", "words"),
     [
         (PLATE, ["CONM2"], "CONM2_70 is at a node of no part"),
+        (SPIDER.replace("CONM2,71,7,,", "CONM2,71,999,,"), ["CONM2"], "not usable .*line 14: no GRID 999"),
         (PLATE, ["RBE2"], "the legs of RBE2_80 end at no face of a part"),
         (
             SPIDER.replace("CONM2,71,7,,3.0-3", "CONM2,71,7,,3.0-3,1.,0.,0."),
