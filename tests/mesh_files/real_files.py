@@ -84,7 +84,7 @@ def rule(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_pynastran(path: Path) -> float | None:
-    """Volume of the tetrahedra of four nodes of a deck by pyNastran; None where it is not installed or does not read the deck."""
+    """Volume of the tetrahedra of four nodes of a deck by pyNastran; None where it is missing or does not read it."""
     try:
         from pyNastran.bdf.bdf import BDF  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except (ImportError, AttributeError):
