@@ -70,8 +70,7 @@ def _placed(points: Array, card: Card, problems: FileProblems) -> Array:
         if count == 3 and 0 < len(values) <= 3:
             points = points + np.concatenate([values, np.zeros(3 - len(values))])
         elif count == 7 and len(values) == 7 and np.any(values[3:6] != values[:3]):
-            with np.errstate(all="ignore"):  # absurd numbers make nodes that are not finite, refused later
-                points = turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
+            points = turned(points, values[:3], values[3:6] - values[:3], math.radians(values[6]))
         else:
             allowed = "x, y, z of the translation" if count == 3 else "two points of the axis and an angle: 7 numbers"
             problems.add("not the place of an instance", ", ".join(fields), allowed, line=card.row_place(i))

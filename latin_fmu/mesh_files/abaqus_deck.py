@@ -173,6 +173,8 @@ class DeckScopes:
         members: list[Member] = []
         if "INTERNAL" in card.parameters or name.startswith("_"):
             self.internal.add(name.upper())
+        if "UNSORTED" in card.parameters:
+            self._here.unsorted.add(name.upper())
         if kind == "N" and card.name("ELSET"):
             members.append((instance, card.name("ELSET"), NODES_OF, 0))
         for i, fields in card.tokens():

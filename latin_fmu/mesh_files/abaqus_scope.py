@@ -19,7 +19,7 @@ from .coordinates import BASIC, CoordinateSystem, turned
 
 MAKING: Final = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
 """Keywords that make nodes or elements out of others."""
-_MOST: Final = 20_000_000  # nodes or elements that one line may make
+_MOST: Final = 5_000_000  # nodes or elements that one line may make
 _REMEDY: Final = "write the nodes and elements themselves (a preprocessor exports them)"
 Member = tuple[str, str, int, int]
 """Of a set: instance, label or name, last label and step of a range; both 0 for one label or name."""
@@ -33,7 +33,8 @@ class Scope:
     ----------
     nodes : labels (n,) and coordinates (n, 3) of each block; a label given again replaces the node. elements : VTK
     type, labels (n,) and node labels (n, n_node) of each block. sets : members by kind, "N" or "E", and name in
-    capitals. surfaces : (set or label, face) by name. sections : element sets of solid sections. system : in which
+    capitals. surfaces : (set or label, face) by name. sections : element sets of solid sections. unsorted : node sets,
+    in capitals, whose nodes count in the order of the file. system : in which
     coordinates of nodes are given. origin : of an instance, the scope of its part.
     """
 
@@ -42,6 +43,7 @@ class Scope:
     sets: dict[tuple[str, str], list[Member]] = field(default_factory=dict)
     surfaces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     sections: list[str] = field(default_factory=list)
+    unsorted: set[str] = field(default_factory=set)
     system: CoordinateSystem = BASIC
     origin: Scope | None = None
 
@@ -127,10 +129,15 @@ def _of_line(make: _Maker, scope: Scope, card: Card, i: int, fields: list[str], 
 def _counted(fields: list[str], defaults: tuple[int, ...]) -> list[int]:
     """Whole numbers, the default for those that are left out."""
     padded = [*fields, *[""] * len(defaults)][: len(defaults)]
-    values = [int(text) if text else default for text, default in zip(padded, defaults, strict=True)]
-    if any(abs(value) >= 2**31 for value in values):
+    return [_whole(text) if text else default for text, default in zip(padded, defaults, strict=True)]
+
+
+def _whole(text: str) -> int:
+    """A whole number whose sums and products with others stay within 64 bits."""
+    value = int(text)
+    if abs(value) >= 2**31:
         raise _RefusedError("a number is too large")
-    return values
+    return value
 
 
 def _ngen(scope: Scope, card: Card, fields: list[str]) -> list[int]:
@@ -138,7 +145,7 @@ def _ngen(scope: Scope, card: Card, fields: list[str]) -> list[int]:
     for key in ("LINE", "SYSTEM"):
         if card.name(key).upper() not in ("", "RC"):
             raise _RefusedError(f"{key}={card.name(key)}, straight lines alone are")
-    first, last = int(fields[0]), int(fields[1])
+    first, last = _whole(fields[0]), _whole(fields[1])
     step = _counted(fields[2:3], (1,))[0]
     if step == 0 or (last - first) % step or (last - first) // step < 1 or (last - first) // step > _MOST:
         raise _RefusedError("the increment does not lead from the first node to the last")
@@ -153,6 +160,8 @@ def _nfill(scope: Scope, card: Card, fields: list[str]) -> list[int]:
     """Rows of nodes between two sets, evenly from each node of the first to its partner in the second."""
     if any(key in card.parameters for key in ("SINGULAR", "TWO STEP")) or float(card.name("BIAS") or 1.0) != 1.0:
         raise _RefusedError("even intervals between two sets of equal size alone are")
+    if any(name.upper() in scope.unsorted for name in fields[:2]):
+        raise _RefusedError("a set that is UNSORTED")
     first, last = (scope.labels_in("N", name) for name in fields[:2])
     count, step = _counted(fields[2:], (1, 1))
     if not len(first) or len(first) != len(last):
@@ -172,7 +181,7 @@ def _ncopy(scope: Scope, card: Card) -> list[int]:
     """Nodes of a set once more, moved and turned, their labels shifted; ``MULTIPLE`` times in a row."""
     if "SHIFT" not in card.parameters:
         raise _RefusedError("SHIFT alone is, neither REFLECT nor POLE")
-    change, times = int(card.name("CHANGE NUMBER")), int(card.name("MULTIPLE") or 1)
+    change, times = _whole(card.name("CHANGE NUMBER")), _whole(card.name("MULTIPLE") or "1")
     labels = scope.labels_in("N", card.name("OLD SET"))
     if not len(labels) or not 0 < times <= _MOST // len(labels):
         raise _RefusedError(f"OLD SET={card.name('OLD SET')} has {len(labels)} nodes")
@@ -192,7 +201,7 @@ def _ncopy(scope: Scope, card: Card) -> list[int]:
 
 def _elgen(scope: Scope, _: Card, fields: list[str]) -> list[int]:
     """An element repeated in a row, the row in a layer, the layer in a block, with labels and nodes in steps."""
-    master = int(fields[0])
+    master = _whole(fields[0])
     # number, step of nodes, step of elements; three times
     steps = _counted(fields[1:10], (1, 1, 1) * 3)
     counts, of_nodes, of_elements = steps[::3], steps[1::3], steps[2::3]
@@ -211,7 +220,7 @@ def _elcopy(scope: Scope, card: Card) -> list[int]:
     """Elements of a set once more, their labels and nodes shifted."""
     if "REFLECT" in card.parameters:
         raise _RefusedError("REFLECT")
-    of_elements, of_nodes = int(card.name("ELEMENT SHIFT")), int(card.name("SHIFT NODES"))
+    of_elements, of_nodes = _whole(card.name("ELEMENT SHIFT")), _whole(card.name("SHIFT NODES"))
     wanted = scope.labels_in("E", card.name("OLD SET"))
     copied: list[int] = []
     for kind, labels, cells in list(scope.elements):

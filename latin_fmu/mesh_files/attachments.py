@@ -9,43 +9,43 @@ import numpy as np
 
 from ..errors import Problem, listed
 from ..scene.units import SI, system_named
-from .content import Attached, Index, MeshContent, rows_of
+from .content import Attached, FileLine, Index, MeshContent, rows_of
+from .nastran_entries import BulkEntry, label_of
 
 if TYPE_CHECKING:
     from ..scene.substructures import MeshParts
     from .coordinates import CoordinateSystem
-    from .nastran_entries import BulkEntry
 
 _SPIDERS = ("RBE2", "RBE3")
 
 
-def attached_of(entry: BulkEntry, labels: Index, system: Callable[[int, BulkEntry], CoordinateSystem]) -> Attached:
+def attached_of(entry: BulkEntry, labels: Index, system: Callable[[int, FileLine], CoordinateSystem]) -> Attached:
     """What an entry says; ``labels`` are those of the rows of nodes, ``system`` gives a coordinate system."""
     read = {"CONM2": _mass, "RBE2": _rigid, "RBE3": _distributing}[entry.name]
     try:
         return read(entry, labels, system)
     except ValueError as error:
         # a problem of those alone who want to take it
-        label = int(entry.text(1)) if entry.text(1).isdigit() else 0
+        label = int(entry.text(1)) if entry.text(1).isascii() and entry.text(1).isdigit() else 0
         why = f"it is not usable ({entry.place.where}, line {entry.place.line}: {error})"
         return Attached(entry.name, label, -1, _row(labels), problem=why)
 
 
 def _row(labels: Index, *nodes: int) -> Index:
-    rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
+    rows, there = rows_of(labels, np.array([label_of(node) for node in nodes], dtype=np.int64))
     if not there.all():
         raise ValueError(f"no GRID {nodes[int(there.argmin())]}")
     return rows
 
 
-def _mass(entry: BulkEntry, labels: Index, system: Callable[[int, BulkEntry], CoordinateSystem]) -> Attached:
+def _mass(entry: BulkEntry, labels: Index, system: Callable[[int, FileLine], CoordinateSystem]) -> Attached:
     """EID G CID M X1 X2 X3, I11 I21 I22 I31 I32 I33 (MSC Nastran Quick Reference Guide, CONM2)."""
     node = int(_row(labels, entry.whole(2))[0])
     offset = np.array([entry.number(i) for i in (5, 6, 7)])
     inertia = tuple(entry.number(i) for i in range(9, 15))
     cid = entry.whole(3)
     if cid and (offset.any() or any(inertia)):
-        placed = None if cid < 0 else system(cid, entry)
+        placed = None if cid < 0 else system(cid, entry.place)
         if placed is None or placed.kind != "R" or (any(inertia) and not np.allclose(placed.axes, np.eye(3))):
             raise ValueError(f"an offset or inertia in the coordinate system {cid}")
         offset = offset @ placed.axes
@@ -72,7 +72,7 @@ def _distributing(entry: BulkEntry, labels: Index, _: object) -> Attached:
             break
         if not text:
             continue
-        if not text.isdigit():
+        if not (text.isascii() and text.isdigit()):
             # the weight of the nodes that follow
             expects_components = True
         elif expects_components:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,12 +44,13 @@ def cartesian(kind: str, values: Array) -> Array:
     if kind == "R":
         return values
     first, second, third = values.T
-    if kind == "C":
-        angle = np.radians(second)
-        return np.stack([first * np.cos(angle), first * np.sin(angle), third], axis=1)
-    polar, about = np.radians(second), np.radians(third)
-    across = first * np.sin(polar)
-    return np.stack([across * np.cos(about), across * np.sin(about), first * np.cos(polar)], axis=1)
+    with np.errstate(all="ignore"):  # absurd numbers make nodes that are not finite, refused later
+        if kind == "C":
+            angle = np.radians(second)
+            return np.stack([first * np.cos(angle), first * np.sin(angle), third], axis=1)
+        polar, about = np.radians(second), np.radians(third)
+        across = first * np.sin(polar)
+        return np.stack([across * np.cos(about), across * np.sin(about), first * np.cos(polar)], axis=1)
 
 
 def from_points(kind: str, origin: Array, on_z: Array, in_xz: Array) -> CoordinateSystem | None:
@@ -80,7 +80,8 @@ def _system(kind: str, origin: Array, first: Array, second: Array, axis: str) ->
 
 def turned(points: Array, origin: Array, axis: Array, angle: float) -> Array:
     """Rotation of points (n, 3) by ``angle`` (rad) about the axis through ``origin`` (Rodrigues)."""
-    k = axis / np.linalg.norm(axis)
-    r = points - origin
-    along = np.outer(r @ k, k)
-    return np.asarray(origin + along + math.cos(angle) * (r - along) + math.sin(angle) * np.cross(k, r))
+    with np.errstate(all="ignore"):  # absurd numbers make nodes that are not finite, refused later
+        k = axis / np.linalg.norm(axis)
+        r = points - origin
+        along = np.outer(r @ k, k)
+        return np.asarray(origin + along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(k, r))

@@ -90,7 +90,7 @@ class DeckModel:
     rigid : element sets, in capitals, of rigid bodies. clearances : (slave, master) -> initial distance. contacts :
     slave and master surfaces of contact pairs. transforms : node sets, in capitals, whose components of displacement
     are counted along axes of their own; the axes x and y where these are the same at all nodes. unused : number of the
-    keywords that are not read. dropped : sentences on supports that are not taken.
+    keywords that are not read. dropped : words on supports and pairs that are not taken.
     """
 
     materials: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -132,12 +132,12 @@ class DeckModel:
             self._clearance(parameters)
         elif keyword == "TRANSFORM":
             self._transform(parameters, rows)
+        elif keyword == "CONTACT PAIR":
+            self._contact(parameters, rows)
         elif keyword not in _MESH:
             self.unused[keyword] += 1
         if keyword == "STEP":
             self._step += 1
-        elif keyword == "CONTACT PAIR":
-            self.contacts += [(names[0], names[1]) for names in rows if len(names) > 1]
 
     def _constants(self, keyword: str, rows: Sequence[Sequence[str]], keys: tuple[str, ...]) -> None:
         """Numbers of the first data line, of a material that does not depend on temperature."""
@@ -155,6 +155,18 @@ class DeckModel:
                 # one card may tie several pairs: names of ties stay different
                 name = stem if stem not in known else f"{stem}_{len(known) + 1}"
                 self.ties.append(Tie(name, names[0], names[1], reach[0] if reach else None))
+
+    def _contact(self, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
+        """A pair of surfaces: the scene has its law; ADJUST is said, as it moves nodes."""
+        pairs = [(names[0], names[1]) for names in rows if len(names) > 1]
+        self.contacts += pairs
+        if "ADJUST" not in parameters:
+            self.unused["CONTACT PAIR"] += 1
+            return
+        self.dropped += [
+            f'*CONTACT PAIR {slave}, {master} (ADJUST={parameters["ADJUST"]}: gap = "closed" of the interface)'
+            for slave, master in pairs
+        ]
 
     def _clearance(self, parameters: Mapping[str, str]) -> None:
         """An initial distance of two surfaces; one by nodes, or of a pair that is named elsewhere, is not used."""

@@ -124,6 +124,7 @@ def test_a_bar_made_of_its_corners(tmp_path: Path) -> None:
         ("*NGEN\n1, 8, 2\n", "does not lead"),
         ("*NGEN\n1, 99\n", "no node 99"),
         ("*NFILL\nbase, none, 2, 10\n", "4 and 0 nodes"),
+        ("*NSET, NSET=odd, UNSORTED\n4, 1, 3, 2\n*NFILL\nbase, odd, 2, 10\n", "UNSORTED"),
         ("*NFILL, BIAS=1.5\nbase, base, 2, 10\n", "even intervals"),
         ("*NCOPY, CHANGE NUMBER=9, OLD SET=base, REFLECT=LINE\n0., 0., 0.\n", "neither REFLECT"),
         ("*ELGEN\n7, 2, 4\n", "no element 7"),
@@ -332,6 +333,11 @@ def test_a_clearance_is_the_gap_of_the_interface(tmp_path: Path) -> None:
     assert scene_of(tmp_path, text, interface={"joint": joint}).interface["joint"].gap == pytest.approx(2e-5)
     given = {**joint, "gap": "closed"}
     assert scene_of(tmp_path, text, interface={"joint": given}).interface["joint"].gap == "closed"
+
+
+def test_a_pair_that_is_adjusted_is_named_with_what_to_write(tmp_path: Path) -> None:
+    remarks = remarks_of(scene_of(tmp_path, TWO + "*CONTACT PAIR, INTERACTION=i, ADJUST=0.1\nunder, over\n"))
+    assert '*CONTACT PAIR under, over (ADJUST=0.1: gap = "closed" of the interface) is not used' in remarks
 
 
 def test_two_bodies_in_one_part_with_a_contact_between_them(tmp_path: Path) -> None:
