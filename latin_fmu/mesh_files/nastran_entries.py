@@ -61,10 +61,9 @@ class Entries:
         # a continuation without a mark belongs to the entry before it, in this file
         entry: BulkEntry | None = None
         for line_number, raw in _bulk_lines(text):
-            for pattern in (_HM_NAME, _ANSA_NAME):
-                if match := pattern.match(raw):
-                    # within 64 bits
-                    self.names[int(match[1][:18])] = match[2].strip()
+            if raw[:1] == "$":
+                self._name(raw)
+                continue
             # columns count after tabs
             line = raw.split("$")[0].rstrip().expandtabs(8)
             word = line.upper()
@@ -87,6 +86,13 @@ class Entries:
             else:
                 entry = self._line(line, entry, line_number)
 
+    def _name(self, comment: str) -> None:
+        """Take the name of a property from a comment of a preprocessor."""
+        for pattern in (_HM_NAME, _ANSA_NAME):
+            if match := pattern.match(comment):
+                # within 64 bits
+                self.names[int(match[1][:18])] = match[2].strip()
+
     def _line(self, line: str, entry: BulkEntry | None, line_number: int) -> BulkEntry | None:
         """Take a line: the entry that goes on after it."""
         fields, after = _fields(line)
@@ -98,7 +104,8 @@ class Entries:
                 return None
             entry.fields.extend(fields[1:])
         else:
-            entry = BulkEntry([fields[0].upper().rstrip("*"), *fields[1:]], FileLine(self.problems.where, line_number))
+            # meshio 5.3 writes CTETRA_ and CHEXA_ for quadratic cells
+            entry = BulkEntry([fields[0].upper().rstrip("*_"), *fields[1:]], FileLine(self.problems.where, line_number))
             self.items.append(entry)
         if after:
             self._waiting[after] = entry
