@@ -102,6 +102,12 @@ def with_attached(
     the legs. An RBE2 makes that face rigid, an RBE3 does not; an RBE2 with legs on two parts couples them. Tables of
     these names in the scene count.
     """
+    there = {item.word for item in content.attached}
+    problems += [
+        Problem(f"mesh.take in {table.file}", "the file has no such entry", word, listed(there))
+        for word in dict.fromkeys(table.take)
+        if word not in there
+    ]
     build = _Tables(raw, content, parts, table.scale)
     try:
         for word in dict.fromkeys(table.take):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from ..errors import Problem
+from ..scene.fields import FACE_PATTERN
 from ..scene.raw_scene import given, named_tables
 from ..scene.substructures import part_name
 from ..scene.units import SI, system_named
@@ -195,8 +196,10 @@ def _tables_of(
     axes = _axes_at(content, rows, support.components)
     if axes is None:
         return
+    face = _node_set(content, support.name)
     for part in _parts_with(content, parts, support.name, rows):
-        face = _node_set(content, support.name)
+        if FACE_PATTERN.fullmatch(f"{part}.{face}") is None:
+            continue  # a name that a scene cannot hold
         table = {"type": "fixed", "face": f"{part}.{face}", "components": [*support.components], **axes}
         yield part_name(f"{face.lstrip('_')}_{part}"), table
 
@@ -222,11 +225,19 @@ def _axes_at(content: MeshContent, rows: Index, components: str) -> dict[str, An
     return {}
 
 
+def _owner(known: Iterable[str], name: str) -> tuple[str, str]:
+    """Instance in capitals, empty where none is named, and the spelling of a set or surface; empty where it is not
+    there. Names may have dots of their own."""
+    owner, _, short = name.rpartition(".")
+    wanted = {item.upper(): item for item in reversed(list(known))}
+    if name.upper() in wanted:
+        return "", wanted[name.upper()]
+    return owner.upper(), wanted.get(f"NODE_{short}" if short.isdigit() else short.upper(), "")
+
+
 def _node_set(content: MeshContent, name: str) -> str:
     """Name in the content of a set, or of a node by its number; empty where there is none."""
-    short = name.rpartition(".")[2]
-    wanted = f"NODE_{short}" if short.isdigit() else short.upper()
-    return next((known for known in content.node_sets if known.upper() == wanted), "")
+    return _owner(content.node_sets, name)[1]
 
 
 def _held_rows(content: MeshContent, name: str) -> Index:
@@ -235,16 +246,15 @@ def _held_rows(content: MeshContent, name: str) -> Index:
 
 def _parts_with(content: MeshContent, parts: Mapping[str, str], name: str, rows: Index) -> list[str]:
     """Parts that have nodes of a set; ``INSTANCE.SET`` names one part."""
-    owner = name.rpartition(".")[0].upper()
+    owner = _owner(content.node_sets, name)[0]
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
     return [part for group, part in chosen.items() if np.isin(rows, content.nodes_of(group)).any()]
 
 
 def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
     """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
-    owner, short = name.rpartition(".")[0].upper(), name.rpartition(".")[2].upper()
-    spelled = next((n for n in (*content.facets, *content.node_sets) if n.upper() == short), None)
-    if spelled is None:
+    owner, spelled = _owner((*content.facets, *content.node_sets), name)
+    if not spelled:
         return []
     chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
     return [f"{part}.{spelled}" for group, part in chosen.items() if content.touching(group, spelled)]

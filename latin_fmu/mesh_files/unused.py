@@ -115,16 +115,22 @@ def unused_content(content: MeshContent, groups: Collection[str], taken: Collect
         names = list(content.properties.get(word, ()))
         of = f" ({_named(names)})" if names else ""
         yield f"{count} {word}{of} {'are' if count > 1 else 'is'} not used: {remedy}"
-    every = [cells.ravel() for cells in content.solids.values()]
-    solid = np.unique(np.concatenate(every)) if every else NO_ROWS
-    for name, tables in content.facets.items():
-        apart = sum(int((~np.isin(table, solid).all(axis=1)).sum()) for table in tables)
-        if apart:
-            cells = "surface cell lies" if apart == 1 else "surface cells lie"
-            verb = "are" if apart > 1 else "is"
-            yield f"{apart} {cells} on no solid and {verb} not used ({name}): for a plate {_SHELL}"
+    yield from _facets_on_no_solid(content)
     if groups:
         yield from _cells_of_no_part(content, groups)
+
+
+def _facets_on_no_solid(content: MeshContent) -> Iterator[str]:
+    solid = np.unique(np.concatenate([NO_ROWS, *(cells.ravel() for cells in content.solids.values())]))
+    apart = {
+        name: sum(int((~np.isin(table, solid).all(axis=1)).sum()) for table in tables)
+        for name, tables in content.facets.items()
+    }
+    count = sum(apart.values())
+    if count:
+        which = listed(f"{name}: {number}" for name, number in apart.items() if number)
+        verb = "surface cell lies on no solid and is" if count == 1 else "surface cells lie on no solid and are"
+        yield f"{count} {verb} not used ({which}): for a plate {_SHELL}"
 
 
 def _named(names: list[str]) -> str:
@@ -147,7 +153,8 @@ def _cells_of_no_part(content: MeshContent, groups: Collection[str]) -> Iterator
             if any(np.isin(r, rest[kind]).any() for kind, r in rows.items())
         ]
         which = f" ({listed(names)})" if names else ""
-        yield f"{count} solid cells{which} belong to no part of the scene: list them in parts if they matter"
+        verb = "solid cell{} belongs" if count == 1 else "solid cells{} belong"
+        yield f"{count} {verb.format(which)} to no part of the scene: list them in parts if they matter"
 
 
 def nodes_in_cells(content: MeshContent, rows: Index) -> int:

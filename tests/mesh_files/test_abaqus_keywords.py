@@ -361,12 +361,12 @@ def test_rigid_bodies(tmp_path: Path) -> None:
     tool = "*NODE\n50, 0., 0., 99.\n51, 9., 0., 99.\n52, 0., 9., 99.\n*ELEMENT, TYPE=R3D3, ELSET=tool\n9, 50, 51, 52\n"
     remarks = remarks_of(scene_of(tmp_path, TWO + tool + "*RIGID BODY, ELSET=tool, REF NODE=50\n"))
     assert "*RIGID BODY TOOL" in remarks
-    assert "1 surface cell lies on no solid and is not used (tool)" in remarks
+    assert "1 surface cell lies on no solid and is not used (tool: 1)" in remarks
 
 
 def test_cells_of_no_part_are_named(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, TWO, mesh={"parts": ["low"]})
-    assert "1 solid cells (high) belong to no part of the scene" in remarks_of(scene)
+    assert "1 solid cell (high) belongs to no part of the scene" in remarks_of(scene)
 
 
 def test_a_middle_node_that_is_0(tmp_path: Path) -> None:

@@ -262,7 +262,7 @@ def test_everything_that_is_not_used_is_named_once(tmp_path: Path) -> None:
     assert "2 CBAR (properties 8, 9) are not used: write [spring.NAME], for a screw [bolt.NAME]" in remarks
     assert '1 CONM2 is not used: write [point_mass.NAME], or take = ["CONM2"]' in remarks
     assert "1 RBE2 is not used: write [coupling.NAME]" in remarks
-    assert "1 surface cell lies on no solid and is not used (PSHELL_7): for a plate mesh it with solids" in remarks
+    assert "1 surface cell lies on no solid and is not used (PSHELL_7: 1): for a plate mesh it with solids" in remarks
     assert len(remarks.splitlines()) == 4
 
 
@@ -307,6 +307,7 @@ def test_a_spider_between_two_parts(tmp_path: Path) -> None:
             ["CONM2"],
             "an offset from a node of solids",
         ),
+        (SPIDER, ["RBE2"], "the file has no such entry .value: RBE2"),
         (SPIDER + "RBE2,80,100,3,5,6,7,8\n", ["RBE2"], "joins the components 3 alone"),
     ],
 )
