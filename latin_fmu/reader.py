@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from .errors import MeshError, Problem, SceneError, listed, shown
 from .file_digest import is_damaged
-from .mesh_files.content import with_deck
+from .mesh_files.attachments import with_attached
+from .mesh_files.deck_scene import with_deck
 from .scene.fields import split_face
 from .scene.initial_fields import InitialStateTable
 from .scene.overrides import key_lines
@@ -189,7 +190,7 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     said: list[tuple[MeshContent, dict[str, str], MeshParts]] = []
     for name, table in tables.items():
         groups, content = _parts(name, table, base_dir, problems)
-        if content is not None and content.deck is not None:
+        if content is not None:
             said.append((content, {group: part for part, group in groups.items() if group is not None}, table))
         for part, group in groups.items():
             if part in owner:
@@ -219,8 +220,11 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     whole = {key: value for key, value in raw.items() if key != "mesh"}
     whole["substructure"] = {**parts, **rest}
     for content, groups_of_file, table in said:
-        whole = with_deck(whole, content, groups_of_file, table.scale)
-    return whole, []
+        if content.deck is not None:
+            whole = with_deck(whole, content, groups_of_file, table.scale, problems)
+        if table.take:
+            whole = with_attached(whole, content, groups_of_file, table, problems)
+    return (raw, problems) if problems else (whole, [])
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:
@@ -240,6 +244,7 @@ def _parts(
 
     try:
         content = read_content(base_dir / table.file)
+        content.refuse(table.ignore)
         if table.parts != (ALL,):
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
@@ -279,6 +284,8 @@ def _listed_groups(name: str, table: MeshParts, content: MeshContent, problems: 
 def _substructure(part: str, group: str | None, table: MeshParts, own: Any, problems: list[Problem]) -> Any:
     """The table of a part: material and mesh of the file, then the keys of [substructure.PART]."""
     mesh: dict[str, Any] = {"file": table.file, "scale": table.scale, "refine": table.refine}
+    if table.ignore:
+        mesh["ignore"] = list(table.ignore)
     if group is not None:
         mesh["group"] = group
     default = {} if table.material is None else {"material": table.material}

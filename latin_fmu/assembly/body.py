@@ -206,6 +206,10 @@ class Body:
         """Faces found before: several checks need the same one, and every point of a study."""
         return {}
 
+    def nodes_of(self, name: str) -> Index:
+        """Nodes of a named face, with the edges and points of its name; "*" is the whole boundary."""
+        return self.outside.nodes if name == ALL_OF_IT else self.mesh.nodes_of(name)
+
     def face(self, name: str) -> Face:
         """Nodal integrals of a face."""
         if name not in self._faces:
@@ -379,6 +383,7 @@ class _MeshFiles:
             content = self.contents[path]
             if content is None:
                 return None
+            content.refuse(table.ignore)
             mesh = mesh_of(content, path.name, table.group, table.scale)
             for _ in range(table.refine):
                 mesh = refined(mesh)
@@ -393,7 +398,9 @@ class _MeshFiles:
 
 def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """What the decks say that the scene does not use."""
-    from ..mesh_files.content import left_out
+    from ..mesh_files.attachments import taken
+    from ..mesh_files.deck_scene import left_out
+    from ..mesh_files.unused import unused_content
 
     for path, content in files.contents.items():
         tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}
@@ -401,6 +408,10 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
         if content is not None and (words := left_out(content, own, scene)):
             text = f"mesh file {path.name}: {', '.join(words)} {'are' if len(words) > 1 else 'is'} not used"
             yield Remark("deck", f"{text}: write in the scene what matters of it")
+        if content is not None:
+            whole = any(t.group is None and scene.base_dir / t.file == path for t in tables.values())
+            for sentence in unused_content(content, () if whole else own, taken(content, scene)):
+                yield Remark("deck", f"mesh file {path.name}: {sentence}")
 
 
 def build_bodies(

@@ -80,7 +80,19 @@ def check_faces(scene: Scene, bodies: dict[str, Body], problems: Problems) -> No
         # a side without its body is a problem of the scene, and named there
         if substructure not in bodies:
             continue
-        known = sorted(bodies[substructure].mesh.faces)  # those of the mesh
+        mesh = bodies[substructure].mesh
+        known = sorted(mesh.faces)
+        if face in mesh.points and face not in known:
+            # edges and points can be held, and have no area for anything else
+            if not (where.startswith("boundary.") and isinstance(scene.boundary[where.split(".")[1]], Fixed)):
+                problems.add(
+                    where,
+                    "these nodes are edges or points, which have no area",
+                    f"{side}, {len(mesh.points[face])} nodes",
+                    ", ".join(known) or None,
+                    'an edge or point may be held: [boundary.NAME] type = "fixed"',
+                )
+            continue
         if face not in known and face != ALL_OF_IT:
             close = difflib.get_close_matches(face, known, 1)
             problems.add(
@@ -260,7 +272,9 @@ def _factors(stiff: set[str], types: set[str]) -> dict[str, float]:
 
 
 def _mesh_walls(body: Body, boundaries: Iterable[Boundary]) -> Walls:
-    mirrors = [(body.facets(split_face(faces_of(b)[0])[1]), _held_axes(b)) for b in boundaries]
+    # an edge or point is no wall
+    named = [(split_face(faces_of(b)[0])[1], b) for b in boundaries]
+    mirrors = [(body.facets(n), _held_axes(b)) for n, b in named if n == ALL_OF_IT or n in body.mesh.faces]
     return _walls(body.mesh, body.outside, mirrors)
 
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ..errors import Problems
 from ..fem.elements import RigidBody, rigid_modes
-from ..fem.faces import Face
 from ..fem.mesh import Array, Index, nearest
 from ..propagator import LoadTerm, SubstructureModel
 from ..scene.boundaries import AXES, Absorbing, Boundary, Driven, Fixed, Periodic, Symmetry
@@ -127,9 +126,11 @@ def _nodal_conditions(
         if isinstance(boundary, Periodic):
             _tie(body, name, boundary, dofs, problems)
             continue
-        face = body.face(split_face(boundary.face)[1])
-        nodes, inclined = face.nodes, None
-        if not _along_axes(boundary, face):
+        face = split_face(boundary.face)[1]
+        # a support holds edges and points, too; everything else needs facets
+        nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
+        inclined = None
+        if not _along_axes(boundary, body):
             inclined = inclined_directions(body, boundary)
         if inclined is not None:
             _incline(name, boundary, nodes, inclined, dofs)
@@ -153,9 +154,10 @@ def _nodal_conditions(
     return _turned(_finish(dofs, dashpots), dofs, problems)
 
 
-def _along_axes(boundary: Boundary, face: Face) -> bool:
+def _along_axes(boundary: Boundary, body: Body) -> bool:
     """Whether a condition on a face has the directions of the global axes."""
     if isinstance(boundary, Symmetry):
+        face = body.face(split_face(boundary.face)[1])
         along = np.abs(face.normals[:, int(np.argmax(np.abs(face.normals[0])))])
         return bool(np.abs(along - 1).max() <= FLAT)
     return not isinstance(boundary, Fixed | Driven) or boundary.axes is None

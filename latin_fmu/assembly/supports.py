@@ -302,7 +302,8 @@ def supports(
         body, face = bodies[split_face(boundary.face)[0]], split_face(boundary.face)[1]
         if body.rigid:
             continue
-        if np.isin(body.face(face).nodes, body.rigid_nodes).any():
+        nodes = body.nodes_of(face) if isinstance(boundary, Fixed) else body.face(face).nodes
+        if np.isin(nodes, body.rigid_nodes).any():
             what = f"boundary {name} holds nodes of a face that a coupling makes rigid, which carry its forces, too"
             problem = Problem("output.reactions", what, remedy="leave output.reactions out, or rigid")
             raise SceneError([problem], "the scene cannot be built")
@@ -314,14 +315,13 @@ def supports(
         if body.name in inclined:
             directions = inclined_directions(body, boundary)
             directions = np.eye(3)[components] if directions is None else directions
-            nodes = body.face(face).nodes
             parts, own = projections(nodes, directions, inclined[body.name], body.full_size())
             if own.any():
                 where = (3 * nodes[own][:, None] + np.arange(3)).ravel()
                 # nodes with a direction that no support before has taken
                 supported[name] = Support(body.name, boundary.face, where, models[body.name], parts)
             continue
-        dofs = (3 * body.face(face).nodes[:, None] + components).ravel()
+        dofs = (3 * nodes[:, None] + components).ravel()
         # shared dofs belong to the first support
         dofs = dofs[~taken[body.name][dofs]]
         taken[body.name][dofs] = True

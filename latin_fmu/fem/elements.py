@@ -233,7 +233,13 @@ def rigid_modes(points: Array, centre: Array, length: float) -> Array:
 
 
 BENDING_CELLS = ("hexahedron",)
-_HRZ = ("tetra10", "hexahedron20", "wedge15")  # row sums of their masses are negative at the corners
+_HRZ = (
+    "tetra10",
+    "hexahedron20",
+    "wedge15",
+    "wedge18",
+    "pyramid13",
+)  # row sums of their masses are negative at the corners
 
 
 def elastic_products(left: Array, right: Array, volumes: Array, material: Elasticity) -> Array:
@@ -322,7 +328,7 @@ def mass(elements: Elements, density: float) -> sp.csr_array:
 def lumped_mass(elements: Elements, density: float) -> Array | None:
     """Positive nodal masses (n_node,), kg; None where the row sums of the consistent mass are as good.
 
-    Row sums of cells that keep the corner functions positive; on tet10, hex20 and wedge15 the diagonal of the
+    Row sums of cells that keep the corner functions positive; on the others (``_HRZ``) the diagonal of the
     consistent mass of each cell, scaled to the mass of the cell (Hinton, Rock, Zienkiewicz 1976).
     """
     if not any(block.cell_type in _HRZ for block in elements.mesh.blocks):
@@ -348,7 +354,14 @@ def body_load(elements: Elements, force: Array) -> Array:
 
 
 # Type of the cell of degree one with the same corners: its rule and functions carry values to the nodes.
-_LINEAR: Final = {"hexahedron20": "hexahedron", "hexahedron27": "hexahedron", "tetra10": "tetra", "wedge15": "wedge"}
+_LINEAR: Final = {
+    "hexahedron20": "hexahedron",
+    "hexahedron27": "hexahedron",
+    "tetra10": "tetra",
+    "wedge15": "wedge",
+    "wedge18": "wedge",
+    "pyramid13": "pyramid",
+}
 
 
 class MeanStress:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -80,11 +80,13 @@ class Mesh:
     nodes : (n_node, 3) coordinates, m.
     blocks : cells by type; cells are counted through all blocks in turn.
     faces : named faces, oriented outwards.
+    points : named nodes of edges and points: those of a node set that are on no facet of the face of its name.
     """
 
     nodes: Array
     blocks: tuple[CellBlock, ...]
     faces: dict[str, FacetSet]
+    points: dict[str, Index] = field(default_factory=dict)
 
     @staticmethod
     def uniform(nodes: Array, cell_type: str, cells: Index, faces: Mapping[str, Index] | None = None) -> Mesh:
@@ -106,6 +108,13 @@ class Mesh:
     def cell_types(self) -> tuple[str, ...]:
         """Type of each block."""
         return tuple(block.cell_type for block in self.blocks)
+
+    def nodes_of(self, name: str) -> Index:
+        """Nodes of a named face and of the edges and points of its name, ascending."""
+        rows = [self.faces[name].nodes] if name in self.faces else []
+        if name in self.points:
+            rows.append(self.points[name])
+        return np.unique(np.concatenate(rows))
 
     def extent(self) -> Array:
         """Size of the bounding box, (3,), m."""

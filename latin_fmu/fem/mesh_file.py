@@ -63,7 +63,8 @@ def mesh_of(content: MeshContent, where: str, group: str | None = None, scale: f
                 )
             ]
         )
-    return Mesh(nodes, bare.blocks, _named_faces(content, renumber, surface))
+    faces = _named_faces(content, renumber, surface)
+    return Mesh(nodes, bare.blocks, faces, _named_points(content, renumber, faces))
 
 
 def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[str, Index]:
@@ -171,6 +172,21 @@ def _named_faces(content: MeshContent, renumber: Index, surface: FacetSet) -> di
     return faces
 
 
+def _named_points(content: MeshContent, renumber: Index, faces: dict[str, FacetSet]) -> dict[str, Index]:
+    """Nodes of node sets that are on no facet of the face of that name: edges and points."""
+    points = {}
+    for name, rows in content.node_sets.items():
+        if name in content.facets:
+            continue
+        nodes = renumber[rows]
+        nodes = nodes[nodes >= 0]
+        if name in faces:
+            nodes = np.setdiff1d(nodes, faces[name].nodes)
+        if len(nodes):
+            points[name] = nodes
+    return points
+
+
 def _add_face(faces: dict[str, FacetSet], name: str, rows: list[tuple[str, int]], by_kind: dict[str, Index]) -> None:
     """The face made of boundary facets given by kind and row, if there are any."""
     kinds = dict.fromkeys(kind for kind, _ in rows)
@@ -187,7 +203,9 @@ def oriented(nodes: Array, block: CellBlock) -> tuple[Index, NDArray[np.bool_]]:
     Jacobians at all nodes but those in the middle of faces and cells and the apex of pyramids, and at the integration
     points.
     """
-    places = cell_functions(block.cell_type).nodes[: 4 if block.cell_type == "pyramid" else 20]
+    places = cell_functions(block.cell_type).nodes
+    # without the apex of a pyramid, where the Jacobian is 0
+    places = np.delete(places, 4, axis=0) if N_CORNER[block.cell_type] == 5 else places[:20]
     points = np.concatenate([places, cell_rule(block.cell_type).points])
     rule = Rule(points, np.ones(len(points)))
     low, high = np.zeros((2, len(block.cells)))
@@ -225,7 +243,7 @@ def refined(mesh: Mesh) -> Mesh:
     ------
     MeshError : pyramids, whose parts are no pyramids.
     """
-    if "pyramid" in mesh.cell_types:
+    if any(N_CORNER[kind] == 5 for kind in mesh.cell_types):
         what = "pyramids cannot be split into eight of their kind"
         raise MeshError([Problem("refine", what, remedy="leave refine out, or mesh the part finer")], "unusable mesh")
     random = np.random.default_rng(0).integers(1, 2**62, mesh.n_node, dtype=np.int64)
@@ -247,7 +265,20 @@ def refined(mesh: Mesh) -> Mesh:
         name: FacetSet(tuple(FacetBlock(block.kind, next(split)) for block in face.blocks))
         for name, face in mesh.faces.items()
     }
-    return Mesh(np.concatenate(places)[np.sort(first)], blocks, faces)
+    points = {name: number[np.searchsorted(known, _within(mesh, nodes, random))] for name, nodes in mesh.points.items()}
+    return Mesh(np.concatenate(places)[np.sort(first)], blocks, faces, points)
+
+
+def _within(mesh: Mesh, nodes: Index, random: Index) -> Index:
+    """Codes of the nodes of a refined mesh that lie on these nodes, or between them on an edge or face of a cell."""
+    codes = []
+    for block in mesh.blocks:
+        functions = np.rint(_PARTS * _children(block.cell_type)[0]).astype(np.int64)
+        outside = ~np.isin(block.cells, nodes)
+        # places whose shape functions are 0 at all other nodes of the cell
+        inside = ~((functions != 0)[None] & outside[:, None, :]).any(axis=2)
+        codes.append((random[block.cells] @ functions.T)[inside])
+    return np.unique(np.concatenate(codes))
 
 
 def _children(kind: str) -> tuple[Array, Index]:

@@ -47,7 +47,9 @@ CELL_EDGES: Final[dict[str, Local]] = {
     "hexahedron27": HEX_EDGES,
     "wedge": WEDGE_EDGES,
     "wedge15": WEDGE_EDGES,
+    "wedge18": WEDGE_EDGES,
     "pyramid": PYRAMID_EDGES,
+    "pyramid13": PYRAMID_EDGES,
 }
 N_CORNER: Final = {name: 1 + max(n for edge in edges for n in edge) for name, edges in CELL_EDGES.items()}
 # Kinds of facets, by their names in meshio: the number of nodes determines the kind.
@@ -63,10 +65,14 @@ def _with_middle_nodes(faces: Local, edges: Local, corners: int, centres: bool =
     """Faces of a quadratic cell: corners, middle nodes of the edges in the same turn, centre where there is one."""
     middle = {frozenset(edge): corners + i for i, edge in enumerate(edges)}
     whole_faces = []
-    for i, face in enumerate(faces):
+    centre = corners + len(edges)
+    for face in faces:
         turn = zip(face, (*face[1:], face[0]), strict=True)
         whole = (*face, *(middle[frozenset(edge)] for edge in turn))
-        whole_faces.append((*whole, corners + len(edges) + i) if centres else whole)
+        # quadrilaterals alone have a centre
+        if centres and len(face) == 4:
+            whole, centre = (*whole, centre), centre + 1
+        whole_faces.append(whole)
     return tuple(whole_faces)
 
 
@@ -79,7 +85,9 @@ CELL_FACES: Final[dict[str, Local]] = {
     "hexahedron27": _with_middle_nodes(HEX_FACES, HEX_EDGES, 8, centres=True),
     "wedge": WEDGE_FACES,
     "wedge15": _with_middle_nodes(WEDGE_FACES, WEDGE_EDGES, 6),
+    "wedge18": _with_middle_nodes(WEDGE_FACES, WEDGE_EDGES, 6, centres=True),
     "pyramid": PYRAMID_FACES,
+    "pyramid13": _with_middle_nodes(PYRAMID_FACES, PYRAMID_EDGES, 5),
 }
 
 
@@ -101,8 +109,10 @@ def _links(cell_type: str) -> Local:
         # middles of a triangle are joined by edges of its four parts, those of an 8-node face are not
         if n == 3:
             links += list(combinations(middles, 2))
+        if len(face) == 9:
+            links += [(face[8], middle) for middle in middles]
         if cell_type == "hexahedron27":
-            links += [(face[8], middle) for middle in middles] + [(face[8], 26)]
+            links.append((face[8], 26))
     return tuple(links)
 
 
@@ -171,6 +181,11 @@ def cell_functions(cell_type: str) -> ShapeFunctions:
     whole = np.concatenate([corners, middles])
     if cell_type == "hexahedron27":
         whole = np.concatenate([whole, [corners[list(f)].mean(axis=0) for f in HEX_FACES], np.zeros((1, 3))])
+    if cell_type == "wedge18":
+        whole = np.concatenate([whole, [corners[list(f)].mean(axis=0) for f in WEDGE_FACES[2:]]])
+    if cell_type == "pyramid13":
+        # halfway to the apex the coordinates of the hexahedron are those of the corner
+        whole[9:] = [(x, y, 0.0) for x, y, _ in _HEX[:4]]
     return {
         "hexahedron": lambda: _functions(corners, _product(1, 3)),
         "hexahedron20": lambda: _functions(whole, _product(2, 3, squared=1)),
@@ -181,7 +196,9 @@ def cell_functions(cell_type: str) -> ShapeFunctions:
         "wedge15": lambda: _functions(
             whole, [*((*e, z) for e in _complete(2, 2) for z in (0, 1)), *((*e, 2) for e in _complete(1, 2))]
         ),
+        "wedge18": lambda: _functions(whole, [(*e, z) for e in _complete(2, 2) for z in (0, 1, 2)]),
         "pyramid": lambda: _collapsed(corners),
+        "pyramid13": lambda: _collapsed_quadratic(whole),
     }[cell_type]()
 
 
@@ -190,6 +207,26 @@ def _collapsed(nodes: Array) -> ShapeFunctions:
     hexahedron = cell_functions("hexahedron")
     together = np.eye(5)[[0, 1, 2, 3, 4, 4, 4, 4]]
     return ShapeFunctions(nodes, hexahedron.exponents, hexahedron.coefficients @ together)
+
+
+def _collapsed_quadratic(nodes: Array) -> ShapeFunctions:
+    """Those of the pyramid of 13 nodes, by the coordinates r, s, t of the hexahedron with its upper face collapsed.
+
+    With h = (1 - t) / 2, x = r h, y = s h, z = 1 - h they span the polynomials of degree two and x y z / h, x^2 y / h,
+    x y^2 / h (Bedrosian, Int. J. Numer. Meth. Engng. 35, 1992): triangles of 6 and quadrilaterals of 8 nodes on the
+    faces, and linear fields exactly. In r, s, t all of them are polynomials, so that the apex is no special place.
+    """
+    hexahedron = cell_functions("hexahedron27")
+
+    def space(points: Array) -> Array:
+        r, s, t = points.T
+        h = 0.5 * (1.0 - t)
+        x, y, z = r * h, s * h, 1.0 - h
+        rational = (r * s * z * h, r * r * s * h * h, r * s * s * h * h)
+        return np.stack([np.ones(len(r)), x, y, z, x * x, y * y, z * z, x * y, y * z, z * x, *rational], axis=1)
+
+    coefficients = hexahedron.coefficients @ space(hexahedron.nodes) @ np.linalg.inv(space(nodes))
+    return ShapeFunctions(nodes, hexahedron.exponents, coefficients)
 
 
 def mirrored(cell_type: str) -> list[int]:
@@ -254,15 +291,15 @@ def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -
     of both orders where edges are straight; 8 where they are ``curved`` (degree 3: uniform strain stays exact), 27 for
     the mass of quadratic ones (degree 5). Wedges: 3 x 2 points, 3 x 3 on quadratic ones, 9 x 3 (degree 5 in the
     triangle) for their mass and where they are curved. Pyramids: 2 x 2 x 2 points of the hexahedron, 3 x 3 x 3 for the
-    mass.
+    mass; quadratic ones 3 x 3 x 3, and 4 x 4 x 4 for the mass.
     """
     if cell_type.startswith(("hexahedron", "pyramid")):
         low = cell_type == "hexahedron" or (cell_type == "pyramid" and not of_products)
-        line = _line(2 if low else 3)
+        line = _line(2 if low else 4 if cell_type == "pyramid13" and of_products else 3)
         return _times(_times(line, line), line)
     if cell_type == "wedge":
         return _times(_corner_rule(2), _line(2))
-    if cell_type == "wedge15":
+    if cell_type in ("wedge15", "wedge18"):
         return _times(simplex_rule(3, 2) if of_products or curved else _corner_rule(2), _line(3))
     if cell_type == "tetra10" and (of_products or curved):
         return simplex_rule(3 if of_products else 2, 3)

@@ -1,138 +1,19 @@
-"""The content of a mesh file in one form for all formats, what the readers of formats share, and the tables that an
-Abaqus deck with several parts gives a scene.
-
-A deck says beyond its mesh: materials, tied surfaces, fixed sets; keywords of which nothing is used.
-
-``*MATERIAL`` with ``*ELASTIC`` (isotropic) and ``*DENSITY`` at one temperature, by ``*SOLID SECTION``; ``*TIE``;
-``*BOUNDARY`` of node sets held at zero (components 1 to 3, ENCASTRE, PINNED). Numbers are in the units of the deck.
-"""
+"""The content of a mesh file in one form for all formats, and what the readers of formats share."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, Problem, listed
-from ..scene.raw_scene import given, named_tables
-from ..scene.substructures import part_name
-from ..scene.units import SI, system_named
 
-_MESH: Final = frozenset(
-    {
-        "HEADING",
-        "PREPRINT",
-        "NODE",
-        "ELEMENT",
-        "NSET",
-        "ELSET",
-        "SURFACE",
-        "SOLID SECTION",
-        "PART",
-        "END PART",
-        "ASSEMBLY",
-        "END ASSEMBLY",
-        "INSTANCE",
-        "END INSTANCE",
-        "END STEP",
-    }
-)
-_KEYS: Final = ("young_modulus", "poisson_ratio", "density")
-_AXES: Final = "xyz"
-_NAMED: Final = {"ENCASTRE": (1, 3), "PINNED": (1, 3)}  # first and last component of displacement
-
-
-@dataclass
-class DeckModel:
-    """Materials, ties and supports of a deck.
-
-    Attributes
-    ----------
-    materials : constants ``young_modulus``, ``poisson_ratio``, ``density`` by the name of the material in capitals.
-    sections : (element set, material), both in capitals. ties : (name, slave surface, master surface).
-    fixed : (node set, components out of "xyz"), held at zero. unused : number of the keywords that are not read.
-    """
-
-    materials: dict[str, dict[str, float]] = field(default_factory=dict)
-    sections: list[tuple[str, str]] = field(default_factory=list)
-    ties: list[tuple[str, str, str]] = field(default_factory=list)
-    fixed: list[tuple[str, str]] = field(default_factory=list)
-    unused: Counter[str] = field(default_factory=Counter)
-    _material: str = ""
-
-    def take(self, keyword: str, parameters: Mapping[str, str], rows: Sequence[Sequence[str]]) -> None:
-        """Add what a card says: its keyword and parameters, in capitals, and the fields of its data lines."""
-        name = parameters.get("NAME", "")
-        if keyword == "SOLID SECTION":
-            self.sections.append((parameters.get("ELSET", "").upper(), parameters.get("MATERIAL", "").upper()))
-        elif keyword == "MATERIAL":
-            self._material = name.upper()
-            self.materials.setdefault(self._material, {})
-        elif keyword == "ELASTIC" and parameters.get("TYPE", "").upper() in ("", "ISOTROPIC", "ISO"):
-            self._constants(keyword, rows, _KEYS[:2])
-        elif keyword == "DENSITY":
-            self._constants(keyword, rows, _KEYS[2:])
-        elif keyword == "TIE":
-            for names in rows:
-                if len(names) > 1:
-                    stem, known = name or "tie", {tie[0] for tie in self.ties}
-                    # one card may tie several pairs: names of ties stay different
-                    own = stem if stem not in known else f"{stem}_{len(known) + 1}"
-                    self.ties.append((own, names[0], names[1]))
-        elif keyword == "BOUNDARY" and "TYPE" not in parameters:
-            for fields in rows:
-                if not self._fix(fields):
-                    self.unused["BOUNDARY"] += 1
-        elif keyword not in _MESH:
-            self.unused[keyword] += 1
-
-    def _constants(self, keyword: str, rows: Sequence[Sequence[str]], keys: tuple[str, ...]) -> None:
-        """Numbers of the first data line, of a material that does not depend on temperature."""
-        try:
-            values = [float(text.upper().replace("D", "E")) for text in rows[0][: len(keys)]]
-        except (ValueError, IndexError):
-            values = []
-        if len(rows) == 1 and len(values) == len(keys) and self._material:
-            self.materials[self._material].update(zip(keys, values, strict=True))
-        else:
-            self.unused[keyword] += 1
-
-    def _fix(self, fields: Sequence[str]) -> bool:
-        """Add a set that is held at zero; False for anything else."""
-        try:
-            name, first, *rest = fields
-            if first.upper() in _NAMED:
-                low, high = _NAMED[first.upper()]
-            else:
-                low = int(first)
-                high = int(rest[0]) if rest and rest[0] else low
-            # fourth field: the value
-            still = len(rest) < 2 or not rest[1] or float(rest[1]) == 0.0
-        except ValueError:
-            return False
-        # rotations alone hold nothing of a solid; a number is a node and no set
-        if not still or not 1 <= low <= high <= 6 or low > 3 or name.rpartition(".")[2].isdigit():
-            return False
-        self.fixed.append((name, _AXES[low - 1 : min(high, 3)]))
-        return True
-
-    def material_of(self, sections: list[str]) -> tuple[str, dict[str, float]] | None:
-        """Name and constants of the one material of these element sets (in capitals); None where it is not whole."""
-        names = {material for elset, material in self.sections if elset in sections}
-        if len(names) != 1:
-            return None
-        constants = self.materials.get(name := names.pop(), {})
-        return (name, constants) if set(constants) == set(_KEYS) else None
-
-    def unused_words(self) -> list[str]:
-        """Keywords that are not used, with their number, as they stand in the deck."""
-        return [f"*{keyword}" + (f" ({count})" if count > 1 else "") for keyword, count in sorted(self.unused.items())]
-
+if TYPE_CHECKING:
+    from .deck_model import DeckModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -162,8 +43,11 @@ SOLIDS: Final = {
     6: "wedge",
     8: "hexahedron",
     10: "tetra10",
+    13: "pyramid13",
     15: "wedge15",
+    18: "wedge18",
     20: "hexahedron20",
+    27: "hexahedron27",
 }
 """Solid cells of decks by number of nodes."""
 
@@ -183,6 +67,34 @@ MAX_PROBLEMS: Final = 8
 """So many problems of one file are listed; the rest follow from them more often than not."""
 
 
+@dataclass(frozen=True)
+class Attached:
+    """A point mass, or a spider: a node that is joined to others.
+
+    Attributes
+    ----------
+    word, label : entry and its number. node : row of the node of the mass, or of the middle of the spider. legs : rows
+    of the nodes at the ends of the legs. components : of displacement, at the legs, as digits. mass : in the units of
+    the file. offset : (3,) of the mass from its node. inertia : I11, I21, I22, I31, I32, I33 about the mass. problem :
+    why it cannot be used, else empty.
+    """
+
+    word: str
+    label: int
+    node: int
+    legs: Index
+    components: str = "123"
+    mass: float = 0.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, ...] = (0.0,) * 6
+    problem: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the table and of the node set of the legs."""
+        return f"{self.word}_{self.label}"
+
+
 @dataclass
 class MeshContent:
     """Content of a mesh file.
@@ -195,7 +107,10 @@ class MeshContent:
     facets : name of a surface group -> arrays (n_facet, 3 | 4) of corner nodes, any orientation.
     node_sets : name -> rows of ``points``.
     parts : the volume groups that are the parts of the model where the format defines them, else None.
-    skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
+    skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type. properties : those of
+        the skipped cells, by type, where the format has any.
+    refused : what the reader leaves out and a scene may not miss without saying so, by the word with which ``ignore``
+        of the mesh table allows it. said : sentences on how the file was read. attached : point masses and spiders.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
         sections of its volume groups, in capitals.
     """
@@ -207,6 +122,10 @@ class MeshContent:
     node_sets: dict[str, Index] = field(default_factory=dict)
     parts: tuple[str, ...] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
+    properties: dict[str, dict[str, None]] = field(default_factory=dict)
+    refused: dict[str, Problem] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)
+    attached: list[Attached] = field(default_factory=list)
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
 
@@ -230,11 +149,27 @@ class MeshContent:
         """Add rows of ``points`` to a node set."""
         self.node_sets[name] = np.union1d(self.node_sets.get(name, NO_ROWS), rows)
 
+    def nodes_of(self, group: str) -> Index:
+        """Rows of ``points`` that the cells of a volume group have, ascending."""
+        tables = [self.solids[kind][rows].ravel() for kind, rows in self.volumes[group].items()]
+        return np.unique(np.concatenate(tables)) if tables else NO_ROWS
+
+    def refuse(self, ignore: Collection[str] = ()) -> None:
+        """Raise what may not be left out without a word, but for the words of ``ignore``.
+
+        Raises
+        ------
+        MeshError : every such problem.
+        """
+        allowed = {word.lstrip("*").upper() for word in ignore}
+        if problems := [problem for word, problem in self.refused.items() if word.upper() not in allowed]:
+            raise MeshError(problems, "unreadable mesh")
+
     def touching(self, group: str, name: str) -> bool:
         """Whether a surface group or node set has whole facets on the cells of a volume group."""
         cells = {kind: self.solids[kind][rows] for kind, rows in self.volumes[group].items()}
         if name in self.facets:
-            nodes = np.unique(np.concatenate([table.ravel() for table in cells.values()]))
+            nodes = self.nodes_of(group)
             return any(bool(np.isin(table, nodes).all(axis=1).any()) for table in self.facets[name] if len(table))
         some = self.node_sets.get(name, NO_ROWS)
         for kind, table in cells.items():
@@ -290,6 +225,14 @@ def upper_edges_last(cells: Index) -> Index:
     return cells[:, list(_UPPER_EDGES_LAST.get(n_node, range(n_node)))]
 
 
+@dataclass(frozen=True)
+class FileLine:
+    """A line of a file, from 1."""
+
+    where: str
+    line: int
+
+
 class FileProblems:
     """Problems of one file, collected up to ``MAX_PROBLEMS`` and raised together."""
 
@@ -303,15 +246,26 @@ class FileProblems:
         value: object = None,
         allowed: str | None = None,
         remedy: str | None = None,
-        line: int | None = None,
+        line: int | FileLine | None = None,
     ) -> None:
-        """One more problem; ``line`` counts from 1."""
-        place = self.where if line is None else f"{self.where}, line {line}"
-        text = None if value is None else str(value)[:80]
-        problem = Problem(place, what, text, allowed, remedy)
+        """One more problem; ``line`` counts from 1, in the file that is being read where it is a number."""
+        problem = self.problem(what, value, allowed, remedy, line)
         # the same problem of many lines is reported once
         if len(self.problems) < MAX_PROBLEMS and problem not in self.problems:
             self.problems.append(problem)
+
+    def problem(
+        self,
+        what: str,
+        value: object = None,
+        allowed: str | None = None,
+        remedy: str | None = None,
+        line: int | FileLine | None = None,
+    ) -> Problem:
+        """A problem of this file that is not added to the others."""
+        place = FileLine(self.where, line) if isinstance(line, int) else line
+        where = self.where if place is None else f"{place.where}, line {place.line}"
+        return Problem(where, what, None if value is None else str(value)[:80], allowed, remedy)
 
     @contextmanager
     def included(self, name: str, include: Include, depth: int, line: int) -> Iterator[str]:
@@ -343,110 +297,32 @@ def rows_of(labels: Index, some: Index) -> tuple[Index, NDArray[np.bool_]]:
     return rows, labels[rows] == some
 
 
-_UNITS: Final = {1.0: (1.0, 1.0), 1e-3: (1e6, 1e12)}
-"""Factors of moduli and densities by the scale: units of the scene, and mm, t, s, MPa in a scene in SI."""
+def pieces(cells: Mapping[str, Index]) -> dict[str, Index]:
+    """Number, from 0, of the connected piece that each cell is in, by type: pieces share no node.
 
-
-def with_deck(raw: Mapping[str, Any], content: MeshContent, parts: Mapping[str, str], scale: float) -> dict[str, Any]:
-    """The scene with what the deck says and the scene does not.
-
-    A part without a material takes that of its section. A tie becomes a perfect interface, unless the scene has one
-    between these parts; a set held at zero becomes a fixed boundary, unless the scene has one on that face.
-
-    Parameters
-    ----------
-    parts : names of substructures by volume group. scale : length of a unit of the deck in that of the scene; where it
-        is 1, materials are in the units of the scene, where it is 1e-3 of a metre, in mm, t, s, MPa. Else they are
-        left out.
+    cells : type -> (n_cell, n_node) rows of points. Pieces are counted in the order of their first cells.
     """
-    deck, whole = content.deck, dict(raw)
-    assert deck is not None
-    if scale in _UNITS and (scale == 1.0 or system_named(raw.get("units")) is SI):
-        whole = _with_materials(whole, content, parts, _UNITS[scale])
-    interfaces = {part_name(name): table for name, table in _ties(content, parts)}
-    joined = [_parts_of(table) for table in named_tables(raw, "interface").values()]
-    new = {
-        n: t for n, t in interfaces.items() if _parts_of(t) not in joined and n not in named_tables(raw, "interface")
-    }
-    if new:
-        whole["interface"] = {**(raw.get("interface") or {}), **new}
-    held = {str(table.get("face")) for table in named_tables(raw, "boundary").values()}
-    supports = {part_name(name): table for name, table in _supports(content, parts) if table["face"] not in held}
-    supports = {name: table for name, table in supports.items() if name not in named_tables(raw, "boundary")}
-    if supports:
-        whole["boundary"] = {**(raw.get("boundary") or {}), **supports}
-    return whole
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # few files need it
 
-
-def left_out(content: MeshContent, parts: Mapping[str, str], scene: Any) -> list[str]:
-    """Keywords of a deck that a scene does not use, and its ties and supports that are in none of its tables.
-
-    parts : names of substructures by volume group. scene : read (``Scene``).
-    """
-    deck = content.deck
-    if deck is None:
-        return []
-    pairs = [frozenset(side.partition(".")[0] for side in i.sides) for i in scene.interface.values()]
-    made = {name for name, table in _ties(content, parts) if _parts_of(table) in pairs}
-    lost = [f"*TIE {name}" for name in dict.fromkeys(name for name, *_ in deck.ties) if name not in made]
-    held = {b.face for b in scene.boundary.values() if hasattr(b, "face")}
-    used = {name for name, table in _supports(content, parts) if table["face"] in held}
-    lost += [f"*BOUNDARY {name}" for name, _ in deck.fixed if not any(u.startswith(_short(name)) for u in used)]
-    return [*deck.unused_words(), *lost]
-
-
-def _with_materials(
-    raw: dict[str, Any], content: MeshContent, parts: Mapping[str, str], factors: tuple[float, float]
-) -> dict[str, Any]:
-    assert content.deck is not None
-    materials, bodies = dict(raw.get("material") or {}), dict(raw["substructure"])
-    for group, part in parts.items():
-        table, known = bodies.get(part), content.deck.material_of(content.sections.get(group, []))
-        if known is None or not isinstance(table, Mapping) or given(table, "material"):
-            continue
-        name, values = part_name(known[0]), known[1]
-        stiffness, density = factors
-        constants = {**values, "young_modulus": stiffness * values["young_modulus"]}
-        # a material of that name in the scene stays as it is
-        materials.setdefault(name, {**constants, "density": density * values["density"]})
-        # keys of the scene win
-        bodies[part] = {"material": name, **table}
-    return {**raw, "material": materials, "substructure": bodies} if materials else raw
-
-
-def _ties(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Perfect interfaces between surfaces that belong to one part each."""
-    assert content.deck is not None
-    for name, *surfaces in content.deck.ties:
-        sides = [_faces(content, parts, surface) for surface in surfaces]
-        if all(len(side) == 1 for side in sides) and sides[0][0].split(".")[0] != sides[1][0].split(".")[0]:
-            yield name, {"sides": [side[0] for side in sides], "behaviour": "perfect"}
-
-
-def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Fixed faces of the parts that a held set has whole facets of."""
-    assert content.deck is not None
-    for name, components in content.deck.fixed:
-        # a set over several parts holds a face of each
-        for face in _faces(content, parts, name):
-            yield f"{_short(name)}_{face.split('.')[0]}", {"type": "fixed", "face": face, "components": [*components]}
-
-
-def _faces(content: MeshContent, parts: Mapping[str, str], name: str) -> list[str]:
-    """``part.face`` of the parts that a surface or node set of this name lies on; ``INSTANCE.SET`` names one part."""
-    owner, short = name.rpartition(".")[0].upper(), _short(name).upper()
-    spelled = next((n for n in (*content.facets, *content.node_sets) if n.upper() == short), None)
-    if spelled is None:
-        return []
-    chosen = {group: part for group, part in parts.items() if not owner or group.upper() == owner}
-    return [f"{part}.{spelled}" for group, part in chosen.items() if content.touching(group, spelled)]
-
-
-def _short(name: str) -> str:
-    return name.rpartition(".")[2]
-
-
-def _parts_of(table: Mapping[str, Any]) -> frozenset[str]:
-    """Substructures that an interface joins."""
-    sides = table.get("sides")
-    return frozenset(str(side).partition(".")[0] for side in sides) if isinstance(sides, list | tuple) else frozenset()
+    tables = [table for table in cells.values() if len(table)]
+    if not tables:
+        return dict.fromkeys(cells, NO_ROWS)
+    corners = {kind: table[:, : CORNERS[kind]] for kind, table in cells.items()}
+    nodes, inverse = np.unique(np.concatenate([c.ravel() for c in corners.values()]), return_inverse=True)
+    start = 0
+    firsts: list[Index] = []
+    others: list[Index] = []
+    for table in corners.values():
+        own = inverse[start : start + table.size].reshape(-1, table.shape[1])
+        start += table.size
+        # each cell as a star about its first node
+        firsts.append(np.repeat(own[:, 0], table.shape[1]))
+        others.append(own.ravel())
+    first, other = np.concatenate(firsts), np.concatenate(others)
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, other)), shape=(len(nodes), len(nodes)))
+    label = connected_components(graph, directed=False)[1]
+    of_cells = {kind: label[np.searchsorted(nodes, table[:, 0])] for kind, table in corners.items()}
+    order = np.concatenate(list(of_cells.values()))
+    rank = {int(piece): i for i, piece in enumerate(order[np.sort(np.unique(order, return_index=True)[1])])}
+    return {kind: np.array([rank[int(p)] for p in piece], dtype=np.int64) for kind, piece in of_cells.items()}

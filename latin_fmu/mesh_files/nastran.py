@@ -1,29 +1,51 @@
-"""Meshes of Nastran decks (.bdf, .nas, .dat): a part per property of solids, a face per property of shells.
+"""Meshes of Nastran decks (.bdf, .nas, .dat, .fem): a part per property of solids, a face per property of shells.
 
-Free, small and large fields, continuation lines, INCLUDE, decks with or without executive and case control. Solids of
-property 7 are the volume group ``PSOLID_7``, shells of property 8 the surface group ``PSHELL_8``, or what a comment of
-HyperMesh (``$HMNAME PROP``) or ANSA (``$ANSA_NAME_COMMENT``) calls that property; nodes of SPC and SPC1 set 3 are
-the node set ``SPC_3``. Loads, materials and cases are ignored.
+Free, small and large fields, continuation lines, INCLUDE, decks with or without executive and case control; coordinate
+systems of nodes. Solids of property 7 are the volume group ``PSOLID_7``, shells of property 8 the surface group
+``PSHELL_8``, or what a comment of HyperMesh (``$HMNAME PROP``) or ANSA (``$ANSA_NAME_COMMENT``) calls that property;
+solids without a property are a group for each connected piece; nodes of SPC and SPC1 set 3 are the node set ``SPC_3``.
+Loads, materials and cases are ignored.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container
 from typing import Final
 
 import numpy as np
 
-from .content import NO_ROWS, SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, rows_of, upper_edges_last
+from .attachments import attached_of
+from .content import NO_ROWS, SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, pieces, rows_of
+from .middle_nodes import complete, in_vtk_order
+from .nastran_entries import BulkEntry, Entries, label_of
+from .nastran_grids import Grids
+from .unused import Skipped, is_known, nodes_in_cells, note
 
-_SOLIDS: Final = {"CTETRA": (4, 10), "CPYRAM": (5,), "CPENTA": (6, 15), "CHEXA": (8, 20)}
-_SHELLS: Final = {"CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUADR": 4, "CQUAD8": 8}
-_EXPONENT = re.compile(r"(?<=[0-9.])([+-])")
-_HM_NAME = re.compile(r'\$HMNAME\s+PROP\s+(\d+)\s*"([^"]+)"')
-_ANSA_NAME = re.compile(r"\$ANSA_NAME_COMMENT;(\d+);P(?:SOLID|SHELL);([^;]+);?")
-
-Entry = tuple[int, list[str]]
-"""Line number and fields of one entry, its name first."""
+# corners, and numbers of nodes with middle ones
+_SOLIDS: Final = {"CTETRA": (4, 10), "CPYRAM": (5, 13), "CPYRA": (5, 13), "CPENTA": (6, 15, 18), "CHEXA": (8, 20, 27)}
+_SHELLS: Final = {
+    "CTRIA3": (3, 3),
+    "CTRIAR": (3, 3),
+    "CTRIA6": (3, 6),
+    "CQUAD4": (4, 4),
+    "CQUADR": (4, 4),
+    "CQUAD8": (4, 8),
+    "CQUAD9": (4, 9),
+    "CQUAD": (4, 9),
+}
+_OTHER_SOLIDS: Final = re.compile(
+    r"CHEX(8|20|A1|A2|CZ|FD|AL)|CHEXA?(FD|CZ)|CPENT(CZ|FD)|CPENTA(FD|CZ)|CTETRAFD|CTETFD|CIHEX[12]|CIFHEX|CIFPENT|"
+    r"CHACAB|CHACBR|CGASK\w*|CWEDGE|CELIPS|CPYRAMFD|CTETRA\w+|CHEXA\w+|CPENTA\w+"
+)
+"""Entries that fill a volume and are not read: hyperelastic, cohesive, acoustic, gaskets, those of other programs."""
+_ELEMENT = re.compile(r"C[A-Z]\w*|RBE[123]|RBAR1?|RROD|RSPLINE|RTRPLT1?|RJOINT|RSSCON|MPC|GENEL")
+_NO_ELEMENT: Final = re.compile(
+    r"CORD\w*|CONV\w*|CY(AX|JOIN|SYM|SUP)|CSET1?|CREEP|CSSCHD|CSUP\w*|CLOAD|CAMPBLL|CBARAO|CBEAMAO|CONCTL|CONTRLT|CEND"
+)
+_MADE: Final = ("CGEN", "GRIDG", "GRIDU", "EGRID", "SEBULK", "SECONCT")
+"""Entries that make or place more of the mesh."""
+_IGNORED: Final = 'ignore = ["{}"] in the table of the mesh leaves them out'
 
 
 def read_nastran(text: str, where: str, include: Include) -> MeshContent:
@@ -38,77 +60,13 @@ def read_nastran(text: str, where: str, include: Include) -> MeshContent:
     MeshError : what is wrong, with line numbers.
     """
     deck = _BulkData(where)
-    for line, fields in _entries(text, include, deck.problems, deck.names):
-        deck.take(line, fields)
+    entries = Entries(deck.problems)
+    entries.read(text, include)
+    deck.names = entries.names
+    for entry in entries.items:
+        deck.take(entry)
     deck.problems.stop()
     return deck.content()
-
-
-def _bulk_lines(text: str) -> list[tuple[int, str]]:
-    """Numbered lines of the bulk data: all of them where the deck has no BEGIN BULK."""
-    lines = list(enumerate(text.splitlines(), 1))
-    for index, (_, line) in enumerate(lines):
-        if " ".join(line.upper().split()).startswith("BEGIN BULK") or line.upper().startswith("BEGIN,BULK"):
-            return lines[index + 1 :]
-    return lines
-
-
-def _entries(
-    text: str, include: Include, problems: FileProblems, names: dict[int, str], depth: int = 0
-) -> Iterator[Entry]:
-    """Entries of the bulk data, continuation lines joined."""
-    entry: Entry | None = None
-    for number, raw in _bulk_lines(text):
-        for pattern in (_HM_NAME, _ANSA_NAME):
-            if match := pattern.match(raw):
-                # within 64 bits
-                names[int(match[1][:18])] = match[2].strip()
-        # columns count after tabs
-        line = raw.split("$")[0].rstrip().expandtabs(8)
-        if not line:
-            continue
-        if line.upper().startswith("ENDDATA"):
-            break
-        # a continuation begins with a mark, a blank or, in free form, an empty field
-        if line[0] in "+* ," and entry is not None:
-            entry[1].extend(_fields(line)[1:])
-            continue
-        if entry is not None:
-            yield entry
-        entry = None
-        if line.upper().startswith("INCLUDE"):
-            name = line[7:].strip().strip("'\"")
-            with problems.included(name, include, depth, number) as inner:
-                yield from _entries(inner, include, problems, names, depth + 1)
-            continue
-        fields = _fields(line)
-        entry = (number, [fields[0].upper().rstrip("*"), *fields[1:]])
-    if entry is not None:
-        yield entry
-
-
-def _fields(line: str) -> list[str]:
-    """The fields of a line, name first; without the continuation marks at the end of full lines."""
-    if "," in line:
-        fields = [f.strip() for f in line.split(",")]
-        return fields[: 5 if fields[0].endswith("*") else 9]
-    first = line[:8].strip()
-    # large fields are marked by a star, on continuations in the first column
-    width = 16 if first.endswith("*") or line[:1] == "*" else 8
-    count = 4 if width == 16 else 8
-    return [first, *(line[8 + i * width : 8 + (i + 1) * width].strip() for i in range(count))]
-
-
-def _number(text: str) -> float:
-    """A number as Nastran writes it: ``1.5-3`` is 1.5e-3, ``1.D0`` is 1."""
-    if not text:
-        return 0.0
-    try:
-        return float(text)
-    except ValueError:
-        # an exponent without E: a sign after a digit or point; with one, the sign alone first, so that it is found
-        # alike
-        return float(_EXPONENT.sub(r"e\1", text.upper().replace("D", "E").replace("E+", "+").replace("E-", "-")))
 
 
 class _BulkData:
@@ -117,62 +75,73 @@ class _BulkData:
     def __init__(self, where: str) -> None:
         self.problems = FileProblems(where)
         self.names: dict[int, str] = {}
-        self.nodes: dict[int, tuple[float, float, float]] = {}
-        # (number of nodes, solid) -> property and nodes of each element
-        self.elements: dict[tuple[int, bool], list[tuple[int, list[int]]]] = {}
+        self.grids = Grids(self.problems)
+        # type -> label, property (0: blank) and nodes of each element, 0 for middle nodes that are not there
+        self.solids: dict[str, list[tuple[int, int, list[int]]]] = {}
+        self.shells: dict[str, list[tuple[int, int, list[int]]]] = {}
+        self.lines: dict[int, int] = {}  # of the elements
         # nodes of each set of constraints, each range of them by its ends
-        self.held: dict[int, list[tuple[int, int]]] = {}
-        self.skipped: dict[str, int] = {}
+        self.fixed: dict[int, list[tuple[int, int]]] = {}
+        self.skipped: dict[str, list[BulkEntry]] = {}
+        self.attached: list[BulkEntry] = []
+        self.refused: dict[str, tuple[str, BulkEntry]] = {}
 
-    def take(self, line: int, fields: list[str]) -> None:
+    def take(self, entry: BulkEntry) -> None:
         """Add a node, element or constraint; entries that define no mesh are ignored."""
-        name = fields[0]
+        name = entry.name
         try:
-            if name == "GRID":
-                self._grid(line, fields)
-            elif name in _SOLIDS:
-                # middle nodes may be left out
-                nodes = [int(f) for f in fields[3 : 3 + _SOLIDS[name][-1]] if f]
-                self._element(line, name, int(fields[2] or fields[1]), nodes, _SOLIDS[name], solid=True)
+            if self.grids.take(entry):
+                return
+            if name in _SOLIDS:
+                self._element(entry, self.solids, _SOLIDS[name])
             elif name in _SHELLS:
-                nodes = [int(f) for f in fields[3 : 3 + _SHELLS[name]] if f]
-                self._element(line, name, int(fields[2] or fields[1]), nodes, (_SHELLS[name],), solid=False)
+                self._element(entry, self.shells, _SHELLS[name])
             elif name in ("SPC", "SPC1"):
-                self._constraint(name, fields)
-            elif name in ("CBAR", "CBEAM", "CROD", "CELAS1", "CBUSH", "RBE2", "RBE3"):
-                self.skipped[name] = self.skipped.get(name, 0) + 1
+                self._constraint(entry)
+            else:
+                self._other(entry)
         except (ValueError, IndexError):
-            self.problems.add(f"not a usable {name} entry", ", ".join(fields), line=line)
-
-    def _grid(self, line: int, fields: list[str]) -> None:
-        fields = fields + [""] * 6
-        if fields[2] not in ("", "0"):
-            self.problems.add(
-                "nodes in a coordinate system of their own are not read",
-                f"GRID {fields[1]}, CP = {fields[2]}",
-                "CP = 0 or blank",
-                "export the nodes in the basic coordinate system",
-                line,
-            )
-        label = int(fields[1])
-        if not 0 < label < 2**62:
-            raise ValueError("not a label")
-        self.nodes[label] = (_number(fields[3]), _number(fields[4]), _number(fields[5]))
+            self.problems.add(f"not a usable {name} entry", ", ".join(entry.fields), line=entry.place)
 
     def _element(
-        self, line: int, name: str, owner: int, nodes: list[int], counts: tuple[int, ...], solid: bool
+        self, entry: BulkEntry, table: dict[str, list[tuple[int, int, list[int]]]], counts: tuple[int, ...]
     ) -> None:
-        if not all(0 < n < 2**62 for n in (*nodes, owner)):
+        name, corners = entry.name, counts[0]
+        label, owner = label_of(entry.whole(1)), entry.whole(2)
+        nodes = [int(f) if f else 0 for f in entry.fields[3 : 3 + counts[-1]]]
+        # blanks and continuation marks follow; numbers there are nodes of a cell with more of them
+        rest = entry.fields[3 + counts[-1] :] if table is self.solids else []
+        extra = [f for f in rest if f.isdigit()]
+        while nodes and not nodes[-1]:
+            nodes.pop()
+        if any(not 0 <= n < 2**62 for n in (*nodes, owner)):
             raise ValueError("not a label")
-        if len(nodes) not in counts:
+        if label in self.lines:
+            what = f"two elements have the same label: one is on line {self.lines[label]} already"
+            self.problems.add(
+                what, f"{name} {label}", "one element for each label", "renumber one of them", entry.place
+            )
+        self.lines[label] = entry.place.line
+        if table is self.shells:
+            # faces have their corners alone
+            nodes, counts = nodes[:corners], (corners,)
+        # some of the middle nodes may be left out, the last ones without a trace
+        count = next((n for n in counts if len(nodes) <= n), 0)
+        # nodes in the middle of faces are all there, or none
+        edges = {18: 15, 27: 20}.get(count, count)
+        whole_centres = edges == count or (len(nodes) == count and all(nodes[edges:]))
+        if len(nodes) < corners or not all(nodes[:corners]) or extra or not whole_centres:
             allowed = " or ".join(map(str, counts))
-            self.problems.add(f"wrong number of nodes of a {name}", len(nodes), allowed, line=line)
+            found = len([n for n in nodes if n]) + len(extra)
+            self.problems.add(f"wrong number of nodes of a {name}", found, allowed, line=entry.place)
             return
-        self.elements.setdefault((len(nodes), solid), []).append((owner, nodes))
+        kind = SOLIDS[count] if table is self.solids else SHELLS[corners]
+        table.setdefault(kind, []).append((label, owner, nodes + [0] * (count - len(nodes))))
 
-    def _constraint(self, name: str, fields: list[str]) -> None:
-        held = self.held.setdefault(int(fields[1]), [])
-        if name == "SPC":
+    def _constraint(self, entry: BulkEntry) -> None:
+        fields = entry.fields
+        fixed = self.fixed.setdefault(int(fields[1]), [])
+        if entry.name == "SPC":
             nodes = [int(f) for f in fields[2::3] if f][:2]  # G1 C1 D1 G2 C2 D2
             ranges = [(n, n) for n in nodes]
         elif len(fields) > 4 and fields[4].upper() == "THRU":  # G1 THRU G2
@@ -182,39 +151,134 @@ class _BulkData:
         if any(not 0 < n < 2**62 for ends in ranges for n in ends):
             raise ValueError("not a label")
         # nodes are looked up at the end of the file: entries of bulk data may have any order
-        held += ranges
+        fixed += ranges
+
+    def _other(self, entry: BulkEntry) -> None:
+        """Elements that are not read, and entries that make more of the mesh."""
+        name = entry.name
+        if _OTHER_SOLIDS.fullmatch(name):
+            self.refused.setdefault(name, ("solids of this kind are not read", entry))
+            self.skipped.setdefault(name, []).append(entry)
+        elif name in _MADE:
+            self.refused.setdefault(name, ("it makes more of the mesh and is not read", entry))
+        elif name.startswith("BOLT"):
+            what = "bolts of a deck are not read: mesh them with solids and write [bolt.NAME] with the force"
+            self.refused.setdefault(name, (what, entry))
+        elif _ELEMENT.fullmatch(name) and not _NO_ELEMENT.fullmatch(name):
+            self.skipped.setdefault(name, []).append(entry)
+            if name in ("CONM2", "RBE2", "RBE3"):
+                self.attached.append(entry)
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""
-        labels = np.array(list(self.nodes), dtype=np.int64)
-        content = MeshContent(np.array(list(self.nodes.values()), dtype=float).reshape(-1, 3))
-        content.skipped = self.skipped
-        for (count, solid), elements in self.elements.items():
-            owners = np.array([owner for owner, _ in elements], dtype=np.int64)
-            cells = self._rows(labels, np.array([nodes for _, nodes in elements], dtype=np.int64))
-            if solid:
-                # one table for all elements of a type: its rows are those of ``solids``
-                content.add_solids(SOLIDS[count], upper_edges_last(cells))
-            for owner in dict.fromkeys(owners.tolist()):
-                rows = np.flatnonzero(owners == owner)
-                name = self.names.get(owner, f"{'PSOLID' if solid else 'PSHELL'}_{owner}")
-                if solid:
-                    content.add_volume(name, SOLIDS[count], rows)
-                else:
-                    content.add_facets(name, SHELLS[count], cells[rows])
-        order = np.argsort(labels)
-        for number, ranges in self.held.items():
+        labels = np.array(list(self.grids.entries), dtype=np.int64)
+        content = MeshContent(self.grids.points())
+        for kind, elements in self.solids.items():
+            cells = self._rows(labels, np.array([nodes for _, _, nodes in elements], dtype=np.int64))
+            self.problems.stop()
+            ordered, order = in_vtk_order(content.points, kind, cells, "Nastran")
+            if order != "Nastran":
+                content.said.append(f"the middle nodes of {len(cells)} {kind} cells are in the order of {order}")
+            content.add_solids(kind, ordered)
+        for kind, elements in self.shells.items():
+            cells = self._rows(labels, np.array([nodes for _, _, nodes in elements], dtype=np.int64))
+            for owner, rows in _by_owner(elements):
+                content.add_facets(self._name("PSHELL", owner or elements[rows[0]][0]), kind, cells[rows])
+        self.problems.stop()
+        complete(content)
+        self._add_volumes(content)
+        order_of_labels = np.argsort(labels)
+        for number, ranges in self.fixed.items():
             first, last = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
-            starts = np.searchsorted(labels, first, sorter=order)
+            starts = np.searchsorted(labels, first, sorter=order_of_labels)
             # right: a range includes its last node
-            stops = np.searchsorted(labels, last, side="right", sorter=order)
-            held = [order[a:b] for a, b in zip(starts, stops, strict=True)]
-            content.add_nodes(f"SPC_{number}", np.concatenate([NO_ROWS, *held]))
+            stops = np.searchsorted(labels, last, side="right", sorter=order_of_labels)
+            rows_of_ranges = [order_of_labels[a:b] for a, b in zip(starts, stops, strict=True)]
+            content.add_nodes(f"SPC_{number}", np.concatenate([NO_ROWS, *rows_of_ranges]))
+        self._note_others(content, labels)
         self.problems.stop()
         return content
 
+    def _name(self, word: str, owner: int) -> str:
+        return self.names.get(owner, f"{word}_{owner}")
+
+    def _add_volumes(self, content: MeshContent) -> None:
+        """A group for each property; solids without one are a group for each connected piece."""
+        blank: dict[str, Index] = {}
+        for kind, elements in self.solids.items():
+            for owner, rows in _by_owner(elements):
+                if owner:
+                    content.add_volume(self._name("PSOLID", owner), kind, rows)
+                else:
+                    blank[kind] = rows
+        if not blank:
+            return
+        piece_of = pieces({kind: content.solids[kind][rows] for kind, rows in blank.items()})
+        names: dict[int, int] = {}  # lowest label of each piece
+        for kind, rows in blank.items():
+            for row, piece in zip(rows.tolist(), piece_of[kind].tolist(), strict=True):
+                names[piece] = min(names.get(piece, 2**62), self.solids[kind][row][0])
+        for kind, rows in blank.items():
+            for piece, label in names.items():
+                if (piece_of[kind] == piece).any():
+                    content.add_volume(f"PSOLID_{label}", kind, rows[piece_of[kind] == piece])
+        count = sum(len(rows) for rows in blank.values())
+        content.said.append(
+            f"{count} solids without a property are {len(names)} bodies, one for each connected piece"
+            if len(names) > 1
+            else f"{count} solids without a property are one body, as they are connected"
+        )
+
+    def _note_others(self, content: MeshContent, labels: Index) -> None:
+        for name, entries in self.skipped.items():
+            properties: dict[str, None] = {}
+            nodes: list[int] = []
+            for entry in entries:
+                if name.startswith(("CBAR", "CBEAM", "CROD", "CTUBE", "CBUSH", "CELAS", "CGAP", "CDAMP", "CBEND")):
+                    properties[entry.text(2) or entry.text(1)] = None
+                if not is_known(name):
+                    nodes += _leading_nodes(entry, self.grids.entries)
+            found, there = rows_of(labels, np.array(nodes, dtype=np.int64))
+            count = len(entries)
+            if not is_known(name) and not _OTHER_SOLIDS.fullmatch(name) and there.sum() < 2 * count:
+                continue  # an entry that names no nodes is no element
+            skipped = Skipped(name, count, np.array(nodes, dtype=np.int64)[there], entries[0].place, tuple(properties))
+            if _OTHER_SOLIDS.fullmatch(name):
+                skipped = Skipped(name, count, NO_ROWS, entries[0].place)
+            note(content, skipped, nodes_in_cells(content, found[there]), self.problems)
+        for name, (what, entry) in self.refused.items():
+            count = len(self.skipped.get(name, ())) or 1
+            problem = self.problems.problem(what, f"{count} {name}", None, _IGNORED.format(name), entry.place)
+            content.refused.setdefault(name, problem)
+        for entry in self.attached:
+            item = attached_of(entry, labels, self.grids.placed)
+            content.attached.append(item)
+            if len(item.legs):
+                # the middle of a rigid spider may be a node of the face, too
+                rows = np.append(item.legs, item.node) if item.word == "RBE2" else item.legs
+                content.add_nodes(item.name, rows)
+
     def _rows(self, labels: Index, nodes: Index) -> Index:
+        """Rows of nodes by their labels, -1 for the label 0."""
         rows, there = rows_of(labels, nodes.ravel())
-        if not there.all():
-            self.problems.add("an element names a node that no GRID has", int(nodes.ravel()[there.argmin()]))
-        return rows.reshape(nodes.shape)
+        absent = nodes.ravel() == 0
+        if not (there | absent).all():
+            missing = int(nodes.ravel()[(there | absent).argmin()])
+            self.problems.add("an element names a node that no GRID has", missing)
+        return np.where(absent, -1, rows).reshape(nodes.shape)
+
+
+def _leading_nodes(entry: BulkEntry, grids: Container[int]) -> list[int]:
+    """Labels of nodes with which an entry goes on after its own label and property; none where a field is no node."""
+    nodes = []
+    for text in entry.fields[3:]:
+        if not (text.isascii() and text.isdigit() and len(text) < 19 and int(text) in grids):
+            break
+        nodes.append(int(text))
+    return nodes
+
+
+def _by_owner(elements: list[tuple[int, int, list[int]]]) -> list[tuple[int, Index]]:
+    """Rows of the elements of each property, in the order of the file."""
+    owners = np.array([owner for _, owner, _ in elements], dtype=np.int64)
+    return [(owner, np.flatnonzero(owners == owner)) for owner in dict.fromkeys(owners.tolist())]

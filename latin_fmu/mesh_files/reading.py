@@ -11,6 +11,7 @@ import gzip
 import io
 import re
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,12 +19,15 @@ import numpy as np
 
 from ..errors import MeshError, Problem
 from .abaqus import read_abaqus
-from .content import CORNERS, FLAT, NO_ROWS, Index, MeshContent
+from .abaqus_cards import is_abaqus
+from .content import CORNERS, FLAT, NO_ROWS, Include, Index, MeshContent
 from .exodus import read_exodus
 from .nastran import read_nastran
+from .nastran_entries import is_nastran
 
 _ABAQUS: Final = (".inp",)
 _NASTRAN: Final = (".bdf", ".nas", ".fem")
+_SHARED: Final = (".dat", ".msh")  # Nastran and Tecplot; gmsh, Ansys and cgx
 _EXODUS: Final = (".e", ".exo", ".ex2")
 _CAD: Final = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t", ".sldprt", ".fcstd")
 _ALLOWED: Final = "msh, inp, bdf, nas, fem, vtu, vtk, e, exo, med, xdmf, mesh and others of meshio"
@@ -49,8 +53,8 @@ def read_content(path: Path) -> MeshContent:
     if state.st_size > MAX_BYTES:
         raise MeshError([Problem(path.name, "the file is too large", str(state.st_size), f"at most {MAX_BYTES} bytes")])
     suffix = path.suffix.lower()
-    if suffix in (*_ABAQUS, *_NASTRAN):
-        return _deck(path, [])
+    if (reader := _deck_reader(path)) is not None:
+        return _deck(path, reader, [])
     if suffix in _EXODUS:
         try:
             return read_exodus(path, path.name)
@@ -100,19 +104,32 @@ def included_files(path: Path) -> list[str]:
     Raises MeshError where one of them cannot be read.
     """
     names: list[str] = []
-    if path.suffix.lower() in (*_ABAQUS, *_NASTRAN):
-        _deck(path, names)
+    if (reader := _deck_reader(path)) is not None:
+        _deck(path, reader, names)
     return list(dict.fromkeys(names))
 
 
-def _deck(path: Path, names: list[str]) -> MeshContent:
+def _deck_reader(path: Path) -> Callable[[str, str, Include], MeshContent] | None:
+    """Reader of a deck, by its suffix; of suffixes that several programs use, by the first lines of the file."""
+    suffix = path.suffix.lower()
+    if suffix in _ABAQUS:
+        return read_abaqus
+    if suffix in _NASTRAN:
+        return read_nastran
+    if suffix in _SHARED and path.is_file():
+        with path.open("rb") as file:
+            start = file.read(20_000).decode("utf-8-sig", "replace")
+        return read_abaqus if is_abaqus(start) else read_nastran if is_nastran(start) else None
+    return None
+
+
+def _deck(path: Path, reader: Callable[[str, str, Include], MeshContent], names: list[str]) -> MeshContent:
     """Content of a deck of Abaqus or Nastran; the names of the files that it includes are appended to ``names``."""
 
     def include(name: str) -> str:
         names.append(name)
         return _included(path, name)
 
-    reader = read_abaqus if path.suffix.lower() in _ABAQUS else read_nastran
     return reader(_text(path), path.name, include)
 
 

@@ -214,7 +214,7 @@ def _paint(assembly: _Assembly, skins: dict[str, Skin], strong: Mapping[str, Col
     for boundary in assembly.scene.boundary.values():
         for face in boundary.faces if isinstance(boundary, Periodic) else (boundary.face,):
             body, name = split_face(face)
-            nodes = assembly.bodies[body].facets(name).nodes
+            nodes = assembly.bodies[body].nodes_of(name)
             skins[body] = skins[body].painted(nodes, _rgb(SUPPORTS[boundary.type]))
     for joint in assembly.joints:
         for body, nodes in joint.nodes.items():

@@ -265,19 +265,7 @@ class SubstructureModel:
         ------
         SceneError : more modes than ``MOST_MODES``.
         """
-        if self.modal is None or self.mass is None or not np.isfinite(self.modal[1]):
-            return None
-        (ratio, below), e = self.modal, self.expansion
-        mass, _, stiffness = self.reduced
-        rank = None if self.ordering is None else reduced_rank(e, self.ordering)
-        found = Vibration(stiffness, mass, rank).below((2 * np.pi * below) ** 2, MOST_MODES)
-        if found is None:
-            where, what = f"substructure.{self.name}.modal_damping.below", f"more than {MOST_MODES} modes are below"
-            remedy = 'lower it, or take solver.propagator = "reduced", or damp the material'
-            raise SceneError([Problem(where, what, f"{below:g} Hz", remedy=remedy)], "the scene cannot be built")
-        values, modes = found
-        rows: Array = np.sqrt(2 * ratio * values**-1.5)[:, None] * (self.stiffness @ (e @ modes)).T
-        return rows
+        return _modal_rows(self)
 
     @property
     def n_full(self) -> int:
@@ -402,6 +390,23 @@ class SubstructureModel:
         # what the cached property would compute, from the lumped diagonal
         other.__dict__["reduced"] = (diagonal_matrix(mass), *self.reduced[1:])
         return other
+
+
+def _modal_rows(model: SubstructureModel) -> Array | None:
+    """``SubstructureModel.modal_rows``, determined."""
+    if model.modal is None or model.mass is None or not np.isfinite(model.modal[1]):
+        return None
+    (ratio, below), e = model.modal, model.expansion
+    mass, _, stiffness = model.reduced
+    rank = None if model.ordering is None else reduced_rank(e, model.ordering)
+    found = Vibration(stiffness, mass, rank).below((2 * np.pi * below) ** 2, MOST_MODES)
+    if found is None:
+        where, what = f"substructure.{model.name}.modal_damping.below", f"more than {MOST_MODES} modes are below"
+        remedy = 'lower it, or take solver.propagator = "reduced", or damp the material'
+        raise SceneError([Problem(where, what, f"{below:g} Hz", remedy=remedy)], "the scene cannot be built")
+    values, modes = found
+    rows: Array = np.sqrt(2 * ratio * values**-1.5)[:, None] * (model.stiffness @ (e @ modes)).T
+    return rows
 
 
 def operator_weights(model: SubstructureModel, scheme: TimeScheme, dt: float) -> tuple[float, float, float]:

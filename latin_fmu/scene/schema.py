@@ -86,8 +86,8 @@ BODY_FORCE, GRAVITY, TEMPERATURE = "body_force.", "gravity.acceleration", "tempe
 
 
 def _of_parts(problem: Problem) -> bool:
-    """Whether a problem comes from parts that could not be had: no substructures, or incomplete ones."""
-    return problem.what == "this key is missing" and problem.where.startswith("substructure")
+    """Whether a problem comes from parts that could not be had: no substructures or materials, or incomplete ones."""
+    return problem.what == "this key is missing" and problem.where.startswith(("substructure", "material"))
 
 
 def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Problem]]:

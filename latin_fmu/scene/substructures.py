@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -103,14 +103,25 @@ Refinements = Annotated[
 ]
 
 
+Words = Annotated[tuple[Text, ...], BeforeValidator(_as_list)]
+Ignored = Annotated[
+    Words,
+    about(
+        "element types and keywords that the file holds, that are not read, and that the scene does without: solids of "
+        'another kind, such as "COH3D8", and what changes the mesh'
+    ),
+]
+
+
 class MeshFile(SceneTable):
-    """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6 or 15, pyramids of
-    5, also mixed); its faces are the named surface groups of the file."""
+    """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, 15 or 18,
+    pyramids of 5 or 13, also mixed); its faces are the named surface groups of the file."""
 
     file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     refine: Refinements = 0
+    ignore: Ignored = ()
 
 
 class ModalDampingTable(SceneTable):
@@ -208,6 +219,12 @@ class MeshParts(SceneTable):
         Field(min_length=1),
     ] = (ALL,)
     material: Annotated[Name | None, about("material of the parts whose [substructure.PART] names none")] = None
+    ignore: Ignored = ()
+    take: Annotated[
+        tuple[Literal["CONM2", "RBE2", "RBE3"], ...],
+        BeforeValidator(_as_list),
+        about("entries of a Nastran deck that become point masses and couplings, all of each kind"),
+    ] = ()
 
 
 def part_name(group: str) -> str:

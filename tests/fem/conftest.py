@@ -58,6 +58,7 @@ GMSH_TYPE = {
     "quad9": 10,
     "tetra10": 11,
     "hexahedron27": 12,
+    "wedge18": 13,
     "quad8": 16,
     "hexahedron20": 17,
     "hexahedron64": 92,
@@ -66,6 +67,7 @@ GMSH_TYPE = {
 # Place in the order of VTK of each node in the order of gmsh, where the two differ.
 GMSH_ORDER = {
     "wedge15": [*range(7), 8, 12, 7, 13, 14, 9, 11, 10],
+    "wedge18": [*range(7), 8, 12, 7, 13, 14, 9, 11, 10, 15, 17, 16],
     "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
     "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],
@@ -82,6 +84,8 @@ ABAQUS_TYPE = {
     "triangle6": "STRI65",
     "quad8": "S8R",
     "wedge15": "C3D15",
+    "pyramid13": "C3D13",
+    "hexahedron27": "C3D27",
 }
 
 

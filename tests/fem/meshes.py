@@ -9,15 +9,29 @@ import numpy as np
 
 from latin_fmu.fem.mesh import Array, CellBlock, FacetSet, Mesh, boundary, box_mesh
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.fem.reference_cells import CELL_EDGES, CELL_FACES, HEX_FACES
+from latin_fmu.fem.reference_cells import CELL_EDGES, CELL_FACES, HEX_FACES, WEDGE_FACES
 from latin_fmu.mesh_files.reading import read_content
 
 ORIGIN, SIZE = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.8, 1.5])
 # Six tetrahedra of a hexahedron around the diagonal 0-6; neighbours cut their common face alike.
 KUHN = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
 WEDGES = ((0, 1, 3, 4, 5, 7), (1, 2, 3, 5, 6, 7))
-TYPES = ("hexahedron", "tetra", "tetra10", "hexahedron20", "hexahedron27", "wedge", "wedge15", "pyramid", "mixed")
-QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27", "wedge15")
+TYPES = (
+    "hexahedron",
+    "tetra",
+    "tetra10",
+    "hexahedron20",
+    "hexahedron27",
+    "wedge",
+    "wedge15",
+    "wedge18",
+    "pyramid",
+    "pyramid13",
+    "mixed",
+)
+IN_MSH = tuple(kind for kind in TYPES if kind not in ("wedge18", "pyramid13"))
+"""Types that meshio reads from a .msh file in the order of their nodes."""
+QUADRATIC = ("tetra10", "hexahedron20", "hexahedron27", "wedge15", "wedge18", "pyramid13")
 
 
 def cut(mesh: Mesh, cell_type: str) -> Mesh:
@@ -25,9 +39,9 @@ def cut(mesh: Mesh, cell_type: str) -> Mesh:
     (block,) = mesh.blocks
     if cell_type in ("tetra", "tetra10"):
         converted = Mesh.uniform(mesh.nodes, "tetra", block.cells[:, KUHN].reshape(-1, 4))
-    elif cell_type in ("wedge", "wedge15"):
+    elif cell_type.startswith("wedge"):
         converted = Mesh.uniform(mesh.nodes, "wedge", block.cells[:, WEDGES].reshape(-1, 6))
-    elif cell_type == "pyramid":
+    elif cell_type.startswith("pyramid"):
         apex = mesh.n_node + np.arange(len(block.cells))
         sides = block.cells[:, np.array(HEX_FACES)[:, ::-1]]
         cells = np.concatenate([sides, np.repeat(apex, 6).reshape(-1, 6, 1)], axis=2).reshape(-1, 5)
@@ -50,6 +64,8 @@ def with_middle_nodes(mesh: Mesh, cell_type: str) -> Mesh:
     groups = [np.array(CELL_EDGES[block.cell_type])]
     if cell_type == "hexahedron27":
         groups += [np.array(HEX_FACES), np.arange(8)[None]]
+    if cell_type == "wedge18":
+        groups.append(np.array(WEDGE_FACES[2:]))
     nodes, cells = [mesh.nodes], [block.cells]
     count = mesh.n_node
     for group in groups:
@@ -93,11 +109,19 @@ def typed_box(cell_type: str, elements: tuple[int, int, int] = (3, 3, 3), shift:
     return cut(replace(box, nodes=box.nodes + inside[:, None] * move), cell_type)
 
 
-def reference_cell(cell_type: str) -> Mesh:
-    """One cell of the type, every face a face of the mesh."""
+def places_of(cell_type: str) -> Array:
+    """Nodes of the reference cell, as places in space: of a pyramid not by the coordinates of its hexahedron."""
     from latin_fmu.fem.reference_cells import cell_functions
 
-    nodes = cell_functions(cell_type).nodes
+    nodes = cell_functions(cell_type).nodes.copy()
+    if cell_type == "pyramid13":
+        nodes[5:] = [nodes[list(edge)].mean(axis=0) for edge in CELL_EDGES[cell_type]]
+    return nodes
+
+
+def reference_cell(cell_type: str) -> Mesh:
+    """One cell of the type, every face a face of the mesh."""
+    nodes = places_of(cell_type)
     faces = {str(i): FacetSet.of(np.array([local])) for i, local in enumerate(CELL_FACES[cell_type])}
     return Mesh(nodes, (CellBlock(cell_type, np.arange(len(nodes))[None]),), faces)
 

@@ -13,7 +13,7 @@ from latin_fmu.assembly.build import build, discretise
 from latin_fmu.fem.faces import consistent_dashpots, lumped_dashpots
 from latin_fmu.reader import scene_from_dict
 
-from .meshes import QUADRATIC, TYPES, typed_box
+from .meshes import IN_MSH, QUADRATIC, typed_box
 from .scenes import box_file, steel
 
 SPEED = float(np.sqrt(210e9 / 7800))
@@ -37,7 +37,7 @@ def two_bars(folder: Path, cell_type: str) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("cell_type", TYPES)
+@pytest.mark.parametrize("cell_type", IN_MSH)
 def test_impact_of_two_bars(tmp_path: Path, cell_type: str) -> None:
     solution = api.solve(scene_from_dict(two_bars(tmp_path, cell_type)))
     assert solution.converged
@@ -66,7 +66,7 @@ def pulse(folder: Path, cell_type: str) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("cell_type", TYPES)
+@pytest.mark.parametrize("cell_type", IN_MSH)
 def test_absorbing_end(tmp_path: Path, cell_type: str) -> None:
     """What is left of the energy: 1e-4 with quadratic cells, 2e-3 with linear ones."""
     energy = api.solve(scene_from_dict(pulse(tmp_path, cell_type))).energy
@@ -121,7 +121,7 @@ def test_explicit_march(tmp_path: Path, cell_type: str) -> None:
     assert momentum[2] == pytest.approx(np.trapezoid(push, time), rel=1e-3)
 
 
-@pytest.mark.parametrize("cell_type", TYPES)
+@pytest.mark.parametrize("cell_type", IN_MSH)
 def test_rigid_and_periodic_bodies(tmp_path: Path, cell_type: str) -> None:
     """Mass of a rigid body; a block with periodic sides strained along z stays straight."""
     body = box_file(tmp_path / "cube.msh", cell_type, (SIDE, SIDE, SIDE), (2, 2, 2))

@@ -16,7 +16,9 @@ COUNTS = {
     "hexahedron27": (27, 8),
     "wedge": (6, 6),
     "wedge15": (15, 6),
+    "wedge18": (18, 6),
     "pyramid": (5, 5),
+    "pyramid13": (13, 5),
 }
 
 

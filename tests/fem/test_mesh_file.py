@@ -356,7 +356,7 @@ def test_pyramids_are_not_refined() -> None:
         refined(typed_box("pyramid", (1, 1, 1)))
 
 
-@pytest.mark.parametrize("cell_type", [t for t in CELL_FACES if t != "pyramid"])
+@pytest.mark.parametrize("cell_type", [t for t in CELL_FACES if not t.startswith("pyramid")])
 def test_refined_cells_fill_the_box(cell_type: str) -> None:
     """64 times the cells, 16 times the facets after two refinements, each node once, the right side out."""
     coarse = typed_box(cell_type, (3, 2, 1))

@@ -17,7 +17,7 @@ from latin_fmu.reader import scene_from_dict
 from latin_fmu.results.files import open_results
 from latin_fmu.results.vtk import export_vtu
 
-from .meshes import TYPES
+from .meshes import IN_MSH
 from .scenes import box_file, steel
 from .test_bending import LOAD, B, H, L, beam, box, meshed
 
@@ -38,7 +38,7 @@ def pulled(folder: Path, cell_type: str) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("cell_type", TYPES)
+@pytest.mark.parametrize("cell_type", IN_MSH)
 def test_uniform_tension(tmp_path: Path, cell_type: str) -> None:
     solution = api.solve(scene_from_dict(pulled(tmp_path, cell_type)))
     solution.save(tmp_path / "cube.nc")

@@ -32,7 +32,7 @@ from latin_fmu.stability.scenes import STEEL, Box, column
 
 from ..cosim.scenes import blocks
 from ..fem.conftest import write_msh
-from ..mesh_files.decks import cube, instances_deck, nastran_deck, surfaces_deck
+from ..mesh_files.decks import cube, instances_deck, keywords_deck, nastran_deck, surfaces_deck, systems_deck
 from ..mesh_files.test_formats import exodus
 from . import changes
 from .changes import Rng
@@ -237,11 +237,17 @@ FORMATS: dict[str, Attempt] = {
     "vtk": Files(partial(written_meshes, "vtk"), changes.either, read_mesh),
     "vtu": Files(partial(written_meshes, "vtu"), changes.either, read_mesh),
     "inp": Files(
-        lambda: {"surfaces.inp": surfaces_deck().encode(), "instances.inp": instances_deck().encode()},
+        lambda: {
+            "surfaces.inp": surfaces_deck().encode(),
+            "instances.inp": instances_deck().encode(),
+            "keywords.inp": keywords_deck().encode(),
+        },
         changes.text,
         read_mesh,
     ),
-    "bdf": Files(lambda: {"cube.bdf": nastran_deck().encode()}, changes.text, read_mesh),
+    "bdf": Files(
+        lambda: {"cube.bdf": nastran_deck().encode(), "systems.bdf": systems_deck().encode()}, changes.text, read_mesh
+    ),
     "exodus": Files(exodus_file, changes.binary, read_mesh),
     "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
     "toml": Files(scene_texts, changes.text, read_scene),

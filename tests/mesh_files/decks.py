@@ -93,4 +93,36 @@ def nastran_deck() -> str:
 
 def read_mesh(path: Path, group: str | None = None, scale: float = 1.0) -> Mesh:
     """Mesh of one volume group of a mesh file."""
-    return mesh_of(read_content(path), path.name, group, scale)
+    content = read_content(path)
+    content.refuse()
+    return mesh_of(content, path.name, group, scale)
+
+
+def keywords_deck() -> str:
+    """A slab made of its corners, placed in a cylindrical system, with supports, a tie and a clearance."""
+    return (
+        "*SYSTEM\n1., 2., 3., 1., 2., 4.\n1., 3., 3.\n*NODE, SYSTEM=C\n1, 1., 0., 0.\n5, 5., 0., 0.\n21, 1., 20., 0.\n"
+        "25, 5., 20., 0.\n*SYSTEM\n*NGEN, NSET=front\n1, 5\n*NGEN, NSET=back\n21, 25, 1\n"
+        "*NFILL, NSET=floor\nfront, back, 2, 10\n*NCOPY, CHANGE NUMBER=100, OLD SET=floor, SHIFT, NEW SET=roof\n"
+        "0., 1., 0.\n0., 0., 0., 0., 0., 1., 5.\n*ELEMENT, TYPE=C3D8, ELSET=one\n1, 1, 2, 12, 11, 101, 102, 112, 111\n"
+        "*ELGEN, ELSET=slab\n1, 4, 1, 1, 2, 10, 10\n*ELEMENT, TYPE=B31, ELSET=links\n90, 1, 2\n"
+        "*ELCOPY, ELEMENT SHIFT=500, OLD SET=slab, SHIFT NODES=0, NEW SET=copy\n*NSET, NSET=all, ELSET=slab\n"
+        "*TRANSFORM, NSET=front, TYPE=R\n0., 1., 0., -1., 0., 0.\n*SURFACE, NAME=up\nslab, S2\n*SURFACE, NAME=down\n"
+        "slab, S1\n*TIE, NAME=glue, POSITION TOLERANCE=0.1\nup, down\n*CLEARANCE, SLAVE=up, MASTER=down, VALUE=0.1\n"
+        "*RIGID BODY, ELSET=slab\n*BOUNDARY\nfront, XSYMM\n5, 1, 3\n*STEP\n"
+        "*BOUNDARY, OP=NEW\nback, 1, 2, 0.\n*END STEP\n"
+    )
+
+
+def systems_deck() -> str:
+    """A sector of quadratic cells in systems placed in each other, with a mass, spiders and entries that are not
+    read."""
+    return (
+        "GRDSET,,2\nCORD1R,1,91,92,93\nCORD2C,2,1,1.,2.,3.,1.,2.,9.\n,7.,2.,3.\nGRID,91,0,1.,1.,1.\nGRID,92,0,1.,1.,4.\n"
+        "GRID,93,0,5.,1.,1.\nGRID,1,,2.,0.,0.\nGRID,2,,4.,0.,0.\nGRID,3,,3.,40.,0.\nGRID,4,,3.,15.,2.\nGRID,5,,3.,0.,0.\n"
+        "GRID,6,,3.,20.,0.\nGRID*   7                               2.5             2.+1            *\n"
+        "*       0.              \nGRID,8,0,4.,4.,4.\nCTETRA,1,,1,2,3,4,5,6\n,7\nCPYRA,2,9,1,2,3,4,8\n"
+        "CTRIA6,3,8,1,2,3\n"
+        "CONM2,70,8,,2.0-3,0.,0.,1.\n,8.0-2,,9.0-2,,,7.0-2\nRBE2,80,8,123456,1,2,3\nRBE3,81,,8,123,1.,123,1,2\n,3,UM\n"
+        "CBAR,60,8,1,8,1.,0.,0.\nCWHAT,61,8,1,8\nCVISC,62,8,1,2\nSPC1,3,123,1,THRU,3\nSPC,3,4,1,0.\n"
+    )

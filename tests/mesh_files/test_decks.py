@@ -12,7 +12,8 @@ from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import Mesh
 from latin_fmu.fem.mesh_file import mesh_of
-from latin_fmu.mesh_files.abaqus import SOLID_FACES, element_type
+from latin_fmu.mesh_files.abaqus import SOLID_FACES
+from latin_fmu.mesh_files.abaqus_elements import element_type
 from latin_fmu.mesh_files.reading import read_content
 
 from .decks import LABEL_OF, cube, element_rows, instances_deck, nastran_deck, node_rows, read_mesh, surfaces_deck
@@ -147,7 +148,7 @@ BAD_DECKS = {
     "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=C3D4, ELSET=a\n1, 1, 2, 3, 4\n": ("no *NODE block has", "node 2 of element 1"),
     "*NODE\n1, 0, x, 0\n": ("line 2", "not a node"),
     "*ELEMENT, TYPE=C3D8R\n1, 2, 3\n": ("C3D8R", "3 numbers"),
-    "*ELEMENT, TYPE=C3D27\n1, 2, 3\n": ("not known", "C3D27"),
+    "*ELEMENT, TYPE=C3D7\n1, 2, 3\n": ("not known", "C3D7"),
     "*ELSET, ELSET=a, GENERATE\n1, 5, 0\n": ("range", "1, 5, 0"),
     "*ELSET, ELSET=a\nb\n": ("no set of this name", "b"),
     "*ELSET, ELSET=a\na\n": ("contains itself",),
@@ -219,7 +220,10 @@ def test_nastran_numbers_and_bad_entries(tmp_path: Path) -> None:
     content = read_content(written(tmp_path, grids, "a.bdf"))
     np.testing.assert_allclose(content.points[0], [1.5e-3, 1.0, -20.0])
     refused(
-        lambda: read_content(written(tmp_path, "GRID,1,5,0,0,0\n", "b.bdf")), "coordinate system", "CP = 5", "line 1"
+        lambda: read_content(written(tmp_path, "GRID,1,5,0,0,0\n", "b.bdf")),
+        "no coordinate system of this label",
+        "5",
+        "line 1",
     )
     refused(lambda: read_content(written(tmp_path, grids + "CTETRA,2,1,1,2,3,9\n", "c.bdf")), "no GRID has", "9")
     refused(lambda: read_content(written(tmp_path, "CHEXA,1,1,1,2,3\n", "d.bdf")), "CHEXA", "8 or 20")

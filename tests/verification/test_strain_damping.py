@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -468,7 +469,7 @@ def test_drag_is_refused_unless_it_is_meant() -> None:
 
 def test_drag_on_free_bodies_is_refused() -> None:
     """1 - exp(-a t) of the momentum, by formula."""
-    flight = dragged() | {"boundary": {}, "output": {}}
+    flight = deepcopy(dragged()) | {"boundary": {}, "output": {}}
     flight["substructure"]["block"] = flight["substructure"]["block"] | {"initial_velocity": [5.0, 0.0, 0.0]}
     with pytest.raises(SceneError, match=r"36\.7 % of the momentum in 0\.02 s"):
         latin_fmu.solve(latin_fmu.scene_from_dict(flight))

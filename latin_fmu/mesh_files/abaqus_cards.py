@@ -1,0 +1,216 @@
+"""Cards of Abaqus and CalculiX decks: keywords with their parameters and data lines, also those of other files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from .content import Array, FileLine, FileProblems, Include, Index
+
+_DATA: Final = frozenset(
+    {
+        *("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM", "NGEN", "NFILL", "ELGEN", "NCOPY", "INSTANCE"),
+        *("ELASTIC", "DENSITY", "TIE", "BOUNDARY", "TRANSFORM", "CONTACT PAIR"),
+    }
+)
+"""Keywords whose data lines are read, from another file, too (INPUT=)."""
+
+
+@dataclass
+class Card:
+    """One keyword with its parameters and data lines.
+
+    Attributes
+    ----------
+    keyword : in capitals. parameters : by name in capitals. where, line : file and line of the keyword, from 1.
+    rows : data lines as written. lines, files : line and file of each of them.
+    """
+
+    keyword: str
+    parameters: dict[str, str]
+    where: str
+    line: int
+    rows: list[str] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+
+    def name(self, key: str) -> str:
+        """A parameter, empty where it is not given."""
+        return self.parameters.get(key, "")
+
+    @property
+    def place(self) -> FileLine:
+        """Where the keyword stands."""
+        return FileLine(self.where, self.line)
+
+    def row_place(self, i: int) -> FileLine:
+        """Where data line ``i`` stands."""
+        return FileLine(self.files[i], self.lines[i])
+
+    def add(self, row: str, where: str, line: int) -> None:
+        """Append a data line."""
+        self.rows.append(row)
+        self.files.append(where)
+        self.lines.append(line)
+
+    def tokens(self) -> Iterator[tuple[int, list[str]]]:
+        """Number, from 0, and the fields of each data line without empty ones at its end."""
+        for i, row in enumerate(self.rows):
+            fields = [item.strip() for item in row.split(",")]
+            while fields and not fields[-1]:
+                fields.pop()
+            yield i, fields
+
+
+def cards(text: str, include: Include, problems: FileProblems) -> Iterator[Card]:
+    """The cards of a deck in order; lines of included files stand in the place of their *INCLUDE, in the middle of the
+    data lines of a card, too."""
+    card: Card | None = None
+    for line, number in _lines(text, include, problems, 0):
+        if line.startswith("*"):
+            if card is not None:
+                yield _with_input(card, include, problems)
+            card = _card(line, problems.where, number)
+        elif card is not None:
+            card.add(line, problems.where, number)
+        else:
+            problems.add("text before the first keyword", None, "a line that starts with *", line=number)
+            return
+    if card is not None:
+        yield _with_input(card, include, problems)
+
+
+def is_abaqus(text: str) -> bool:
+    """Whether a text is a deck of Abaqus or CalculiX: its first lines are comments, then a keyword that one has."""
+    lines = [line.strip().upper() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("**")]
+    word = lines[0].lstrip("*").split(",")[0].strip() if lines else ""
+    return bool(lines) and lines[0].startswith("*") and word in (*_DATA, "HEADING", "PART", "INCLUDE", "PREPRINT")
+
+
+def _lines(text: str, include: Include, problems: FileProblems, depth: int) -> Iterator[tuple[str, int]]:
+    """Keyword lines, each whole, and data lines with their numbers, without comments."""
+    keyword, start = "", 0
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = raw.strip()
+        if not line or line.startswith("**"):
+            continue
+        if keyword:  # a keyword line that goes on
+            keyword += line
+        elif line.startswith("*"):
+            keyword, start = line, number
+        else:
+            yield raw, number
+            continue
+        if not keyword.endswith(","):
+            yield from _keyword_line(keyword, start, include, problems, depth)
+            keyword = ""
+    if keyword:
+        yield from _keyword_line(keyword, start, include, problems, depth)
+
+
+def _keyword_line(
+    line: str, number: int, include: Include, problems: FileProblems, depth: int
+) -> Iterator[tuple[str, int]]:
+    """A keyword line; for *INCLUDE, the lines of that file."""
+    card = _card(line, problems.where, number)
+    if card.keyword != "INCLUDE":
+        yield line, number
+        return
+    with problems.included(card.name("INPUT"), include, depth, number) as text:
+        yield from _lines(text, include, problems, depth + 1)
+
+
+def _card(line: str, where: str, number: int) -> Card:
+    """A keyword line taken apart."""
+    first, *rest = line.rstrip(",").split(",")
+    parameters = {}
+    for item in rest:
+        key, _, value = item.partition("=")
+        parameters[key.strip().upper()] = value.strip().strip('"')
+    return Card(" ".join(first.lstrip("*").upper().split()), parameters, where, number)
+
+
+def _with_input(card: Card, include: Include, problems: FileProblems) -> Card:
+    """The card with the data lines of the file that its parameter INPUT names, before its own."""
+    if card.keyword not in _DATA or "INPUT" not in card.parameters:
+        return card
+    whole = Card(card.keyword, card.parameters, card.where, card.line)
+    name = card.name("INPUT")
+    with problems.included(name, include, 0, card.line) as text:
+        for number, raw in enumerate(text.splitlines(), 1):
+            line = raw.strip()
+            if line.startswith("*") and not line.startswith("**"):
+                problems.add("a file of data lines holds a keyword", line, "data lines alone", line=number)
+            elif line and not line.startswith("*"):
+                whole.add(raw, problems.where, number)
+    for row, where, line_number in zip(card.rows, card.files, card.lines, strict=True):
+        whole.add(row, where, line_number)
+    return whole
+
+
+def nodes_of(card: Card, problems: FileProblems) -> tuple[Index, Array]:
+    """Labels (n,) and coordinates (n, 3) of a *NODE card as written; missing coordinates are 0."""
+    labels, coordinates = [], []
+    for i, fields in card.tokens():
+        try:
+            label = int(fields[0])
+            values = [float(f.upper().replace("D", "E")) if f else 0.0 for f in fields[1:4]]
+        except (ValueError, IndexError):
+            problems.add("not a node", card.rows[i].strip(), "label, x, y, z", line=card.row_place(i))
+            continue
+        # sums and differences of labels stay within 64 bits
+        if not 0 < label < 2**62:
+            problems.add("not a node label", label, "a positive whole number", line=card.row_place(i))
+            continue
+        labels.append(label)
+        coordinates.append([*values, 0.0, 0.0, 0.0][:3])  # planar parts, too
+    return np.array(labels, dtype=np.int64), np.array(coordinates, dtype=float).reshape(-1, 3)
+
+
+def elements_of(card: Card, count: int, corners: int, problems: FileProblems) -> tuple[Index, Index]:
+    """Labels (n,) and node labels (n, count) of an *ELEMENT card.
+
+    An element begins on a line of its own and may take several. A middle node may be 0: it is not there. ``corners`` :
+    number of nodes that have to be there.
+    """
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
+    values: list[list[int]] = []
+    element: list[int] = []
+    for i, fields in card.tokens():
+        try:
+            numbers = [int(f) if f else 0 for f in fields]
+        except ValueError:
+            numbers = [-1]
+        if any(not 0 <= v < 2**62 for v in numbers):
+            allowed = "label and nodes, positive whole numbers"
+            problems.add("not an element", ", ".join(fields), allowed, line=card.row_place(i))
+            return none
+        element += numbers
+        if len(element) > count + 1:
+            break
+        if len(element) == count + 1:
+            values.append(element)
+            element = []
+    if element:
+        _add_wrong_count(card, count, len(element), problems)
+        return none
+    table = np.array(values, dtype=np.int64).reshape(-1, count + 1)
+    missing = (table[:, : corners + 1] == 0).any(axis=1)
+    if missing.any():
+        allowed = "label and corners, positive whole numbers"
+        problems.add("not an element", ", ".join(map(str, values[int(missing.argmax())])), allowed, line=card.place)
+        return none
+    return table[:, 0], table[:, 1:]
+
+
+def _add_wrong_count(card: Card, count: int, found: int, problems: FileProblems) -> None:
+    """A block of elements with lines that do not fit its type."""
+    problems.add(
+        f"elements of type {card.name('TYPE')} take a label and {count} nodes each, every element on lines of its own",
+        f"{found} numbers",
+        f"{count + 1} numbers",
+        line=card.place,
+    )
