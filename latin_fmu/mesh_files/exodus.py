@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..errors import MeshError
 from .content import CORNERS, FLAT, NO_ROWS, FileProblems, Index, MeshContent, upper_edges_last
 
 _SOLIDS: Final = {
@@ -40,16 +41,25 @@ _SIDES: Final = {
 }
 
 
-def read_exodus(path: Path, where: str) -> MeshContent:
+def read_exodus(path: Path) -> MeshContent:
     """The mesh of a file; element blocks and sets without a name are ``block_1``, ``sideset_1``, ``nodeset_1``.
 
     Raises
     ------
-    MeshError : cell types that are not known. OSError, KeyError, ... : what netCDF4 makes of a file that is none.
+    MeshError : cell types that are not known, a file that is none.
     """
+    try:
+        return _read(path)
+    except MeshError:
+        raise
+    except Exception as error:  # netCDF4 raises many kinds on damaged files
+        raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {error}") from None
+
+
+def _read(path: Path) -> MeshContent:
     import netCDF4
 
-    problems = FileProblems(where)
+    problems = FileProblems(path.name)
     with netCDF4.Dataset(path) as data:
         # a number equal to the fill value is data
         data.set_auto_mask(False)
