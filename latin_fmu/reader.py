@@ -243,7 +243,11 @@ def _parts(
         if table.parts != (ALL,):
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
-            problems.append(Problem(f"mesh.{name}.file", "the file holds no solid cells", table.file))
+            what, holds = "the file holds no solid cells", content.without_solids()
+            value = f"{table.file}: {holds}" if holds else table.file
+            problems.append(
+                Problem(f"mesh.{name}.file", what, value, remedy="mesh the volume, or extrude a plane mesh")
+            )
             return {}, None
         elif not (groups := list(content.part_names(table.file))):
             return {part_name(name): None}, content

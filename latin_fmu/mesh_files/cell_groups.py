@@ -49,11 +49,9 @@ _PARTS: Final = (
 )
 """Names of data that say to which part a cell belongs, without capitals and signs, the surest first."""
 
-_NUMBERS: Final = frozenset(
-    "elementid elementids elementnumber element eid cellid cellids cellnumber globalid globalids globalelementid "
-    "globalelementids globalcellid globalcellids pedigreeids pedigreeelementid pedigreecellids originalcellids "
-    "vtkoriginalcellids id ids label labels number index rank processor processorid processid partition procid "
-    "vtkghosttype ghosttype ghost vtkghostlevels level color colour celltype type elementtype".split()
+_NUMBERS: Final = re.compile(
+    "(vtk)?(original|global|pedigree)*(element|cell|e|proc|process|processor)?(id|ids|number|label|labels|index)"
+    "|element|rank|process|processor|partition|(vtk)?ghost.*|level|colou?r|(cell|element)?type"
 )
 """Names of data that number cells, processes or kinds."""
 
@@ -113,4 +111,4 @@ def _may_name(key: str, tables: list[Index]) -> bool:
     """Whether data of an unknown name may name parts: they are no numbers of the cells."""
     values = np.concatenate(tables)
     count = len(np.unique(values))
-    return _plain(key) not in _NUMBERS and count <= _MOST_VALUES and (count < len(values) or len(values) == 1)
+    return not _NUMBERS.fullmatch(_plain(key)) and count <= _MOST_VALUES and (count < len(values) or len(values) == 1)

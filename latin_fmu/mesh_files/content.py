@@ -196,6 +196,7 @@ class MeshContent:
     node_sets : name -> rows of ``points``.
     parts : the volume groups that are the parts of the model where the format defines them, else None.
     skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
+    unit : of length, as the file names it; empty where it does not. notes : what else of the file the user should know.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
         sections of its volume groups, in capitals.
     """
@@ -207,6 +208,8 @@ class MeshContent:
     node_sets: dict[str, Index] = field(default_factory=dict)
     parts: tuple[str, ...] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
+    unit: str = ""
+    notes: list[str] = field(default_factory=list)
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
 
@@ -229,6 +232,14 @@ class MeshContent:
     def add_nodes(self, name: str, rows: Index) -> None:
         """Add rows of ``points`` to a node set."""
         self.node_sets[name] = np.union1d(self.node_sets.get(name, NO_ROWS), rows)
+
+    def without_solids(self) -> str:
+        """What a file without solid cells holds, for a message."""
+        plane = len(self.points) > 0 and bool((np.ptp(self.points, axis=0) == 0.0).any())
+        faces = sum(len(table) for tables in self.facets.values() for table in tables)
+        words = [f"{faces} surface cells in named groups"] if faces else []
+        words += [f"{count} {kind}" for kind, count in self.skipped.items()]
+        return "; ".join([*(["a plane mesh"] if plane else []), *words])
 
     def touching(self, group: str, name: str) -> bool:
         """Whether a surface group or node set has whole facets on the cells of a volume group."""

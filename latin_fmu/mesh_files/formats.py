@@ -16,9 +16,12 @@ from .content import Include, MeshContent
 from .exodus import read_exodus
 from .gmsh import is_gmsh, read_gmsh
 from .library import read_with_library
+from .med import read_med
 from .nastran import read_nastran
+from .vtk_files import read_vtk
 
 _BEGINNING: Final = 4096  # bytes
+_LIBRARY: Final = "meshlane or meshio"
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Format:
     ----------
     name : what people call it. suffixes : in small letters, with the dot.
     read : content of a file. deck : content of a text that may include other files, in place of ``read``.
+    library : what ``read`` takes the file apart with, in a process with limits; empty: it is read here.
     knows : whether the beginning of a file is of this format; None: it is not looked at.
     """
 
@@ -36,6 +40,7 @@ class Format:
     suffixes: tuple[str, ...]
     read: Callable[[Path], MeshContent] | None = None
     deck: Callable[[str, str, Include], MeshContent] | None = None
+    library: str = ""
     knows: Callable[[bytes], bool] | None = None
 
 
@@ -49,24 +54,26 @@ FORMATS: Final = (
     Format("Abaqus, CalculiX", (".inp", ".msh"), deck=read_abaqus, knows=_is_keyword_deck),
     Format("Abaqus, CalculiX", (".inp",), deck=read_abaqus),
     Format("Nastran", (".bdf", ".nas", ".fem", ".dat"), deck=read_nastran),
-    Format("Exodus", (".e", ".exo", ".ex2", ".g", ".gen"), read_exodus),
-    Format("VTK", (".vtu", ".vtk"), read_with_library),
-    Format("MED (Salome)", (".med",), read_with_library),
-    Format("XDMF", (".xdmf", ".xmf"), read_with_library),
-    Format("CGNS", (".cgns",), read_with_library),
-    Format("medit", (".mesh", ".meshb"), read_with_library),
-    Format("SU2", (".su2",), read_with_library),
-    Format("Netgen", (".vol", ".vol.gz"), read_with_library),
-    Format("MOAB", (".h5m",), read_with_library),
-    Format("Kratos", (".mdpa",), read_with_library),
-    Format("FLAC3D", (".f3grid",), read_with_library),
-    Format("UGRID", (".ugrid",), read_with_library),
-    Format("AVS-UCD", (".avs",), read_with_library),
-    Format("DOLFIN", (".xml",), read_with_library),
-    Format("HMF", (".hmf",), read_with_library),
-    Format("PERMAS", (".post", ".post.gz", ".dato", ".dato.gz"), read_with_library),
-    Format("TetGen", (".ele", ".node"), read_with_library),
-    Format("Tecplot", (".tec",), read_with_library),
+    Format("Exodus", (".e", ".exo", ".ex2", ".g", ".gen"), read_exodus, library="netCDF4"),
+    Format(
+        "VTK", (".vtu", ".vtk", ".vtkhdf", ".vts", ".vtr", ".vti"), read_vtk, library="vtk, else meshlane or meshio"
+    ),
+    Format("MED (Salome)", (".med",), read_med, library="h5py"),
+    Format("XDMF", (".xdmf", ".xmf"), read_with_library, library=_LIBRARY),
+    Format("CGNS", (".cgns",), read_with_library, library=_LIBRARY),
+    Format("medit", (".mesh", ".meshb"), read_with_library, library=_LIBRARY),
+    Format("SU2", (".su2",), read_with_library, library=_LIBRARY),
+    Format("Netgen", (".vol", ".vol.gz"), read_with_library, library=_LIBRARY),
+    Format("MOAB", (".h5m",), read_with_library, library=_LIBRARY),
+    Format("Kratos", (".mdpa",), read_with_library, library=_LIBRARY),
+    Format("FLAC3D", (".f3grid",), read_with_library, library=_LIBRARY),
+    Format("UGRID", (".ugrid",), read_with_library, library=_LIBRARY),
+    Format("AVS-UCD", (".avs",), read_with_library, library=_LIBRARY),
+    Format("DOLFIN", (".xml",), read_with_library, library=_LIBRARY),
+    Format("HMF", (".hmf",), read_with_library, library=_LIBRARY),
+    Format("PERMAS", (".post", ".post.gz", ".dato", ".dato.gz"), read_with_library, library=_LIBRARY),
+    Format("TetGen", (".ele", ".node"), read_with_library, library=_LIBRARY),
+    Format("Tecplot", (".tec",), read_with_library, library=_LIBRARY),
 )
 """Every format that is read."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import MeshError, Problem
+from .child import read_in_child
 from .content import MeshContent
 from .formats import CAD, SURFACES, Format, format_of, known_suffixes, suffix_of
 
@@ -36,7 +37,7 @@ def read_content(path: Path) -> MeshContent:
     assert row.read is not None
     if path.suffix.lower() == ".gz":
         _check_unpacked(path, size)
-    content = row.read(path)
+    content = read_in_child(row.read, path, f"{row.name}, {row.library}") if row.library else row.read(path)
     _check_rows(path, content)
     return content
 
