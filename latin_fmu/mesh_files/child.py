@@ -1,8 +1,8 @@
 """Readers of other people's libraries in a process of their own, with limits of processor time and memory.
 
 On a damaged file such a library may not return, take all memory or end its process. The limits: 10 s of processor time
-and 2 s for each MB of the file; 3 GB of memory and 200 bytes for each byte of the file, at most what is free. The option
-``--no-limit`` of the command line, or ``LATIN_FMU_MESH_LIMIT=0``, reads in this process and without limits. So does a
+and 2 s for each MB of the file; 3 GB of memory and 200 bytes for each byte of the file, at most what is free. The
+option ``--no-limit`` of the command line, or ``LATIN_FMU_MESH_LIMIT=0``, reads in this process and without limits. So does a
 program in which no Python can be started: another one that has Python inside, such as a host of FMUs.
 """
 
@@ -141,6 +141,7 @@ def serve() -> None:
     os.dup2(2, 1)
     sys.path[:], module, name, path, seconds, memory = pickle.load(sys.stdin.buffer)
     _limit(seconds, memory)
+    reply: tuple[MeshContent | None, object, str]
     try:
         reply = (getattr(importlib.import_module(module), name)(path), None, "")
     except MeshError as error:

@@ -12,13 +12,19 @@ from pathlib import Path
 from typing import Final
 
 from .abaqus import read_abaqus
+from .ansys import is_archive, read_ansys
+from .cgns import read_cgns
 from .content import Include, MeshContent
 from .exodus import read_exodus
 from .gmsh import is_gmsh, read_gmsh
 from .library import read_with_library
+from .lsdyna import read_lsdyna
 from .med import read_med
 from .nastran import read_nastran
+from .plain_text import read_medit, read_netgen, read_su2
+from .unv import read_unv
 from .vtk_files import read_vtk
+from .xdmf import read_xdmf
 
 _BEGINNING: Final = 4096  # bytes
 _LIBRARY: Final = "meshlane or meshio"
@@ -53,17 +59,22 @@ FORMATS: Final = (
     Format("gmsh", (".msh",), read_gmsh, knows=is_gmsh),
     Format("Abaqus, CalculiX", (".inp", ".msh"), deck=read_abaqus, knows=_is_keyword_deck),
     Format("Abaqus, CalculiX", (".inp",), deck=read_abaqus),
+    Format("Ansys", (".cdb", ".dat", ".inp"), read_ansys, library="mapdl-archive", knows=is_archive),
+    Format("Ansys", (".cdb",), read_ansys, library="mapdl-archive"),
+    Format("LS-DYNA", (".k", ".key", ".dyn"), deck=read_lsdyna),
     Format("Nastran", (".bdf", ".nas", ".fem", ".dat"), deck=read_nastran),
     Format("Exodus", (".e", ".exo", ".ex2", ".g", ".gen"), read_exodus, library="netCDF4"),
     Format(
         "VTK", (".vtu", ".vtk", ".vtkhdf", ".vts", ".vtr", ".vti"), read_vtk, library="vtk, else meshlane or meshio"
     ),
     Format("MED (Salome)", (".med",), read_med, library="h5py"),
-    Format("XDMF", (".xdmf", ".xmf"), read_with_library, library=_LIBRARY),
-    Format("CGNS", (".cgns",), read_with_library, library=_LIBRARY),
-    Format("medit", (".mesh", ".meshb"), read_with_library, library=_LIBRARY),
-    Format("SU2", (".su2",), read_with_library, library=_LIBRARY),
-    Format("Netgen", (".vol", ".vol.gz"), read_with_library, library=_LIBRARY),
+    Format("XDMF", (".xdmf", ".xmf"), read_xdmf, library="h5py"),
+    Format("CGNS", (".cgns",), read_cgns, library="h5py"),
+    Format("medit", (".mesh",), read_medit),
+    Format("medit, binary", (".meshb",), read_with_library, library=_LIBRARY),
+    Format("SU2", (".su2",), read_su2),
+    Format("Netgen", (".vol", ".vol.gz"), read_netgen),
+    Format("universal file", (".unv",), read_unv),
     Format("MOAB", (".h5m",), read_with_library, library=_LIBRARY),
     Format("Kratos", (".mdpa",), read_with_library, library=_LIBRARY),
     Format("FLAC3D", (".f3grid",), read_with_library, library=_LIBRARY),

@@ -1,7 +1,7 @@
 """VTK files (.vtu, .vtk, .vtkhdf and the structured ones), read with the modules of VTK for files; nothing is drawn.
 
-Where ``vtk`` is not installed the library of mesh formats reads .vtu and .vtk, which knows fewer of their kinds. Data of
-the cells name the parts (``cell_groups``).
+Where ``vtk`` is not installed the library of mesh formats reads .vtu and .vtk, which knows fewer of their kinds. Data
+of the cells name the parts (``cell_groups``).
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 from ..errors import MeshError, Problem
 from .cell_groups import groups_of_data
 from .content import CORNERS, FLAT, Index, MeshContent
-
 from .library import read_with_library
 
 _READERS: Final = {
@@ -138,7 +137,7 @@ def _content(path: Path, grid: Any) -> MeshContent:
     nodes = np.asarray(to_numpy(cells.GetConnectivityArray()), dtype=np.int64)
     numbers = np.array([grid.GetCellType(i) for i in range(grid.GetNumberOfCells())], dtype=np.int64)
     arrays = _cell_data(grid.GetCellData(), to_numpy)
-    if len(offsets) != len(numbers) + 1 or len(offsets) and offsets[-1] > len(nodes):
+    if len(offsets) != len(numbers) + 1 or (len(offsets) and offsets[-1] > len(nodes)):
         raise MeshError.of("unreadable mesh", path.name, "cells and their nodes do not fit each other")
     keep = np.ones(len(numbers), dtype=bool)
     if _GHOST in arrays:

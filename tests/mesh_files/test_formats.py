@@ -13,6 +13,7 @@ import pytest
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh_file import mesh_of
+from latin_fmu.mesh_files.child import NO_LIMIT
 from latin_fmu.mesh_files.content import FileProblems
 from latin_fmu.mesh_files.exodus import _SIDES, _facets
 from latin_fmu.mesh_files.reading import read_content
@@ -127,6 +128,7 @@ def test_integer_cell_data_names_parts(tmp_path: Path, suffix: str) -> None:
 
 def test_a_missing_library_is_asked_for_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
+    monkeypatch.setenv(NO_LIMIT, "0")
     path = tmp_path / "part.med"
     path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(MeshError, match="pip install h5py") as caught:
