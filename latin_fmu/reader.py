@@ -220,7 +220,25 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
     whole["substructure"] = {**parts, **rest}
     for content, groups_of_file, table in said:
         whole = with_deck(whole, content, groups_of_file, table.scale)
-    return whole, []
+    return _with_body_names(whole, set(whole["substructure"])), []
+
+
+_FACES = ("face", "faces", "sides")  # keys with names of faces
+
+
+def _with_body_names(value: Any, bodies: set[str], key: str = "") -> Any:
+    """A scene in which faces of bodies are written by the names of the substructures, also where the file has dots in
+    the name of the body: ``my.part.top.1`` is the face top.1 of my_part."""
+    if isinstance(value, Mapping):
+        return {k: _with_body_names(inner, bodies, k) for k, inner in value.items()}
+    if isinstance(value, list | tuple) and key in _FACES:
+        return [_with_body_names(inner, bodies, key) for inner in value]
+    if isinstance(value, str) and key in _FACES and split_face(value)[0] not in bodies:
+        words = value.split(".")
+        for count in range(2, len(words)):
+            if (body := part_name(".".join(words[:count]))) in bodies:
+                return f"{body}.{'.'.join(words[count:])}"
+    return value
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:

@@ -2,8 +2,8 @@
 
 On a damaged file such a library may not return, take all memory or end its process. The limits: 10 s of processor time
 and 2 s for each MB of the file; 3 GB of memory and 200 bytes for each byte of the file, at most what is free. The
-option ``--no-limit`` of the command line, or ``LATIN_FMU_MESH_LIMIT=0``, reads in this process and without limits. So does a
-program in which no Python can be started: another one that has Python inside, such as a host of FMUs.
+option ``--no-limit`` of the command line, or ``LATIN_FMU_MESH_LIMIT=0``, reads in this process and without limits. So
+does a program in which no Python can be started: another one that has Python inside, such as a host of FMUs.
 """
 
 from __future__ import annotations

@@ -196,7 +196,7 @@ class MeshContent:
     node_sets : name -> rows of ``points``.
     parts : the volume groups that are the parts of the model where the format defines them, else None.
     skipped : cells that are neither solids nor surfaces (beams, springs, ...), number by type.
-    unit : of length, as the file names it; empty where it does not. notes : what else of the file the user should know.
+    unit : of length, as the file names it; empty where it does not. said : sentences on how the file was read.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
         sections of its volume groups, in capitals.
     """
@@ -209,7 +209,7 @@ class MeshContent:
     parts: tuple[str, ...] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
     unit: str = ""
-    notes: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
     deck: DeckModel | None = None
     sections: dict[str, list[str]] = field(default_factory=dict)
 
