@@ -122,8 +122,9 @@ def discretise(
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     remarks: list[Remark] = []
+    files: list[str] = []
     store_of(scene).recount()
-    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
+    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks, files)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
     if problems:
@@ -177,7 +178,7 @@ def discretise(
         raise SceneError(problems, "the scene cannot be built")
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
     remarks += [] if known.compared else _remarks(problem, bodies, units)
-    return replace(problem, remarks=tuple(remarks), sensors=sensors)
+    return replace(problem, remarks=tuple(remarks), sensors=sensors, files=tuple(files))
 
 
 def _problem(

@@ -63,5 +63,3 @@ def test_another_name_is_answered_with_one_that_works(tmp_path: Path) -> None:
     path = scene(tmp_path, "block", "Top.1", "block.Top_1")
     with pytest.raises(SceneError, match=r"did you mean block\.Top\.1"):
         api.checked(load_scene(path))
-
-
