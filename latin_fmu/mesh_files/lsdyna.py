@@ -216,6 +216,9 @@ class _KeywordMesh:
         for name, nodes in self.node_sets.items():
             rows, there = rows_of(labels, np.array(nodes, dtype=np.int64))
             content.add_nodes(name, rows[there])
+        if self.by_gmsh and _lost(content):
+            what = "shells whose nodes belong to no solid: gmsh 4.15 leaves pyramids out of this format"
+            self.problems.add(what, remedy="save it from gmsh as .msh")
         self.problems.stop()
         content.parts = tuple(dict.fromkeys(self._name(part) for part in self.solids))
         return content
@@ -232,6 +235,13 @@ class _KeywordMesh:
             self.problems.add("an element names a node that is not there", int(nodes.ravel()[there.argmin()]))
             return NO_ROWS.reshape(0, nodes.shape[1])
         return rows.reshape(nodes.shape)
+
+
+def _lost(content: MeshContent) -> bool:
+    """Whether shells have nodes that no solid has."""
+    some = [rows.ravel() for tables in content.facets.values() for rows in tables]
+    solid = [cells.ravel() for cells in content.solids.values()]
+    return bool(some) and not np.isin(np.concatenate(some), np.concatenate([NO_ROWS, *solid])).all()
 
 
 def _label(text: str) -> int:

@@ -118,31 +118,36 @@ def read_netgen(path: Path) -> MeshContent:
 
 
 def _medit(text: str) -> MeshContent:
-    tables: dict[str, list[str]] = {}
-    word = ""
+    sections: list[tuple[str, list[str]]] = []
     for token in re.sub("#.*", "", text).split():
         if token[0].isalpha() and token.lower() not in ("nan", "inf", "infinity"):
-            word = token
-            tables.setdefault(word, [])
-        elif word:
-            tables[word].append(token)
+            sections.append((token, []))
+        elif sections:
+            sections[-1][1].append(token)
+    tables = dict(sections)
     if "Vertices" not in tables:
         raise _UnreadableError("not a whole .mesh file: it has no Vertices", remedy="save it again")
     for name in _MEDIT_REFUSED:
         if tables.get(name):
-            raise _UnreadableError(
-                "cells of second order that are not read", name, "TetrahedraP2", "save it as .msh or .vtu"
-            )
+            what, remedy = "cells of second order that are not read", "save it as .msh or .vtu"
+            raise _UnreadableError(what, name, "TetrahedraP2", remedy)
     dimension = int(tables["Dimension"][0])
     points = _table(tables["Vertices"], dimension + 1, float)[:, :dimension]
     content = MeshContent(np.ascontiguousarray(np.hstack([points, np.zeros((len(points), 3 - dimension))])))
-    for name, (kind, width) in _MEDIT.items():
-        if name not in tables:
+    of_surfaces, of_solids = np.zeros((2, len(points)), dtype=bool)
+    for name, numbers in sections:  # a type may have several sections
+        if name not in _MEDIT:
             continue
-        rows = _table(tables[name], width + 1, int).astype(np.int64)
-        cells, numbers = rows[:, :width] - 1, rows[:, width]
+        kind, width = _MEDIT[name]
+        rows = _table(numbers, width + 1, int).astype(np.int64)
+        cells = rows[:, :width] - 1
         _check(cells, len(points))
-        _grouped(content, kind, cells, numbers, lambda number: f"ref_{number}" if number else "")
+        (of_solids if kind in CORNERS else of_surfaces)[cells] = True
+        _grouped(content, kind, cells, rows[:, width], lambda number: f"ref_{number}" if number else "")
+    if content.solids and (alone := int((of_surfaces & ~of_solids).sum())):
+        what = f"{alone} vertices of surface cells belong to no solid cell: the file has lost cells"
+        remedy = "gmsh writes neither wedges nor pyramids to .mesh: save it as .msh"
+        raise _UnreadableError(what, None, "surfaces of the solid cells", remedy)
     return content
 
 
