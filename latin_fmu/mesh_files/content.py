@@ -275,7 +275,9 @@ class MeshContent:
         late_first = dict.fromkeys(reversed(members))
         for name in sorted(late_first, key=lambda n: len(members[n])):
             inside = np.isin(members[name], taken)
-            if inside.all():
+            # a set of whole groups only unites them; one that cuts across is another choice of parts
+            united = [other for other in fine if np.isin(members[other], members[name]).all()]
+            if inside.all() and sum(len(members[other]) for other in united) == len(members[name]):
                 continue
             if inside.any():
                 what = "the volume groups overlap, so they cannot all be parts"

@@ -75,7 +75,7 @@ class _UnreadableError(ValueError):
         self.what, self.value, self.allowed, self.remedy = what, value, allowed, remedy
 
 
-def _guarded(read: Callable[[str], MeshContent], path: Path, name: str) -> MeshContent:
+def _guarded(read: Callable[[str], MeshContent], path: Path) -> MeshContent:
     """Content of a text file. Raises MeshError where it is damaged."""
     try:
         data = gzip.decompress(path.read_bytes()) if path.suffix.lower() == ".gz" else path.read_bytes()
@@ -83,7 +83,7 @@ def _guarded(read: Callable[[str], MeshContent], path: Path, name: str) -> MeshC
     except _UnreadableError as error:
         raise MeshError.of("unreadable mesh", path.name, error.what, error.value, error.allowed, error.remedy) from None
     except (ValueError, IndexError, OverflowError, KeyError, OSError) as error:
-        what = f"not a whole {name} file: {' '.join(str(error).split())[:200]}"
+        what = f"not a whole file of the format {path.suffix}: {' '.join(str(error).split())[:200]}"
         raise MeshError.of("unreadable mesh", path.name, what, remedy="save it again") from None
 
 
@@ -94,7 +94,7 @@ def read_medit(path: Path) -> MeshContent:
     ------
     MeshError : what is wrong with it.
     """
-    return _guarded(_medit, path, ".mesh")
+    return _guarded(_medit, path)
 
 
 def read_su2(path: Path) -> MeshContent:
@@ -104,7 +104,7 @@ def read_su2(path: Path) -> MeshContent:
     ------
     MeshError : what is wrong with it.
     """
-    return _guarded(_su2, path, ".su2")
+    return _guarded(_su2, path)
 
 
 def read_netgen(path: Path) -> MeshContent:
@@ -114,7 +114,7 @@ def read_netgen(path: Path) -> MeshContent:
     ------
     MeshError : what is wrong with it.
     """
-    return _guarded(_netgen, path, ".vol")
+    return _guarded(_netgen, path)
 
 
 def _medit(text: str) -> MeshContent:
@@ -126,7 +126,7 @@ def _medit(text: str) -> MeshContent:
             sections[-1][1].append(token)
     tables = dict(sections)
     if "Vertices" not in tables:
-        raise _UnreadableError("not a whole .mesh file: it has no Vertices", remedy="save it again")
+        raise _UnreadableError("not a whole file of the format .mesh: it has no Vertices", remedy="save it again")
     for name in _MEDIT_REFUSED:
         if tables.get(name):
             what, remedy = "cells of second order that are not read", "save it as .msh or .vtu"
@@ -157,7 +157,7 @@ def _table(tokens: Sequence[str], width: int, kind: Callable[[str], float]) -> A
     if count < 0 or len(tokens) - 1 != count * width:
         what = f"{len(tokens) - 1} numbers where {count} rows of {width} are announced"
         remedy = "gmsh writes hexahedra of second order as Hexahedra: save them as .msh"
-        raise _UnreadableError(f"not a whole .mesh file: {what}", remedy=remedy)
+        raise _UnreadableError(f"not a whole file of the format .mesh: {what}", remedy=remedy)
     return np.array(list(map(kind, tokens[1 : 1 + count * width]))).reshape(count, width)
 
 
@@ -238,7 +238,7 @@ def _netgen(text: str) -> MeshContent:
         elif fields and word:
             tables.setdefault(word, []).append(fields)
     if "points" not in tables:
-        raise _UnreadableError("not a whole .vol file: it has no points", remedy="save it again")
+        raise _UnreadableError("not a whole file of the format .vol: it has no points", remedy="save it again")
     points = np.array([list(map(float, row[:3])) for row in _rows(tables["points"])], dtype=float).reshape(-1, 3)
     content = MeshContent(points)
     materials = {int(row[0]): " ".join(row[1:]) for row in _rows(tables.get("materials", []))}

@@ -99,7 +99,8 @@ class _Universal:
         self.problems = FileProblems(where)
         self.labels: list[int] = []
         self.points: list[list[float]] = []
-        self.systems: set[int] = set()
+        self.systems: set[int] = set()  # of nodes, and those that are not the global one
+        self.turned: set[int] = set()
         # type -> label, property and nodes of each element
         self.elements: dict[str, list[tuple[int, int, list[int]]]] = {}
         self.groups: list[tuple[str, list[tuple[int, int]]]] = []
@@ -121,7 +122,7 @@ class _Universal:
         elif number in _GROUPS:
             self._groups(lines)
         elif number == "164":
-            self.unit = _UNITS.get(int(lines[0].split()[0]), "")
+            self.unit = _UNITS.get(int(lines[0][:10]), "")
         elif number == "2420":
             self._systems(lines)
 
@@ -170,17 +171,20 @@ class _Universal:
             self.groups.append((name, members))
 
     def _systems(self, lines: list[str]) -> None:
-        """Refuse coordinate systems other than the global one: which of them a writer means differs."""
+        """Note coordinate systems other than the global one."""
         for at in range(2, len(lines) - 5, 7):
             label, kind = (int(word) for word in lines[at].split()[:2])
             rows = [[float(word) for word in line.upper().replace("D", "E").split()] for line in lines[at + 2 : at + 6]]
             same = kind == 0 and np.array_equal(np.array(rows), np.vstack([np.eye(3), np.zeros((1, 3))]))
-            if not same and label in self.systems:
-                what = "nodes in a coordinate system of their own are not read"
-                self.problems.add(what, f"system {label}", "global", "export the nodes in the global system")
+            if not same:
+                self.turned.add(label)
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""
+        for label in sorted(self.systems & self.turned):
+            # writers differ in whether the numbers of a node are in its system
+            what = "nodes in a coordinate system of their own are not read"
+            self.problems.add(what, f"system {label}", "global", "export the nodes in the global system")
         labels, last = np.unique(np.array(self.labels[::-1], dtype=np.int64), return_index=True)
         if len(labels) < len(self.labels):
             self.problems.add("two nodes with one label", f"{len(self.labels) - len(labels)} times")

@@ -69,7 +69,7 @@ REFUSED = {
     # gmsh 4.15.2 writes the cells with their corners and further numbers, or leaves them out
     **{("gmsh medit", kind): "save" for kind in ("hexahedron20", "hexahedron27")},
     **{("gmsh medit", kind): "no volume cells" for kind in ("wedge", "pyramid")},
-    ("gmsh medit", "wedge15"): "not a whole .mesh file",
+    ("gmsh medit", "wedge15"): "not a whole file of the format .mesh",
     ("gmsh medit", "mixed"): "vertices of surface cells belong to no solid cell",
     ("gmsh key", "pyramid"): "leaves pyramids out",
     # meshio 5.3.5 writes the middle nodes in the order of VTK, where Exodus has another

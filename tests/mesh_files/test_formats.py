@@ -142,9 +142,9 @@ def test_the_reason_of_the_reader_reaches_the_user(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r"9\.9") as caught:
         read_content(path)
     assert "Couldn't read file" not in str(caught.value)
-    (tmp_path / "part.unv").write_text("x")
+    (tmp_path / "part.zzz").write_text("x")
     with pytest.raises(MeshError, match="no reader for files of this kind"):
-        read_content(tmp_path / "part.unv")
+        read_content(tmp_path / "part.zzz")
 
 
 def test_an_element_that_the_reader_does_not_know(tmp_path: Path) -> None:
