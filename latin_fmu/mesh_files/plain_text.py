@@ -189,7 +189,7 @@ def _su2(text: str) -> MeshContent:
         if key == "NDIME":
             dimension = int(value)
         elif key == "NPOIN":
-            rows = [next(lines).split()[:dimension] for _ in range(int(value.split()[0]))]
+            rows = _next_rows(lines, int(value.split()[0]), dimension)
             table = np.array([list(map(float, row)) for row in rows]).reshape(len(rows), dimension)
             points = np.hstack([table, np.zeros((len(rows), 3 - dimension))])
         elif key == "NELEM":
@@ -211,6 +211,17 @@ def _su2(text: str) -> MeshContent:
         if kind in FLAT:
             content.add_facets(name, kind, np.array([nodes], dtype=np.int64))
     return content
+
+
+def _next_rows(lines: Iterator[str], count: int, width: int) -> list[list[str]]:
+    """The first numbers of the next lines."""
+    rows: list[list[str]] = []
+    for _ in range(count):
+        fields = next(lines, "").split()[:width]
+        if len(fields) < width:
+            raise ValueError("the points end early")
+        rows.append(fields)
+    return rows
 
 
 def _su2_cells(lines: Iterator[str], count: int) -> Iterator[tuple[str, list[int]]]:

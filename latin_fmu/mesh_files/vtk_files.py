@@ -86,6 +86,7 @@ def read_vtk(path: Path) -> MeshContent:
         core = importlib.import_module("vtkmodules.vtkCommonCore")
     except ModuleNotFoundError:
         return _without_vtk(path)
+    core.vtkLogger.SetStderrVerbosity(core.vtkLogger.VERBOSITY_OFF)  # errors are in the window below, too
     window = core.vtkStringOutputWindow()
     core.vtkOutputWindow.SetInstance(window)
     grid = _grid(path)

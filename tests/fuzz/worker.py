@@ -71,6 +71,7 @@ def main() -> None:
     signal.signal(signal.SIGPROF, _over)
     warnings.simplefilter("always")
     os.environ[NO_LIMIT] = "0"  # libraries read here: a process for each of thousands of files would take hours
+    sys.modules["vtkmodules.vtkCommonCore"] = None  # type: ignore[assignment]  # it crashes, which its process is for
     assert {job.partition(":")[0] for job in sys.argv[2:]} <= set(FORMATS), "no such format"
     seconds = float(sys.argv[1])
     for job in sys.argv[2:]:
