@@ -143,8 +143,7 @@ def discretise(
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
-    # central differences need diagonal dashpots
-    explicit = scene.time.scheme.type == CENTRAL
+    explicit = scene.time.scheme.type == CENTRAL  # central differences need diagonal dashpots
     known = KeptOperators() if kept is None else kept
     conditions = {
         name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)

@@ -37,7 +37,7 @@ def read_content(path: Path) -> MeshContent:
     assert row.read is not None
     if path.suffix.lower() == ".gz":
         _check_unpacked(path, size)
-    content = read_in_child(row.read, path, f"{row.name}, {row.library}") if row.library else row.read(path)
+    content = read_in_child(row.read, path, f"{row.name} files ({row.library})") if row.library else row.read(path)
     _check_rows(path, content)
     return content
 

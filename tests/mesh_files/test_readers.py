@@ -22,6 +22,7 @@ from latin_fmu.fem.reference_cells import CELL_EDGES, cell_functions
 from latin_fmu.mesh_files import ansys, child
 from latin_fmu.mesh_files.child import NO_LIMIT
 from latin_fmu.mesh_files.content import MeshContent
+from latin_fmu.mesh_files.gmsh import write_gmsh
 from latin_fmu.mesh_files.reading import included_files, read_content
 
 from .decks import cube, node_rows, read_mesh
@@ -430,6 +431,14 @@ def test_a_library_that_is_missing_is_named(
     (tmp_path / name).write_bytes(bytes(10))
     refused(tmp_path / name, remedy)
     assert child.NO_LIMIT == NO_LIMIT
+
+
+@pytest.mark.parametrize(("kind", "count"), [("wedge18", 18), ("pyramid14", 14)])
+def test_complete_second_order_is_answered_with_a_remedy(tmp_path: Path, kind: str, count: int) -> None:
+    nodes = np.random.default_rng(0).normal(size=(count, 3))
+    write_gmsh(tmp_path / "cell.msh", nodes, {"body": (3, [(kind, np.arange(count)[None])])})
+    with pytest.raises(MeshError, match=rf"1 {kind}.*SecondOrderIncomplete = 1"):
+        read_mesh(tmp_path / "cell.msh")
 
 
 def test_gmsh_and_the_cube_agree(tmp_path: Path) -> None:

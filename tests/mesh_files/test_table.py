@@ -84,3 +84,9 @@ def test_the_format_follows_from_suffix_and_beginning(tmp_path: Path, name: str,
     row = format_of(tmp_path / name)
     assert row is not None
     assert row.name == title
+
+
+def test_the_page_names_every_suffix() -> None:
+    page = (PACKAGE.parent / "docs" / "mesh_files.md").read_text(encoding="utf-8")
+    missing = [suffix for suffix in sorted(SUFFIXES) if not re.search(rf"(?<![\w.]){re.escape(suffix)}(?![\w.])", page)]
+    assert not missing, missing
