@@ -8,6 +8,7 @@ the middle of its edge. Surface elements (SURF154, TARGE170, CONTA174, MESH200, 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -56,8 +57,11 @@ def read_ansys(path: Path) -> MeshContent:
         what = f"files of this format ({path.suffix}) need the library mapdl_archive"
         raise MeshError.of("unreadable mesh", path.name, what, remedy="pip install mapdl-archive") from None
     try:
+        labels, points = _nodes(path)
         archive = library.Archive(str(path), parse_vtk=False)
-        return _Archive(path, archive).content()
+        content = _Archive(path, archive, labels, points).content()
+        content.skipped |= _other_blocks(_lines(path))
+        return content
     except MeshError:
         raise
     except Exception as error:  # of its compiled part, on damaged files
@@ -65,13 +69,60 @@ def read_ansys(path: Path) -> MeshContent:
         raise MeshError.of("unreadable mesh", path.name, what, remedy="write it again with CDWRITE,DB") from None
 
 
+_NODE_FORMAT: Final = re.compile(r"\((\d+)i(\d+),\s*(\d+)e(\d+)\.")  # (3i9,6e21.13e3)
+
+
+def _nodes(path: Path) -> tuple[Index, Array]:
+    """Labels and coordinates of all NBLOCK. Read here: mapdl-archive 0.4 makes z = 0 of blocks with one whole number in
+    a row, as Workbench writes them.
+
+    Raises
+    ------
+    MeshError : no nodes or elements. ValueError : what is no number.
+    """
+    labels: list[int] = []
+    points: list[list[float]] = []
+    lines = _lines(path)
+    if not any(line[:6].upper() == "EBLOCK" for line in lines):
+        what, allowed = "the file holds no elements", "EBLOCK in blocked form"
+        raise MeshError.of("unreadable mesh", path.name, what, None, allowed, "write it with CDWRITE,DB")
+    at = 0
+    while at < len(lines):
+        at += 1
+        if lines[at - 1][:6].upper() != "NBLOCK":
+            continue
+        match = _NODE_FORMAT.match(lines[at].replace(" ", "").lower()) if at < len(lines) else None
+        if match is None:
+            raise ValueError(f"line {at + 1} is no format of nodes")
+        wholes, width, _, wide = (int(number) for number in match.groups())
+        at += 1
+        while at < len(lines) and (label := lines[at][:width].strip()).isdigit():
+            start = wholes * width
+            fields = [lines[at][start + i * wide : start + (i + 1) * wide].strip() for i in range(3)]
+            labels.append(int(label))
+            points.append([float(item) if item else 0.0 for item in fields])
+            at += 1
+    unique, last = np.unique(np.array(labels[::-1], dtype=np.int64), return_index=True)
+    return unique, np.array(points[::-1], dtype=float).reshape(-1, 3)[last]
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="latin-1").splitlines()
+
+
+def _other_blocks(lines: list[str]) -> dict[str, int]:
+    """Elements in blocks that are not of the form SOLID, by the count in their first line: surfaces and contacts."""
+    fields = [line.upper().split(",") for line in lines if line[:6].upper() == "EBLOCK"]
+    counts = [int(f[4]) for f in fields if len(f) > 4 and f[2].strip() != "SOLID" and f[4].strip().isdigit()]
+    return {"elements of blocks without SOLID": sum(counts)} if sum(counts) else {}
+
+
 class _Archive:
     """Elements of an archive sorted by what they are."""
 
-    def __init__(self, path: Path, archive: Any) -> None:
-        self.path, self.archive = path, archive
-        self.labels = np.asarray(archive.nnum, dtype=np.int64)
-        self.points: list[Array] = [np.asarray(archive.nodes, dtype=float)[:, :3]]
+    def __init__(self, path: Path, archive: Any, labels: Index, points: Array) -> None:
+        self.path, self.archive, self.labels = path, archive, labels
+        self.points: list[Array] = [points]
         self.n_point = len(self.labels)
         self.types = {int(key): int(number) for key, number in np.asarray(archive.ekey).reshape(-1, 2).tolist()}
         self.middles: dict[tuple[int, int], int] = {}

@@ -8,6 +8,7 @@ tags below 1 from the end. A group without a name is ``physical_3``; without gro
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,6 +64,7 @@ _COLUMNS: Final = {
 """Columns in the order of VTK (gmsh manual, node ordering)."""
 
 _NO_CELLS: Final = ("vertex", "line", "line3", "line4")  # of no body, and of no face
+_SECTIONS: Final = ("Entities", "PartitionedEntities", "Nodes", "Elements")  # those of numbers that are read
 _DAMAGED: Final = "not a whole .msh file"
 
 
@@ -97,13 +99,13 @@ class _Numbers:
 
     def __init__(self, data: bytes, binary: bool) -> None:
         self.data, self.binary, self.at = data, binary, 0
-        self.words: list[bytes] = [] if binary else data.split()
+        self.values = np.zeros(0) if binary else _numbers_of(data)
 
     def take(self, count: int, kind: str) -> Any:
         """The next numbers of a NumPy type, (count,). Raises ValueError where the section ends before."""
-        if not self.binary:
-            return np.array(list(map(float if kind.endswith("f8") else int, self._next(count))), kind)
-        return np.frombuffer(self._bytes(count * np.dtype(kind).itemsize), kind)
+        if self.binary:
+            return np.frombuffer(self._bytes(count * np.dtype(kind).itemsize), kind)
+        return self._next(count) if kind.endswith("f8") else _whole(self._next(count))
 
     def one(self, kind: str) -> int:
         """The next whole number."""
@@ -114,20 +116,28 @@ class _Numbers:
         if self.binary:
             table = np.frombuffer(self._bytes(28 * count), [("tag", f"{order}i4"), ("x", f"{order}f8", 3)])
             return table["tag"].astype(np.int64), table["x"].astype(float)
-        words = self._next(4 * count)
-        points = [list(map(float, words[axis::4])) for axis in (1, 2, 3)]
-        return np.array(list(map(int, words[::4])), dtype=np.int64), np.array(points, dtype=float).T
+        rows = self._next(4 * count).reshape(count, 4)
+        return _whole(rows[:, 0]), rows[:, 1:]
 
-    def rest(self) -> int:
-        """How many numbers of text are not taken yet."""
-        return len(self.words) - self.at
+    def equal_rows(self, most: int, width: int, kind: int, n_tag: int) -> int:
+        """How many rows of a text from here on have this type and this number of tags."""
+        most, rows, size = min(most, (len(self.values) - self.at) // width), 0, 64
+        while rows < most:
+            size = min(2 * size, most - rows)
+            start = self.at + rows * width
+            table = self.values[start : start + size * width].reshape(size, width)
+            same = (table[:, 1] == kind) & (table[:, 2] == n_tag)
+            if not same.all():
+                return rows + int(same.argmin())
+            rows += size
+        return rows
 
-    def _next(self, count: int) -> list[bytes]:
-        words = self.words[self.at : self.at + max(count, 0)]
-        if len(words) != count:
+    def _next(self, count: int) -> Array:
+        values = self.values[self.at : self.at + max(count, 0)]
+        if len(values) != count:
             raise ValueError("a section ends early")
         self.at += count
-        return words
+        return values
 
     def _bytes(self, size: int) -> bytes:
         piece = self.data[self.at : self.at + max(size, 0)]
@@ -135,6 +145,23 @@ class _Numbers:
             raise ValueError("a section ends early")
         self.at += size
         return piece
+
+
+def _numbers_of(text: bytes) -> Array:
+    """All numbers of a text. Raises ValueError for anything else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy warns of text that is no number
+        try:
+            return np.fromstring(text, sep=" ")
+        except DeprecationWarning:
+            raise ValueError("a section of numbers holds something else") from None
+
+
+def _whole(values: Array) -> Index:
+    """Numbers of a text that have to be whole. Raises ValueError for others."""
+    if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():  # NaN, too
+        raise ValueError("a number that is not whole")
+    return values.astype(np.int64)
 
 
 def is_gmsh(start: bytes) -> bool:
@@ -228,7 +255,7 @@ def _elements_2(numbers: _Numbers, most: int, order: str, parsed: _Parsed) -> in
         kind, rows, n_tag = (int(number) for number in numbers.take(3, f"{order}i4"))
         lead = 1
     else:
-        kind, n_tag = (int(word) for word in numbers.words[numbers.at + 1 : numbers.at + 3])
+        kind, n_tag = _whole(numbers.values[numbers.at + 1 : numbers.at + 3]).tolist()
         lead, rows = 3, most
     if kind not in _TYPES:
         raise ValueError(f"an element of the unknown type {kind}")
@@ -236,7 +263,9 @@ def _elements_2(numbers: _Numbers, most: int, order: str, parsed: _Parsed) -> in
     if n_tag < 0 or rows <= 0:
         raise ValueError(f"{rows} elements with {n_tag} tags")
     if not numbers.binary:
-        rows = _equal_rows(numbers, min(most, numbers.rest() // width), width, kind, n_tag)
+        rows = numbers.equal_rows(most, width, kind, n_tag)
+        if not rows:
+            raise ValueError("a section ends early")
     table = numbers.take(rows * width, f"{order}i4" if numbers.binary else "i8").astype(np.int64).reshape(rows, width)
     marks = table[:, lead : lead + min(n_tag, 2)]
     for mark in np.unique(marks, axis=0):
@@ -244,18 +273,6 @@ def _elements_2(numbers: _Numbers, most: int, order: str, parsed: _Parsed) -> in
         physical, geometrical = (*mark.tolist(), 0, 0)[:2]
         groups = (abs(physical),) if physical else ()
         parsed.blocks.append(_Elements(kind, chosen[:, lead + n_tag :], groups, geometrical))
-    return rows
-
-
-def _equal_rows(numbers: _Numbers, most: int, width: int, kind: int, n_tag: int) -> int:
-    """How many rows from here on have this type and this number of tags."""
-    words, at = numbers.words, numbers.at
-    head = [b"%d" % kind, b"%d" % n_tag]
-    rows = 0
-    while rows < most and words[at + rows * width + 1 : at + rows * width + 3] == head:
-        rows += 1
-    if not rows:
-        raise ValueError("a section ends early")
     return rows
 
 
@@ -288,12 +305,15 @@ def _entities(numbers: _Numbers, version: int, order: str, partitioned: bool, pa
 def _read_40(name: str, section: bytes, binary: bool, order: str, parsed: _Parsed) -> None:
     """A section of version 4.0: node tags beside their coordinates, tag and dimension of an entity in this order."""
     size, whole, _ = _kinds(binary, order)
-    numbers = _Numbers(section, binary)
     if name == "PhysicalNames":
         _names(section, parsed)
-    elif name == "PartitionedEntities":
+        return
+    if name not in _SECTIONS:
+        return
+    numbers = _Numbers(section, binary)
+    if name == "PartitionedEntities":
         raise ValueError("partitions in version 4.0 (save it in version 4.1)")
-    elif name == "Entities":
+    if name == "Entities":
         _entities(numbers, 0, order, False, parsed)
     elif name == "Nodes":
         blocks, _ = numbers.take(2, size).tolist()
@@ -313,10 +333,13 @@ def _read_40(name: str, section: bytes, binary: bool, order: str, parsed: _Parse
 def _read_41(name: str, section: bytes, binary: bool, order: str, parsed: _Parsed) -> None:
     """A section of version 4.1: all node tags of a block before the coordinates."""
     size, whole, real = _kinds(binary, order)
-    numbers = _Numbers(section, binary)
     if name == "PhysicalNames":
         _names(section, parsed)
-    elif name in ("Entities", "PartitionedEntities"):
+        return
+    if name not in _SECTIONS:
+        return
+    numbers = _Numbers(section, binary)
+    if name in ("Entities", "PartitionedEntities"):
         _entities(numbers, 1, order, name.startswith("P"), parsed)
     elif name == "Nodes":
         blocks = int(numbers.take(4, size)[0])
@@ -349,10 +372,11 @@ def _content(parsed: _Parsed, path: Path) -> MeshContent:
     # a node on several partitions is written with each of them
     labels, first = np.unique(tags, return_index=True)
     content = MeshContent(np.ascontiguousarray(points[first]))
+    places = _places(labels)
     grouped = any(block.physical for block in parsed.blocks)
     for block in _merged(parsed.blocks):
         kind = _TYPES[block.number][0]
-        cells = _rows(path, labels, block.nodes)
+        cells = _rows(path, labels, places, block.nodes)
         cells = cells[:, _COLUMNS.get(kind, list(range(cells.shape[1])))]
         if kind in CORNERS:
             rows = content.add_solids(kind, cells)
@@ -366,12 +390,25 @@ def _content(parsed: _Parsed, path: Path) -> MeshContent:
     return content
 
 
-def _rows(path: Path, labels: Index, nodes: Index) -> Index:
+def _places(labels: Index) -> Index | None:
+    """Row of each node by its tag, -1 where there is none; None where tags are too far apart for a table."""
+    if not len(labels) or labels[0] < 0 or labels[-1] > 10 * len(labels) + 1000:
+        return None
+    table = np.full(int(labels[-1]) + 2, -1, dtype=np.int64)
+    table[labels] = np.arange(len(labels))
+    return table
+
+
+def _rows(path: Path, labels: Index, places: Index | None, nodes: Index) -> Index:
     """Rows of the nodes of cells. Raises MeshError where a node is not there."""
-    rows, there = rows_of(labels, nodes.ravel())
     if nodes.size and nodes.min() < 1:
         what = "an element names a node tag below 1"
         raise MeshError.of("unreadable mesh", path.name, what, str(int(nodes.min())), ">= 1")
+    if places is None:
+        rows, there = rows_of(labels, nodes.ravel())
+    else:
+        rows = places[np.minimum(nodes.ravel(), len(places) - 1)]  # the last place is that of no node
+        there = rows >= 0
     if not there.all():
         what, value = "cells name nodes that are not there", str(int(nodes.ravel()[there.argmin()]))
         raise MeshError.of("unreadable mesh", path.name, what, value, f"{len(labels)} nodes")

@@ -125,7 +125,7 @@ def _add_cells(content: MeshContent, path: Path, code: str, table: Any, families
     rows = rows[:, _COLUMNS.get(kind, list(range(width)))]
     places = content.add_solids(kind, rows) if kind in CORNERS else np.arange(len(rows))
     numbers = np.asarray(table["FAM"][()], dtype=np.int64).ravel() if "FAM" in table else np.zeros(len(rows), np.int64)
-    for number in np.unique(numbers).tolist():
+    for number in sorted(np.unique(numbers).tolist(), key=abs):  # families of cells count down
         chosen = np.flatnonzero(numbers == number)
         for group in families.get(number, []):
             if kind in CORNERS:

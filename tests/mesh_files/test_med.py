@@ -74,7 +74,7 @@ def test_families_without_groups_are_read(tmp_path: Path) -> None:
     content = read_content(tmp_path / "part.med")
     assert content.unit == "mm"
     assert set(content.facets) == {"top"}
-    assert content.part_names("part.med") == ("up", "low")
+    assert content.part_names("part.med") == ("low", "up")
     up = mesh_of(content, "part.med", "up")
     assert face(up, "top").areas.sum() == pytest.approx(1.0, rel=1e-12)
     assert face(read_mesh(tmp_path / "part.med"), "left").areas.sum() == pytest.approx(1.0, rel=1e-12)

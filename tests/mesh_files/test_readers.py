@@ -204,11 +204,9 @@ def test_what_lsdyna_may_not_have(tmp_path: Path, change: tuple[str, str], words
 
 
 # -- Ansys -------------------------------------------------------------------------------------------------------------
-def archive(rows: list[list[int]], nodes: np.ndarray, **components: Any) -> Any:
-    """What mapdl-archive gives of a file: the numbers of elements as in an EBLOCK, nodes counted from 1."""
+def archive(rows: list[list[int]], **components: Any) -> Any:
+    """What mapdl-archive gives of a file: the numbers of elements as in an EBLOCK."""
     return SimpleNamespace(
-        nnum=np.arange(1, len(nodes) + 1),
-        nodes=nodes,
         elem=rows,
         ekey=np.array([[1, 186], [2, 185], [3, 187], [4, 154]]),
         element_components=components.get("of_elements", {}),
@@ -221,7 +219,8 @@ def element(owner: int, label: int, nodes: list[int]) -> list[int]:
 
 
 def content_of(rows: list[list[int]], nodes: np.ndarray, **components: Any) -> MeshContent:
-    return ansys._Archive(Path("x.cdb"), archive(rows, nodes, **components)).content()
+    labels = np.arange(1, len(nodes) + 1)
+    return ansys._Archive(Path("x.cdb"), archive(rows, **components), labels, nodes).content()
 
 
 def test_parts_and_components_of_ansys() -> None:
@@ -265,6 +264,25 @@ def test_bricks_with_equal_nodes_in_ansys(kind: str, missing: bool) -> None:
     for i, (a, b) in enumerate(CELL_EDGES[kind.rstrip("0123456789")]):
         middle = points[row[len(set(corners)) + i]]
         np.testing.assert_allclose(middle, 0.5 * (points[row[a]] + points[row[b]]), atol=1e-15)
+
+
+@pytest.mark.parametrize("form", ["(3i9,6e21.13e3)", "(1i9,3e20.9e3)", "(3i8,6e16.9)"])
+def test_nodes_of_ansys_in_every_form(tmp_path: Path, form: str) -> None:
+    """A block has one or three whole numbers in a row; zeros at its end are left out."""
+    count, width, size = {"(3": (3, 9, 21), "(1": (1, 9, 20)}.get(form[:2], (3, 8, 16)) if "i9" in form else (3, 8, 16)
+    rows = ["/PREP7", "NBLOCK,6,SOLID", form]
+    for label, place in enumerate(BOX.nodes.tolist(), 1):
+        wholes = f"{label:{width}d}" + f"{0:{width}d}" * (count - 1)
+        rows.append(wholes + "".join(f"{x:{size}.9E}" for x in place))
+    rows += [
+        f"{99:{width}d}" + f"{0:{width}d}" * (count - 1) + f"{1.5:{size}.9E}",
+        "N,R5.3,LOC,       -1,",
+        "EBLOCK,19,SOLID",
+    ]
+    (tmp_path / "x.cdb").write_text("\n".join(rows))
+    labels, points = ansys._nodes(tmp_path / "x.cdb")
+    np.testing.assert_array_equal(labels, [*range(1, 28), 99])
+    np.testing.assert_allclose(points, [*BOX.nodes, [1.5, 0.0, 0.0]], rtol=1e-9)
 
 
 def test_what_ansys_may_not_have() -> None:
