@@ -62,7 +62,8 @@ def _keywords(text: str, include: Include, problems: FileProblems, depth: int = 
     """Keywords in order, those of included files in their place."""
     current: _Keyword | None = None
     for number, line in enumerate([*text.splitlines(), "*END"], 1):
-        if line.startswith("$") or not line.strip():
+        titled = current is not None and current.name == "PART"  # a title may be blank
+        if line.startswith("$") or not (line.strip() or titled):
             continue
         if not line.startswith("*"):
             if current is not None:

@@ -179,6 +179,11 @@ def test_bricks_with_equal_nodes_in_lsdyna(tmp_path: Path) -> None:
         assert Elements(mesh_of(content, kind)).volume.sum() == pytest.approx(volume, rel=1e-9), kind
 
 
+def test_a_part_without_a_title_in_lsdyna(tmp_path: Path) -> None:
+    (tmp_path / "cube.k").write_text(dyna_cube().replace("lower half\n", " \n"))
+    assert read_content(tmp_path / "cube.k").part_names("cube.k") == ("part_1", "upper half")
+
+
 def test_an_included_file_of_lsdyna(tmp_path: Path) -> None:
     head, _, rest = dyna_cube().partition("*ELEMENT_SOLID")
     (tmp_path / "mesh.k").write_text(f"*ELEMENT_SOLID{rest}")
