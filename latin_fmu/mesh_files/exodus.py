@@ -57,7 +57,8 @@ def read_exodus(path: Path) -> MeshContent:
     except MeshError:
         raise
     except Exception as error:  # netCDF4 raises many kinds on damaged files
-        raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {reason}") from None
 
 
 def _read(path: Path) -> MeshContent:
