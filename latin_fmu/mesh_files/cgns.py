@@ -45,6 +45,12 @@ _HEX27: Final = to_vtk(
     (*((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7)), *((4, 5), (5, 6), (6, 7), (7, 4))),
     ((0, 1, 2, 3), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (4, 5, 6, 7)),
 )
+_WEDGE18: Final = to_vtk(
+    "wedge18",
+    ((0, 1), (1, 2), (2, 0), (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)),
+    ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+)
+_COLUMNS: Final = {"hexahedron27": _HEX27, "wedge18": _WEDGE18}
 Elements = list[tuple[str, Index, Index, Index]]
 """Blocks of one type: its name, numbers of the elements, their nodes, rows in the solids of the file."""
 
@@ -153,7 +159,7 @@ def _section(content: MeshContent, path: Path, section: Any, first: int) -> Elem
         if len(cells) and not (cells.min() >= first and cells.max() < len(content.points)):
             raise MeshError.of("unreadable mesh", path.name, "cells name nodes that are not there", _name(section))
         if kind in CORNERS:
-            cells = cells[:, _HEX27] if kind == "hexahedron27" else upper_edges_last(cells)
+            cells = cells[:, _COLUMNS[kind]] if kind in _COLUMNS else upper_edges_last(cells)
             rows = content.add_solids(kind, cells)
         else:
             rows = np.arange(len(cells))

@@ -59,6 +59,7 @@ _COLUMNS: Final = {
     "hexahedron20": to_vtk("hexahedron20", _HEX_EDGES),
     "hexahedron27": to_vtk("hexahedron27", _HEX_EDGES, _HEX_FACES),
     "wedge15": to_vtk("wedge15", _WEDGE_EDGES),
+    "wedge18": to_vtk("wedge18", _WEDGE_EDGES, ((0, 1, 4, 3), (0, 2, 5, 3), (1, 2, 5, 4))),
     "pyramid13": to_vtk("pyramid13", _PYRAMID_EDGES),
 }
 """Columns in the order of VTK (gmsh manual, node ordering)."""

@@ -11,6 +11,7 @@ from ..errors import MeshError, Problem
 from .child import read_in_child
 from .content import MeshContent
 from .formats import CAD, SURFACES, Format, format_of, known_suffixes, suffix_of
+from .node_orders import in_another_order
 
 MAX_BYTES: Final = 4_000_000_000
 _MOST_TIMES, _SMALL = 200, 100_000_000  # what unpacks to more than this may be so many times as large as it is packed
@@ -39,6 +40,7 @@ def read_content(path: Path) -> MeshContent:
         _check_unpacked(path, size)
     content = read_in_child(row.read, path, f"{row.name} files ({row.library})") if row.library else row.read(path)
     _check_rows(path, content)
+    _check_orders(path, content)
     return content
 
 
@@ -117,6 +119,14 @@ def _text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise MeshError.of("unreadable mesh", path.name[:80], reason) from None
+
+
+def _check_orders(path: Path, content: MeshContent) -> None:
+    """Refuse middle nodes in the order of another format: the volume would be a little wrong, and nothing else."""
+    if wrong := [kind for kind, cells in content.solids.items() if in_another_order(content.points, kind, cells)]:
+        what = "middle nodes are not on their edges, in the order of another format they are: its writer is wrong"
+        remedy = "save it in another format, best as .msh or .vtu"
+        raise MeshError.of("unreadable mesh", path.name, what, ", ".join(wrong), "the order of the format", remedy)
 
 
 def _check_rows(path: Path, content: MeshContent) -> None:

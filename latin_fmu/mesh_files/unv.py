@@ -143,18 +143,16 @@ class _Universal:
                 name = "beam or rod" if code in _BEAMS else f"type {code}"
                 self.skipped[name] = self.skipped.get(name, 0) + 1
             elif count != _COUNT[kind] or len(nodes) != count:
-                self.problems.add(
-                    f"wrong number of nodes of an element of type {code}", count, str(_COUNT[kind]), line=line
-                )
+                self._wrong_count(code, count, _COUNT[kind], line)
             else:
                 self.elements.setdefault(kind, []).append((label, owner, nodes))
 
-    def _wrong_count(self, code: int, kind: str, count: int, line: int) -> None:
+    def _wrong_count(self, code: int, count: int, allowed: int, line: int) -> None:
         """Tell it once for each type."""
         what = f"wrong number of nodes of elements of type {code}"
         if not any(problem.what == what for problem in self.problems.problems):
             remedy = "gmsh: save with Mesh.SecondOrderIncomplete = 1"
-            self.problems.add(what, count, str(_COUNT[kind]), remedy, line)
+            self.problems.add(what, count, str(allowed), remedy, line)
 
     def _groups(self, lines: list[str]) -> None:
         at = 0

@@ -46,6 +46,7 @@ _VTK_CELLS: Final = MappingProxyType(
         "wedge15": 26,
         "pyramid13": 27,
         "hexahedron27": 29,
+        "wedge18": 32,
     }
 )
 """Numbers of the types of cells (vtkCellType.h)."""

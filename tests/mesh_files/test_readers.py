@@ -456,11 +456,10 @@ def test_a_library_that_is_missing_is_named(
     assert child.NO_LIMIT == NO_LIMIT
 
 
-@pytest.mark.parametrize(("kind", "count"), [("wedge18", 18), ("pyramid14", 14)])
-def test_complete_second_order_is_answered_with_a_remedy(tmp_path: Path, kind: str, count: int) -> None:
-    nodes = np.random.default_rng(0).normal(size=(count, 3))
-    write_gmsh(tmp_path / "cell.msh", nodes, {"body": (3, [(kind, np.arange(count)[None])])})
-    with pytest.raises(MeshError, match=rf"1 {kind}.*SecondOrderIncomplete = 1"):
+def test_complete_second_order_is_answered_with_a_remedy(tmp_path: Path) -> None:
+    nodes = np.random.default_rng(0).normal(size=(14, 3))
+    write_gmsh(tmp_path / "cell.msh", nodes, {"body": (3, [("pyramid14", np.arange(14)[None])])})
+    with pytest.raises(MeshError, match=r"1 pyramid14.*SecondOrderIncomplete = 1"):
         read_mesh(tmp_path / "cell.msh")
 
 
