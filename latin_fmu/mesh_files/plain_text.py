@@ -231,8 +231,9 @@ def _su2_cells(lines: Iterator[str], count: int) -> Iterator[tuple[str, list[int
         if not numbers or numbers[0] not in _SU2:
             raise _UnreadableError("a cell of an unknown type", str(numbers[:1]), "numbers of VTK")
         kind, width = _SU2[numbers[0]]
-        if len(numbers) < 1 + width:
-            raise ValueError(f"a {kind} of {len(numbers) - 1} nodes")
+        if len(numbers) not in (1 + width, 2 + width):  # with its own number behind the nodes, or without
+            what, remedy = "a cell with too many or too few nodes", "save it in another format"
+            raise _UnreadableError(what, f"{kind}: {len(numbers) - 1} numbers", f"{width} nodes", remedy)
         yield kind, numbers[1 : 1 + width]
 
 

@@ -11,7 +11,7 @@ from ..errors import MeshError, Problem
 from .child import read_in_child
 from .content import MeshContent
 from .formats import CAD, SURFACES, Format, format_of, known_suffixes, suffix_of
-from .node_orders import in_another_order
+from .node_orders import in_another_order, n_node_of
 
 MAX_BYTES: Final = 4_000_000_000
 _MOST_TIMES, _SMALL = 200, 100_000_000  # what unpacks to more than this may be so many times as large as it is packed
@@ -130,7 +130,11 @@ def _check_orders(path: Path, content: MeshContent) -> None:
 
 
 def _check_rows(path: Path, content: MeshContent) -> None:
-    """Cells and sets name nodes that are there."""
+    """Cells have the nodes of their type, and with the sets name nodes that are there."""
+    for kind, cells in content.solids.items():
+        if cells.ndim != 2 or cells.shape[1] != n_node_of(kind):
+            what, allowed = f"cells of the type {kind} with {cells.shape[-1]} nodes", f"{n_node_of(kind)} nodes"
+            raise MeshError.of("unreadable mesh", path.name, what, f"{len(cells)} cells", allowed)
     tables = [*content.solids.values(), *content.node_sets.values()]
     tables += [facets for group in content.facets.values() for facets in group]
     if any(t.size and not (t.min() >= 0 and t.max() < len(content.points)) for t in tables):

@@ -16,6 +16,7 @@ from ..errors import MeshError, Problem
 from .cell_groups import groups_of_data
 from .content import CORNERS, FLAT, Index, MeshContent
 from .library import read_with_library
+from .node_orders import n_node_of
 
 _READERS: Final = {
     "vtu": ("vtkIOXML", "vtkXMLUnstructuredGridReader"),
@@ -149,7 +150,7 @@ def _content(path: Path, grid: Any) -> MeshContent:
         rows = np.flatnonzero(keep & (keys == (number, width)).all(axis=1))
         table = nodes[offsets[rows][:, None] + np.arange(width)]
         kind = _TYPES.get(number) or _LAGRANGE.get((number, width))
-        if kind is None:
+        if kind is None or (kind not in _NO_CELLS and width != n_node_of(kind)):
             what = f"cells of a type that is not read: number {number} of VTK with {width} nodes"
             remedy = "write cells of first or second order"
             raise MeshError.of("unreadable mesh", path.name, what, f"{len(rows)} cells", ", ".join(CORNERS), remedy)

@@ -23,11 +23,12 @@ from latin_fmu.mesh_files import ansys, child
 from latin_fmu.mesh_files.child import NO_LIMIT
 from latin_fmu.mesh_files.content import MeshContent
 from latin_fmu.mesh_files.gmsh import write_gmsh
+from latin_fmu.mesh_files.node_orders import in_another_order
 from latin_fmu.mesh_files.reading import included_files, read_content
 
 from .decks import cube, node_rows, read_mesh
 from .test_formats import exodus
-from .test_middle_nodes import CORNERS, assert_in_place, nodes_in
+from .test_middle_nodes import CORNERS, TOP_BEFORE_VERTICAL, assert_in_place, nodes_in
 
 BOX = cube()
 CELLS = BOX.blocks[0].cells
@@ -430,6 +431,35 @@ def test_bricks_of_27_nodes_in_exodus(tmp_path: Path) -> None:
     cell = content.points[content.solids["hexahedron27"][0]]
     places = cell_functions("hexahedron").values(cell_functions("hexahedron27").nodes)
     np.testing.assert_allclose(cell, places @ cell[:8], atol=1e-15)
+
+
+# -- what writers get wrong ----------------------------------------------------------------------------------------
+def test_a_cell_with_more_nodes_than_its_type_has(tmp_path: Path) -> None:
+    """A pyramid of 13 nodes under the number of that of 5, as gmsh 4.15.2 writes it to .su2."""
+    points = [" ".join(map(repr, x)) for x in np.random.default_rng(0).normal(size=(13, 3)).tolist()]
+    cell = f"14 {' '.join(map(str, range(13)))} 0"
+    (tmp_path / "x.su2").write_text("\n".join(["NDIME= 3", "NELEM= 1", cell, "NPOIN= 13", *points, ""]))
+    refused(tmp_path / "x.su2", "a cell with too many or too few nodes", "pyramid: 14 numbers", "5 nodes")
+
+
+@pytest.mark.parametrize("kind", ["tetra10", "wedge15", "hexahedron20"])
+def test_middle_nodes_in_the_order_of_another_format(kind: str) -> None:
+    """Also of thin cells that are bent by more than they are thick, whose right order is taken."""
+    right = nodes_in(kind, TOP_BEFORE_VERTICAL)
+    cells = np.arange(len(right))[None]
+    assert not in_another_order(right, kind, cells)
+    bent = right * [1.0, 1.0, 0.01]
+    bent[:, 2] += 0.3 * bent[:, 0] ** 2 + 0.1 * bent[:, 1] ** 2
+    assert not in_another_order(bent, kind, cells)
+    for points in (right, bent):
+        swapped = points.copy()
+        if kind == "tetra10":
+            swapped[[8, 9]] = points[[9, 8]]
+        else:
+            n = len(CORNERS[kind]) // 2
+            first = len(CORNERS[kind]) + n
+            swapped[first:] = np.concatenate([points[first + n :], points[first : first + n]])
+        assert in_another_order(swapped, kind, cells)
 
 
 # -- libraries that are not there --------------------------------------------------------------------------------------
