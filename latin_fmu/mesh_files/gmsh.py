@@ -261,7 +261,7 @@ def _elements_2(numbers: _Numbers, most: int, order: str, parsed: _Parsed) -> in
     if kind not in _TYPES:
         raise ValueError(f"an element of the unknown type {kind}")
     width = lead + n_tag + _TYPES[kind][1]
-    if n_tag < 0 or rows <= 0:
+    if n_tag < 0 or rows < 0:
         raise ValueError(f"{rows} elements with {n_tag} tags")
     if not numbers.binary:
         rows = numbers.equal_rows(most, width, kind, n_tag)
@@ -470,7 +470,7 @@ def write_gmsh(path: Path, nodes: Array, groups: Mapping[str, tuple[int, Sequenc
     parts.append(b"$Nodes\n%d\n" % len(nodes) + table.tobytes() + b"\n$EndNodes\n")
     rows, count = [], 0
     for tag, (_, blocks) in enumerate(groups.values(), 1):
-        for kind, cells in blocks:
+        for kind, cells in (block for block in blocks if len(block[1])):
             number, width = numbers[kind]
             elements = np.empty((len(cells), 3 + width), "<i4")
             elements[:, 0] = count + np.arange(1, len(cells) + 1)

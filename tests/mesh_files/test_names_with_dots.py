@@ -8,6 +8,7 @@ import pytest
 
 from latin_fmu import SceneError, api, load_scene
 from latin_fmu.mesh_files.gmsh import write_gmsh
+from latin_fmu.mesh_files.reading import read_content
 
 from .decks import cube
 
@@ -57,6 +58,17 @@ def test_a_face_is_split_behind_its_body(tmp_path: Path, body: str, face: str, t
     loaded = load_scene(scene(tmp_path, body, face, text))
     assert loaded.load["push"].face.partition(".")[2] == face
     assert api.checked(loaded).lines
+
+
+def test_an_empty_face_is_written_and_read(tmp_path: Path) -> None:
+    box = cube()
+    empty = box.faces["zmax"].blocks[0].facets[:0]
+    write_gmsh(
+        tmp_path / "x.msh", box.nodes, {"a": (2, [("quad", empty)]), "b": (3, [("hexahedron", box.blocks[0].cells)])}
+    )
+    content = read_content(tmp_path / "x.msh")
+    assert list(content.volumes) == ["b"]
+    assert not content.facets
 
 
 def test_another_name_is_answered_with_one_that_works(tmp_path: Path) -> None:
