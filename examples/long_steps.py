@@ -28,13 +28,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import meshio
 import numpy as np
 
 import latin_fmu
 from latin_fmu.assembly.segments import SegmentedRun
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.latin.outcome import InterfaceHistory
+from latin_fmu.mesh_files.gmsh import write_gmsh
 from latin_fmu.stability.scenes import STEEL, Box, Description, column, half_sine, rubbing
 
 BEAM, CLAMPS, PATCH = (0.3, 0.03, 0.008), (0.05, 0.15, 0.25), 0.02
@@ -50,7 +50,7 @@ def _half(name: str, elements: Sequence[int], outer: int) -> str:
     below = 0.0 if outer == 0 else BEAM[2]
     mesh = box_mesh(np.array([0.0, 0.0, below]), np.array(BEAM), tuple(elements))
     cells = mesh.blocks[0].cells
-    tags, parts, marks = {}, [("hexahedron", cells)], [np.ones(len(cells), dtype=np.int64)]
+    groups = {"body": (3, [("hexahedron", cells)])}
     for side in (0, 1):
         quads = cells[:, _HEX_FACES[side]]
         level = mesh.nodes[quads][..., 2]
@@ -62,16 +62,8 @@ def _half(name: str, elements: Sequence[int], outer: int) -> str:
             near = [(np.abs(centre[:, :2] - (x, BEAM[1] / 2)) < PATCH / 2).all(axis=1) for x in CLAMPS]
             faces = {f"clamp{i}": n for i, n in enumerate(near)} | {"tip": centre[:, 0] > BEAM[0] - PATCH / 2}
         for face, on in faces.items():
-            tags[face] = len(tags) + 2
-            parts.append(("quad", quads[on]))
-            marks.append(np.full(int(on.sum()), tags[face]))
-    made = meshio.Mesh(
-        mesh.nodes,
-        parts,
-        cell_data={"gmsh:physical": marks, "gmsh:geometrical": marks},
-        field_data={"body": np.array([1, 3]), **{n: np.array([t, 2]) for n, t in tags.items()}},
-    )
-    meshio.write(file, made, file_format="gmsh22", binary=True)
+            groups[face] = (2, [("quad", quads[on])])
+    write_gmsh(file, mesh.nodes, groups)
     return str(file)
 
 

@@ -239,7 +239,6 @@ class CoSimulationAdapter(Adapter):
         "numpy": "2.0",
         "scipy": "1.14",
         "numba": "0.61",
-        "meshio": "5.3",
         "pydantic": "2.10",
         "xarray": "2024.10",
         "netCDF4": "1.7",

@@ -22,6 +22,7 @@ from latin_fmu.cosim.variable import Variable, table_text
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import InputError, NeedsPythonError, Problem
 from latin_fmu.latin.settings import accuracy_of
+from latin_fmu.mesh_files.formats import suffix_of
 from latin_fmu.mesh_files.reading import included_files
 from latin_fmu.model_exchange.equations import Equations
 from latin_fmu.model_exchange.reduce import names_of, reduced_system
@@ -109,7 +110,7 @@ def scene_files(scene: Scene) -> Files:
             path = scene.base_dir / source
             stem, names = f"mesh_{len(meshes) + 1}", included_files(path)
             folder = f"{stem}/" if names else ""  # a deck keeps the files it includes beside it, under their names
-            meshes[source] = f"{folder}{stem}{path.suffix}"
+            meshes[source] = f"{folder}{stem}{suffix_of(path)}"
             files[meshes[source]] = path.read_bytes()
             for include in names:
                 files[f"{folder}{_beside(include, source)}"] = (path.parent / include).read_bytes()

@@ -631,6 +631,7 @@ def checked(scene: Scene) -> Checked:
         f"scene {scene.name}: {assembly.n_substructure} substructure(s) in {len(assembly.propagators)} class(es), "
         f"{len(assembly.interfaces)} interface(s), {assembly.n_instant} steps of {assembly.dt:.6g} s"
     ]
+    lines += discretised.files
     lines += body_lines(discretised.bodies)
     lines += [
         f"  {', '.join(p.names)}: {p.n_dof} unknowns, {p.n_channel} interface channels" for p in assembly.propagators

@@ -224,7 +224,27 @@ def with_parts(raw: Any, base_dir: Path) -> tuple[Any, list[Problem]]:
             whole = with_deck(whole, content, groups_of_file, table.scale, problems)
         if table.take:
             whole = with_attached(whole, content, groups_of_file, table, problems)
-    return (raw, problems) if problems else (whole, [])
+    if problems:
+        return raw, problems
+    return _with_body_names(whole, set(whole["substructure"])), []
+
+
+_FACES = ("face", "faces", "sides")  # keys with names of faces
+
+
+def _with_body_names(value: Any, bodies: set[str], key: str = "") -> Any:
+    """A scene in which faces of bodies are written by the names of the substructures, also where the file has dots in
+    the name of the body: ``my.part.top.1`` is the face top.1 of my_part."""
+    if isinstance(value, Mapping):
+        return {k: _with_body_names(inner, bodies, k) for k, inner in value.items()}
+    if isinstance(value, list | tuple) and key in _FACES:
+        return [_with_body_names(inner, bodies, key) for inner in value]
+    if isinstance(value, str) and key in _FACES and split_face(value)[0] not in bodies:
+        words = value.split(".")
+        for count in range(2, len(words)):
+            if (body := part_name(".".join(words[:count]))) in bodies:
+                return f"{body}.{'.'.join(words[count:])}"
+    return value
 
 
 def _checked(table: Mapping[str, Any]) -> MeshParts | None:
@@ -248,7 +268,11 @@ def _parts(
         if table.parts != (ALL,):
             groups = _listed_groups(name, table, content, problems)
         elif not content.solids:
-            problems.append(Problem(f"mesh.{name}.file", "the file holds no solid cells", table.file))
+            what, holds = "the file holds no solid cells", content.without_solids()
+            value = f"{table.file}: {holds}" if holds else table.file
+            problems.append(
+                Problem(f"mesh.{name}.file", what, value, remedy="mesh the volume, or extrude a plane mesh")
+            )
             return {}, None
         elif not (groups := list(content.part_names(table.file))):
             return {part_name(name): None}, content

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -414,14 +416,65 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
                 yield Remark("deck", f"mesh file {path.name}: {sentence}")
 
 
+_METRES: Final = MappingProxyType(
+    {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "m": 1.0, "km": 1e3, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
+)
+"""Units of length that a mesh file may name, in m."""
+
+
+def _unit_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
+    """Mesh files whose unit of length is another one than their ``scale`` says."""
+    metre = scene.unit_system["m"]
+    for path, content in files.contents.items():
+        size = None if content is None else _METRES.get(content.unit.lower())
+        if content is None or size is None:
+            continue
+        wanted = size / scene.unit_system.size("m")
+        scales = {table.scale for table in _tables_of(path, scene).values()}
+        if wrong := sorted(scale for scale in scales if not math.isclose(scale, wanted, rel_tol=1e-6)):
+            text = f"mesh file {path.name}: its lengths are in {content.unit} by its own account, scale = {wrong[0]:g} "
+            yield Remark("size", f"{text}makes {wrong[0]:g} {metre} of one: is it scale = {wanted:g}?")
+
+
+def _tables_of(path: Path, scene: Scene) -> dict[str, MeshFile]:
+    """Tables of the substructures whose mesh is of a file."""
+    tables = {name: s.mesh for name, s in scene.substructure.items() if s.mesh is not None}
+    return {name: table for name, table in tables.items() if scene.base_dir / table.file == path}
+
+
+def _file_lines(files: _MeshFiles, scene: Scene, bodies: Mapping[str, Body]) -> Iterator[str]:
+    """One line for each mesh file: its bodies, their volume and mass, its unit of length, what is left out."""
+    units = scene.unit_system
+    for path, content in files.contents.items():
+        tables = _tables_of(path, scene)
+        if content is None or not tables:
+            continue
+        chosen = [bodies[name] for name in tables if name in bodies]
+        volume = sum(float(body.shape.elements.volume.sum()) for body in chosen)
+        mass = sum(float(body.shape.elements.volume.sum()) * body.shape.material.density for body in chosen)
+        scales = " or ".join(f"{scale:g}" for scale in sorted({table.scale for table in tables.values()}))
+        unit = f" (the file says {content.unit})" if content.unit else ""
+        many = "1 body" if len(tables) == 1 else f"{len(tables)} bodies"
+        words = [many, f"{volume:.6g} {units['m3']}", f"{mass:.6g} {units['kg']}"]
+        words += [f"a unit of it is {scales} {units['m']}{unit}", *content.said]
+        solids = sum(len(cells) for cells in content.solids.values()) - sum(body.mesh.n_cell for body in chosen)
+        lost = [f"{solids} solid cells"] if solids > 0 and not any(t.refine for t in tables.values()) else []
+        lost += [f"{count} {kind}" for kind, count in content.skipped.items()]
+        yield f"  file {path.name}: {', '.join(words)}" + (f"; left out: {', '.join(lost)}" if lost else "")
+
+
 def build_bodies(
-    scene: Scene, problems: Problems, known: Mapping[str, Body] | None = None, remarks: list[Remark] | None = None
+    scene: Scene,
+    problems: Problems,
+    known: Mapping[str, Body] | None = None,
+    remarks: list[Remark] | None = None,
+    lines: list[str] | None = None,
 ) -> dict[str, Body]:
     """Bodies of every substructure whose mesh can be read; the errors of others are added to ``problems``.
 
     known : bodies of another scene, whose meshes and matrices serve where the description is equal, the meshes alone
         where the material is another one.
-    remarks : takes remarks on what mesh files hold beyond meshes.
+    remarks : takes remarks on what mesh files hold beyond meshes. lines : takes a line on each mesh file that is read.
     """
     bodies: dict[str, Body] = {}
     shapes: dict[tuple[object, ...], Shape] = {}
@@ -464,4 +517,7 @@ def build_bodies(
             bodies[name] = Body(name, mesh, shape, description, units=scene.unit_system)
     if remarks is not None:
         remarks += _deck_remarks(files, scene)
+        remarks += _unit_remarks(files, scene)
+    if lines is not None:
+        lines += _file_lines(files, scene, bodies)
     return bodies

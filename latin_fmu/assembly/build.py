@@ -137,9 +137,10 @@ def discretise(
     problems = Problems(box_memory(scene))
     _stop_at(problems)
     remarks: list[Remark] = []
+    files: list[str] = []
     store_of(scene).recount()
     scene = _damped(scene, remarks)
-    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks)
+    bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks, files)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
     _stop_at(problems)
@@ -157,8 +158,7 @@ def discretise(
     sensors = sensor_places(scene, bodies, problems) if scene.sensor else {}
     if scene.port:
         sensors |= port_places(scene, bodies)
-    # central differences need diagonal dashpots
-    explicit = scene.time.scheme.type == CENTRAL
+    explicit = scene.time.scheme.type == CENTRAL  # central differences need diagonal dashpots
     known = KeptOperators() if kept is None else kept
     conditions = {
         name: _conditions(body, scene.boundaries_of(name), scene.ports_of(name), explicit, problems, known)
@@ -192,7 +192,7 @@ def discretise(
     _stop_at(problems)
     problem = _problem(scene, bodies, conditions, units, cuts, kept, leave_out)
     remarks += [] if known.compared else _remarks(problem, bodies, units)
-    return replace(problem, remarks=tuple(remarks), sensors=sensors)
+    return replace(problem, remarks=tuple(remarks), sensors=sensors, files=tuple(files))
 
 
 def _stop_at(problems: Problems) -> None:

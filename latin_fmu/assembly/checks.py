@@ -188,7 +188,7 @@ def _mass(body: Body) -> float:
 
 
 def body_lines(bodies: Mapping[str, Body]) -> list[str]:
-    """One line for each body: size of its bounding box, mass, nodes and cells."""
+    """One line for each body: size of its bounding box, volume, mass, nodes and cells."""
     lines = []
     for name, body in bodies.items():
         size, units = " x ".join(f"{length:.4g}" for length in body.mesh.extent()), body.units
@@ -198,7 +198,8 @@ def body_lines(bodies: Mapping[str, Body]) -> list[str]:
         cells = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         added = 0.0 if body.added is None else float(body.added.matrix[::3, ::3].sum())  # one component: all mass
         masses = f" ({added:.4g} {units['kg']} in point masses)" if added else ""
-        sizes = f"{size} {units['m']}, {_mass(body):.4g} {units['kg']}{masses}"
+        volume = float(body.shape.elements.volume.sum())
+        sizes = f"{size} {units['m']}, {volume:.6g} {units['m3']}, {_mass(body):.6g} {units['kg']}{masses}"
         lines.append(f"  body {name}: {sizes}, {body.mesh.n_node} nodes, {cells}")
     return lines
 

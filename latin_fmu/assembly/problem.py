@@ -195,6 +195,8 @@ class DiscretisedProblem:
     scheme: TimeScheme
     time: Array
     remarks: tuple[Remark, ...] = ()
+    files: tuple[str, ...] = ()
+    """A line on each mesh file that was read."""
     sensors: Mapping[str, SensorPlace] = field(default_factory=dict)
     scheme_reason: str = ""
     cuts: Mapping[str, BoltCut] = field(default_factory=dict)

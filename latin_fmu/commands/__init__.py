@@ -357,6 +357,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """Declare SCENE and ``--set``."""
     parser.add_argument("scene", metavar="SCENE", type=Path, help="scene file (TOML)")
     add_settings(parser, "change one setting of the scene; may be repeated")
+    text = "libraries read mesh files without limits of processor time and memory"
+    switch(parser, "--no-limit", text)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -435,8 +437,11 @@ _NETCDF: Final = (".nc", ".nc4", ".cdf", ".netcdf", ".h5")
 
 def read_scene(arguments: argparse.Namespace) -> Scene:
     """The scene that SCENE names, with the settings of ``--set``."""
+    from ..mesh_files.child import NO_LIMIT
     from ..reader import load_scene
 
+    if arguments.no_limit:
+        os.environ[NO_LIMIT] = "0"  # of the processes of a study, too
     return load_scene(arguments.scene, arguments.overrides)
 
 

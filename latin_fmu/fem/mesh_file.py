@@ -83,6 +83,8 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
     unknown = {kind: len(cells) for kind, cells in blocks.items() if kind not in _VOLUME}
     if unknown:
         counts = ", ".join(f"{count} {kind}" for kind, count in unknown.items())
+        complete = any(kind in ("wedge18", "pyramid14") for kind in unknown)
+        remedy = "second order without nodes inside faces: in gmsh Mesh.SecondOrderIncomplete = 1" if complete else None
         raise MeshError(
             [
                 Problem(
@@ -90,7 +92,7 @@ def _volume_cells(content: MeshContent, group: str | None, where: str) -> dict[s
                     "cell types that cannot be computed with",
                     counts,
                     ", ".join(_VOLUME),
-                    "mesh the part with cells of these types",
+                    remedy or "mesh the part with cells of these types",
                 )
             ]
         )

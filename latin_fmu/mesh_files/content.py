@@ -111,6 +111,7 @@ class MeshContent:
         the skipped cells, by type, where the format has any.
     refused : what the reader leaves out and a scene may not miss without saying so, by the word with which ``ignore``
         of the mesh table allows it. said : sentences on how the file was read. attached : point masses and spiders.
+        unit : of length, as the file names it; empty where it does not.
     deck : what an Abaqus deck says beyond its mesh, None for other formats. sections : element sets of the solid
         sections of its volume groups, in capitals.
     """
@@ -122,6 +123,7 @@ class MeshContent:
     node_sets: dict[str, Index] = field(default_factory=dict)
     parts: tuple[str, ...] | None = None
     skipped: dict[str, int] = field(default_factory=dict)
+    unit: str = ""
     properties: dict[str, dict[str, None]] = field(default_factory=dict)
     refused: dict[str, Problem] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
@@ -165,6 +167,14 @@ class MeshContent:
         if problems := [problem for word, problem in self.refused.items() if word.upper() not in allowed]:
             raise MeshError(problems, "unreadable mesh")
 
+    def without_solids(self) -> str:
+        """What a file without solid cells holds, for a message."""
+        plane = len(self.points) > 0 and bool((np.ptp(self.points, axis=0) == 0.0).any())
+        faces = sum(len(table) for tables in self.facets.values() for table in tables)
+        words = [f"{faces} surface cells in named groups"] if faces else []
+        words += [f"{count} {kind}" for kind, count in self.skipped.items()]
+        return "; ".join([*(["a plane mesh"] if plane else []), *words])
+
     def touching(self, group: str, name: str) -> bool:
         """Whether a surface group or node set has whole facets on the cells of a volume group."""
         cells = {kind: self.solids[kind][rows] for kind, rows in self.volumes[group].items()}
@@ -199,7 +209,9 @@ class MeshContent:
         late_first = dict.fromkeys(reversed(members))
         for name in sorted(late_first, key=lambda n: len(members[n])):
             inside = np.isin(members[name], taken)
-            if inside.all():
+            # a set of whole groups only unites them; one that cuts across is another choice of parts
+            united = [other for other in fine if np.isin(members[other], members[name]).all()]
+            if inside.all() and sum(len(members[other]) for other in united) == len(members[name]):
                 continue
             if inside.any():
                 what = "the volume groups overlap, so they cannot all be parts"

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..errors import MeshError
 from .content import CORNERS, FLAT, NO_ROWS, FileProblems, Index, MeshContent, upper_edges_last
 
 _SOLIDS: Final = {
@@ -14,6 +15,7 @@ _SOLIDS: Final = {
     ("TET", 10): "tetra10",
     ("HEX", 8): "hexahedron",
     ("HEX", 20): "hexahedron20",
+    ("HEX", 27): "hexahedron27",
     ("WED", 6): "wedge",
     ("WED", 15): "wedge15",
     ("PYR", 5): "pyramid",
@@ -31,6 +33,9 @@ _FLAT: Final = {
     ("SHE", 3): "triangle",
     ("TRI", 4): "triangle",
 }
+# Places of the nodes of HEX27 in the order of VTK; its centre comes before those of the faces below, above, left,
+# right, in front and behind (Exodus II manual, HEX27)
+_HEX27: Final = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22, 20]
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
@@ -40,16 +45,26 @@ _SIDES: Final = {
 }
 
 
-def read_exodus(path: Path, where: str) -> MeshContent:
+def read_exodus(path: Path) -> MeshContent:
     """The mesh of a file; element blocks and sets without a name are ``block_1``, ``sideset_1``, ``nodeset_1``.
 
     Raises
     ------
-    MeshError : cell types that are not known. OSError, KeyError, ... : what netCDF4 makes of a file that is none.
+    MeshError : cell types that are not known, a file that is none.
     """
+    try:
+        return _read(path)
+    except MeshError:
+        raise
+    except Exception as error:  # netCDF4 raises many kinds on damaged files
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise MeshError.of("unreadable mesh", path.name, f"not a usable Exodus file: {reason}") from None
+
+
+def _read(path: Path) -> MeshContent:
     import netCDF4
 
-    problems = FileProblems(where)
+    problems = FileProblems(path.name)
     with netCDF4.Dataset(path) as data:
         # a number equal to the fill value is data
         data.set_auto_mask(False)
@@ -87,8 +102,10 @@ def _points(data: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if "coord" in data.variables:
         table = np.asarray(data.variables["coord"][:], dtype=float).T
     else:
-        table = np.stack([np.asarray(data.variables[f"coord{x}"][:], dtype=float) for x in "xyz"], axis=1)
-    return np.ascontiguousarray(table)
+        axes = [x for x in "xyz" if f"coord{x}" in data.variables]
+        table = np.stack([np.asarray(data.variables[f"coord{x}"][:], dtype=float) for x in axes], axis=1)
+    # a plane mesh: z = 0
+    return np.ascontiguousarray(np.hstack([table, np.zeros((len(table), 3 - table.shape[1]))]))
 
 
 def _named(data: Any, short: str, long: str, dimension: str) -> list[tuple[int, str]]:
@@ -112,13 +129,14 @@ def _add_block(content: MeshContent, problems: FileProblems, name: str, element:
     key = (element.upper()[:3], cells.shape[1])
     # HEX20 and WEDGE15 of Exodus have vertical edges before upper ones
     if kind := _SOLIDS.get(key):
-        content.add_volume(name, kind, content.add_solids(kind, upper_edges_last(cells)))
+        ordered = cells[:, _HEX27] if kind == "hexahedron27" else upper_edges_last(cells)
+        content.add_volume(name, kind, content.add_solids(kind, ordered))
         return kind
     if kind := _FLAT.get(key):
         content.add_facets(name, kind, cells)
         return kind
     if key[0] in ("HEX", "TET", "WED", "PYR"):
-        known = "HEX8, HEX20, TET4, TET10, WEDGE6, WEDGE15, PYRAMID5"
+        known = "HEX8, HEX20, HEX27, TET4, TET10, WEDGE6, WEDGE15, PYRAMID5, PYRAMID13"
         problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", known)
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return ""

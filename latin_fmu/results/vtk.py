@@ -9,9 +9,12 @@ assembly; where no field is stored, at all instants of the run.
 from __future__ import annotations
 
 import os
+import zlib
+from base64 import b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Protocol
 from xml.sax.saxutils import quoteattr
 
@@ -29,6 +32,26 @@ _VTK_TENSOR: Final = ["xx", "yy", "zz", "xy", "yz", "xz"]
 """Order in which VTK reads six numbers as a symmetric tensor; ours is xx yy zz yz xz xy."""
 
 
+_VTK_CELLS: Final = MappingProxyType(
+    {
+        "vertex": 1,
+        "triangle": 5,
+        "quad": 9,
+        "tetra": 10,
+        "hexahedron": 12,
+        "wedge": 13,
+        "pyramid": 14,
+        "tetra10": 24,
+        "hexahedron20": 25,
+        "wedge15": 26,
+        "pyramid13": 27,
+        "hexahedron27": 29,
+        "wedge18": 32,
+    }
+)
+"""Numbers of the types of cells (vtkCellType.h)."""
+
+
 class HasTree(Protocol):
     """Anything that can turn into a DataTree, e.g. a ``Solution``."""
 
@@ -39,7 +62,7 @@ class HasTree(Protocol):
 
 @dataclass(frozen=True)
 class _Piece:
-    """What one .vtu file holds, in the terms of meshio."""
+    """What one .vtu file holds; cells and their fields block by block of one type of cells."""
 
     points: Array
     cells: list[tuple[str, NDArray[np.int64]]]
@@ -79,8 +102,6 @@ def export_vtu(results: xr.DataTree | HasTree, folder: str | Path) -> Path:
 
 
 def _write_all(tree: xr.DataTree, folder: Path) -> None:
-    import meshio
-
     folder.mkdir()
     entries = []
     for part, (name, dataset) in enumerate(_parts(tree).items()):
@@ -88,14 +109,49 @@ def _write_all(tree: xr.DataTree, folder: Path) -> None:
         for i, time in enumerate(dataset["time"].values):
             piece = make(dataset.isel(time=i))
             file = f"{name}_{i:05d}.vtu"
-            mesh = meshio.Mesh(piece.points, piece.cells, point_data=piece.point_data, cell_data=piece.cell_data)
-            mesh.write(folder / file)
+            (folder / file).write_bytes(_vtu(piece))
             entries.append(
                 f'    <DataSet timestep="{float(time)!r}" part="{part}" name={quoteattr(name)} file={quoteattr(file)}/>'
             )
     head = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">']
     lines = [*head, "  <Collection>", *entries, "  </Collection>", "</VTKFile>", ""]
     (folder / "results.pvd").write_text("\n".join(lines), encoding="utf-8")
+
+
+def _vtu(piece: _Piece) -> bytes:
+    """Text of a .vtu file (VTK XML format, version 1.0), numbers packed by zlib."""
+    counts = [cells.shape for _, cells in piece.cells]
+    flat = [cells.ravel() for _, cells in piece.cells]
+    arrays = {
+        "connectivity": np.concatenate(flat),
+        "offsets": np.cumsum(np.concatenate([np.full(n, width) for n, width in counts])),
+        "types": np.concatenate([np.full(len(c), _VTK_CELLS[kind], dtype=np.uint8) for kind, c in piece.cells]),
+    }
+    by_cell = {name: np.concatenate(blocks) for name, blocks in piece.cell_data.items()}
+    sections = {"PointData": piece.point_data, "CellData": by_cell, "Points": {"points": piece.points}, "Cells": arrays}
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">',
+        "<UnstructuredGrid>",
+        f'<Piece NumberOfPoints="{len(piece.points)}" NumberOfCells="{len(arrays["types"])}">',
+    ]
+    for section, fields in sections.items():
+        lines += [f"<{section}>", *(_data_array(name, values) for name, values in fields.items()), f"</{section}>"]
+    return "\n".join([*lines, "</Piece>", "</UnstructuredGrid>", "</VTKFile>", ""]).encode()
+
+
+def _data_array(name: str, values: NDArray[Any]) -> str:
+    """An array of a .vtu file in one block: counts and sizes, then what zlib makes of the numbers."""
+    kind = {"f": "Float64", "i": "Int64", "u": "UInt8", "b": "UInt8"}[values.dtype.kind]
+    data = np.ascontiguousarray(values, dtype={"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}[kind]).tobytes()
+    packed = zlib.compress(data)
+    # number of blocks, size of a block, of the last one (0: as the others), packed size of each
+    sizes = np.array([1, len(data), 0, len(packed)] if data else [0, 0, 0], dtype="<u8").tobytes()
+    text = b64encode(sizes).decode() + (b64encode(packed).decode() if data else "")
+    width = values.shape[1] if values.ndim > 1 else 1
+    components = f' NumberOfComponents="{width}"' if values.ndim > 1 else ""
+    return f'<DataArray type="{kind}" Name={quoteattr(name)}{components} format="binary">{text}</DataArray>'
 
 
 def _parts(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -125,7 +181,6 @@ def _substructure_piece(instant: xr.Dataset) -> _Piece:
     table = np.nan_to_num(nodes, nan=-1).astype(np.int64)  # cells with fewer nodes, as a file gives them
     cells = [(b.cell_type, b.cells) for b in cell_blocks(table)]
     point_data, by_cell = _fields(instant, "node"), _fields(instant, "cell")
-    # meshio takes the values of cells block by block
     ends = np.cumsum([len(c) for _, c in cells])[:-1]
     cell_data = {name: np.split(values, ends) for name, values in by_cell.items()}
     return _Piece(points, cells, point_data, cell_data)

@@ -117,7 +117,7 @@ class MeshFile(SceneTable):
     """A mesh read from a file (hexahedra of 8, 20 or 27 nodes, tetrahedra of 4 or 10, wedges of 6, 15 or 18,
     pyramids of 5 or 13, also mixed); its faces are the named surface groups of the file."""
 
-    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
+    file: Annotated[Text, about("mesh file, relative to the scene file (its formats: docs/mesh_files.md)")]
     group: Annotated[Text | None, about("named volume group to take; the whole file where left out")] = None
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     refine: Refinements = 0
@@ -209,7 +209,7 @@ def _all_or_listed(value: object) -> object:
 class MeshParts(SceneTable):
     """A mesh file with several parts: every volume group, or each group listed, becomes a substructure of its name."""
 
-    file: Annotated[Text, about("mesh file, relative to the scene file (.msh, .inp, .bdf, .e, .vtu, .med ...)")]
+    file: Annotated[Text, about("mesh file, relative to the scene file (its formats: docs/mesh_files.md)")]
     scale: Annotated[Real, about("length of one file unit (1e-3 for a mesh in mm)", "m", gt=0)] = 1.0
     refine: Refinements = 0
     parts: Annotated[

@@ -13,8 +13,9 @@ from typing import Any, Final
 import numpy as np
 
 from ..fem.mesh import FacetSet, Mesh, boundary, box_mesh
-from ..fem.reference_cells import CELL_EDGES, FACET_KIND, HEX_FACES
+from ..fem.reference_cells import CELL_EDGES, HEX_FACES
 from ..latin.outcome import Array
+from ..mesh_files.gmsh import write_gmsh
 from .case import Bench, Case, Measure, against_round_off, contact_laws, energy_laws, make_case
 from .scenes import Description
 
@@ -63,24 +64,9 @@ def _box_faces(mesh: Mesh) -> dict[str, FacetSet]:
 
 def write_mesh(file: Path, mesh: Mesh, place: Callable[[Array], Array] | None = None) -> None:
     """Volume group "body" and the faces as surface groups; ``place`` moves the nodes."""
-    import meshio
-
-    tags = {name: i + 2 for i, name in enumerate(mesh.faces)}
-    cells, marks = [], []
-    for name, face in mesh.faces.items():
-        for block in face.blocks:
-            cells.append((FACET_KIND[block.facets.shape[1]], block.facets))
-            marks.append(np.full(len(block.facets), tags[name]))
-    for volume in mesh.blocks:
-        cells.append((volume.cell_type, volume.cells))
-        marks.append(np.ones(len(volume.cells), dtype=np.int64))
-    made = meshio.Mesh(
-        mesh.nodes if place is None else place(mesh.nodes),
-        cells,  # number, dimension
-        cell_data={"gmsh:physical": marks, "gmsh:geometrical": marks},
-        field_data={"body": np.array([1, 3]), **{n: np.array([t, 2]) for n, t in tags.items()}},
-    )
-    meshio.write(file, made, file_format="gmsh22", binary=True)
+    faces = {name: (2, [(b.kind, b.facets) for b in face.blocks]) for name, face in mesh.faces.items()}
+    body = {"body": (3, [(b.cell_type, b.cells) for b in mesh.blocks])}
+    write_gmsh(file, mesh.nodes if place is None else place(mesh.nodes), {**body, **faces})
 
 
 def turned(axis: Array, degrees: float) -> Array:

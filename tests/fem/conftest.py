@@ -63,11 +63,13 @@ GMSH_TYPE = {
     "hexahedron20": 17,
     "hexahedron64": 92,
     "wedge15": 18,
+    "pyramid13": 19,
 }
 # Place in the order of VTK of each node in the order of gmsh, where the two differ.
 GMSH_ORDER = {
     "wedge15": [*range(7), 8, 12, 7, 13, 14, 9, 11, 10],
     "wedge18": [*range(7), 8, 12, 7, 13, 14, 9, 11, 10, 15, 17, 16],
+    "pyramid13": [*range(6), 8, 9, 6, 10, 7, 11, 12],
     "tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
     "hexahedron20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
     "hexahedron27": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14, 24, 22, 20, 21, 23, 25, 26],

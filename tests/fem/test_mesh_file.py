@@ -16,6 +16,7 @@ from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh import CellBlock, Mesh, boundary, box_mesh, unjoined
 from latin_fmu.fem.mesh_file import oriented, refined
 from latin_fmu.fem.reference_cells import CELL_FACES, cell_rule, mirrored
+from latin_fmu.mesh_files.child import NO_LIMIT
 from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import write_inp, write_msh
@@ -284,8 +285,15 @@ GARBAGE = (
 )
 
 
-@pytest.mark.parametrize("suffix", ["msh", "inp", "vtu", "vtk", "med", "xdmf", "bdf", "mesh", "stl", "zzz", ""])
-def test_garbage_is_a_mesh_error_and_never_ends_the_process(tmp_path: Path, suffix: str) -> None:
+@pytest.mark.parametrize(
+    "suffix",
+    ["msh", "inp", "vtu", "vtk", "med", "xdmf", "bdf", "mesh", "stl", "zzz", "", "su2", "vol", "unv", "k", "cgns", "e"],
+)
+def test_garbage_is_a_mesh_error_and_never_ends_the_process(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Libraries read in this process."""
+    monkeypatch.setenv(NO_LIMIT, "0")
     path = tmp_path / (f"bad.{suffix}" if suffix else "bad")
     for content in GARBAGE:
         path.write_bytes(content)

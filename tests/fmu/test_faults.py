@@ -244,7 +244,7 @@ def test_missing_packages_are_named(fmus, fmi, tmp_path):
         sys.path[:0] = [{str(Path(__file__).parents[2])!r}]
         import importlib.util
         real = importlib.util.find_spec
-        importlib.util.find_spec = lambda name, *a: None if name == "meshio" else real(name, *a)
+        importlib.util.find_spec = lambda name, *a: None if name == "threadpoolctl" else real(name, *a)
         from tests.fmu import host
         heard = []
         host.Host._two_hears = lambda self, *a: heard.append(a[-1].decode())
@@ -259,7 +259,7 @@ def test_missing_packages_are_named(fmus, fmi, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     said = " ".join(json.loads(done.stdout.splitlines()[-1]))
-    assert "meshio" in said
+    assert "threadpoolctl" in said
 
 
 # -- parameters and files that make no sense -------------------------------------------------------------------------

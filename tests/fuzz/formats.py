@@ -34,6 +34,8 @@ from ..cosim.scenes import blocks
 from ..fem.conftest import write_msh
 from ..mesh_files.decks import cube, instances_deck, keywords_deck, nastran_deck, surfaces_deck, systems_deck
 from ..mesh_files.test_formats import exodus
+from ..mesh_files.test_med import write_med
+from ..mesh_files.test_readers import dyna_cube, netgen, unv_cube, unv_group
 from . import changes
 from .changes import Rng
 from .stored import STORED
@@ -148,15 +150,18 @@ def written_meshes(suffix: str) -> Mapping[str, bytes]:
     mesh = meshio.Mesh(box.nodes, cells, cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags})
     mesh.field_data = {"low": np.array([1, 3]), "up": np.array([2, 3]), "top": np.array([3, 2])}
     plain = meshio.Mesh(box.nodes, cells, cell_data={"part": tags})
-    versions = {"msh": ("gmsh22",), "vtk": ("vtk42", "vtk"), "vtu": ("vtu",)}[suffix]
+    versions = {"msh": ("gmsh22",), "vtk": ("vtk42", "vtk"), "vtu": ("vtu",), "xdmf": ("xdmf",)}[suffix]
     result = {}
     noise = io.StringIO()  # "ASCII files are only meant for debugging"
     with TemporaryDirectory() as folder, redirect_stderr(noise), redirect_stdout(noise):
         for version in versions:
-            for binary in (False, True):
+            for binary in (False, True) if suffix != "xdmf" else ():
                 path = Path(folder) / f"{version}{'b' * binary}.{suffix}"
                 meshio.write(path, mesh if suffix == "msh" else plain, version, binary=binary)
                 result[path.name] = path.read_bytes()
+        if suffix == "xdmf":
+            plain.write(Path(folder) / "cube.xdmf", data_format="XML")
+            result["cube.xdmf"] = (Path(folder) / "cube.xdmf").read_bytes()
         if suffix == "msh":  # meshio writes no groups into version 4
             path = Path(folder) / "gmsh41.msh"
             groups = {"low": cells[0][1][:4], "up": cells[0][1][4:], "top": cells[1][1]}
@@ -169,6 +174,38 @@ def exodus_file() -> Mapping[str, bytes]:
     """The cube as two blocks with side sets."""
     with TemporaryDirectory() as folder:
         return {"cube.e": exodus(Path(folder) / "cube.e").read_bytes()}
+
+
+def med_file() -> Mapping[str, bytes]:
+    """The cube as two groups of cells with a group of facets."""
+    box = cube()
+    facets = box.faces["zmax"].blocks[0].facets
+    cells = {"HE8": (box.blocks[0].cells, np.repeat([-1, -5], 4)), "QU4": (facets, np.full(4, -2))}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "cube.med"
+        write_med(path, box.nodes, cells, {-1: ["low"], -2: ["top"], -5: []}, unit="mm")
+        return {path.name: path.read_bytes()}
+
+
+def text_meshes() -> Mapping[str, bytes]:
+    """Small meshes in the text formats that the package reads itself."""
+    box = cube()
+    cells, count = (box.blocks[0].cells + 1).tolist(), len(box.nodes)
+    points = [" ".join(map(repr, x)) for x in box.nodes.tolist()]
+    rows = [" ".join(map(str, cell)) for cell in cells]
+    medit = ["MeshVersionFormatted 2", "Dimension 3", "Vertices", str(count), *(f"{x} 1" for x in points)]
+    medit += ["Hexahedra", "8", *(f"{row} {1 + i // 4}" for i, row in enumerate(rows)), "End", ""]
+    su2 = ["NDIME= 3", "NELEM= 8", *(f"12 {' '.join(str(n - 1) for n in c)} {i}" for i, c in enumerate(cells))]
+    su2 += [f"NPOIN= {count}", *(f"{x} {i}" for i, x in enumerate(points))]
+    su2 += ["NMARK= 1", "MARKER_TAG= foot", "MARKER_ELEMS= 1", "9 0 1 4 3", ""]
+    texts = {
+        "cube.unv": unv_cube(unv_group(1, "low", [(8, 1), (8, 2), (8, 3), (8, 4)])),
+        "cube.k": dyna_cube(),
+        "two.vol": netgen(True),
+        "cube.mesh": "\n".join(medit),
+        "cube.su2": "\n".join(su2),
+    }
+    return {name: text.encode() for name, text in texts.items()}
 
 
 def scene_texts() -> Mapping[str, bytes]:
@@ -248,6 +285,9 @@ FORMATS: dict[str, Attempt] = {
     "bdf": Files(
         lambda: {"cube.bdf": nastran_deck().encode(), "systems.bdf": systems_deck().encode()}, changes.text, read_mesh
     ),
+    "xdmf": Files(partial(written_meshes, "xdmf"), changes.text, read_mesh),
+    "med": Files(med_file, changes.binary, read_mesh),
+    "text": Files(text_meshes, changes.text, read_mesh),
     "exodus": Files(exodus_file, changes.binary, read_mesh),
     "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
     "toml": Files(scene_texts, changes.text, read_scene),

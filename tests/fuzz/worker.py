@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from latin_fmu.errors import LatinError
+from latin_fmu.mesh_files.child import NO_LIMIT
 
 from .formats import FORMATS, Files
 
@@ -69,6 +70,8 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.signal(signal.SIGPROF, _over)
     warnings.simplefilter("always")
+    os.environ[NO_LIMIT] = "0"  # libraries read here: a process for each of thousands of files would take hours
+    sys.modules["vtkmodules.vtkCommonCore"] = None  # type: ignore[assignment]  # it crashes, which its process is for
     assert {job.partition(":")[0] for job in sys.argv[2:]} <= set(FORMATS), "no such format"
     seconds = float(sys.argv[1])
     for job in sys.argv[2:]:

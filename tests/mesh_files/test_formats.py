@@ -13,6 +13,7 @@ import pytest
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.faces import face
 from latin_fmu.fem.mesh_file import mesh_of
+from latin_fmu.mesh_files.child import NO_LIMIT
 from latin_fmu.mesh_files.content import FileProblems
 from latin_fmu.mesh_files.exodus import _SIDES, _facets
 from latin_fmu.mesh_files.reading import read_content
@@ -127,6 +128,7 @@ def test_integer_cell_data_names_parts(tmp_path: Path, suffix: str) -> None:
 
 def test_a_missing_library_is_asked_for_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
+    monkeypatch.setenv(NO_LIMIT, "0")
     path = tmp_path / "part.med"
     path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     with pytest.raises(MeshError, match="pip install h5py") as caught:
@@ -140,17 +142,17 @@ def test_the_reason_of_the_reader_reaches_the_user(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r"9\.9") as caught:
         read_content(path)
     assert "Couldn't read file" not in str(caught.value)
-    (tmp_path / "part.unv").write_text("x")
+    (tmp_path / "part.zzz").write_text("x")
     with pytest.raises(MeshError, match="no reader for files of this kind"):
-        read_content(tmp_path / "part.unv")
+        read_content(tmp_path / "part.zzz")
 
 
 def test_an_element_that_the_reader_does_not_know(tmp_path: Path) -> None:
-    """The pyramid of 13 nodes of gmsh: a sentence with the remedy, no name of an error."""
+    """A sentence with the number of the type and the remedy, no name of an error."""
     nodes = "".join(f"{i + 1} {i % 3} {i // 3} {i % 2}\n" for i in range(13))
-    cell = "1 19 2 1 1 " + " ".join(str(i + 1) for i in range(13))
+    cell = "1 140 2 1 1 " + " ".join(str(i + 1) for i in range(13))
     text = f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n13\n{nodes}$EndNodes\n$Elements\n1\n{cell}\n$EndElements\n"
-    (tmp_path / "pyramid.msh").write_text(text)
-    with pytest.raises(MeshError, match=r"'pyramid13', which its reader .* does not expect.*export it again") as caught:
-        read_content(tmp_path / "pyramid.msh")
-    assert "KeyError" not in str(caught.value)
+    (tmp_path / "odd.msh").write_text(text)
+    with pytest.raises(MeshError, match=r"an element of the unknown type 140; save it again") as caught:
+        read_content(tmp_path / "odd.msh")
+    assert "Error:" not in str(caught.value)

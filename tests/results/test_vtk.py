@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from latin_fmu import ResultsError
+from latin_fmu.results import vtk
 from latin_fmu.results.solution import Solution
 from latin_fmu.results.vtk import export_vtu
 
@@ -89,7 +90,7 @@ def test_failure_keeps_the_former_export(crushing: Solution, tmp_path: Path, mon
     def full_disk(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(meshio.Mesh, "write", full_disk)
+    monkeypatch.setattr(vtk, "_vtu", full_disk)
     with pytest.raises(ResultsError, match="No space left"):
         export_vtu(crushing, tmp_path / "out")
     assert sorted(path.name for path in index.parent.iterdir()) == before

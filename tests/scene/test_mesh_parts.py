@@ -67,7 +67,7 @@ def test_every_part_is_a_substructure(folder: Path) -> None:
     assert effective.mesh == {}  # the effective scene is written out
     assert scene_from_dict(tomllib.loads(effective.text()), folder) == effective
     lines = "\n".join(api.check(effective))
-    assert "body upper: 0.001 x 0.001 x 0.001 m, 7.8e-06 kg, 27 nodes, 8 hexahedron" in lines
+    assert "body upper: 0.001 x 0.001 x 0.001 m, 1e-09 m3, 7.8e-06 kg, 27 nodes, 8 hexahedron" in lines
     assert "interface joint: contact, 9 points" in lines
 
 

@@ -1,0 +1,168 @@
+"""Readers of other people's libraries in a process of their own, with limits of processor time and memory.
+
+On a damaged file such a library may not return, take all memory or end its process. The limits: 10 s of processor time
+and 2 s for each MB of the file; 3 GB of memory and 200 bytes for each byte of the file, at most what is free. The
+option ``--no-limit`` of the command line, or ``LATIN_FMU_MESH_LIMIT=0``, reads in this process and without limits. So
+does a program in which no Python can be started: another one that has Python inside, such as a host of FMUs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ..errors import MeshError, Problem
+from ..machine import memory_room
+from .content import MeshContent
+
+NO_LIMIT: Final = "LATIN_FMU_MESH_LIMIT"
+"""Variable of the environment; 0: libraries read in this process."""
+
+_SECONDS, _SECONDS_OF_MB = 10.0, 2.0
+_MEMORY, _MEMORY_OF_BYTE = 3 << 30, 200
+_START: Final = 30.0  # seconds by the clock until a process reads, on a machine with much else to do
+_WAITING: Final = 10.0  # seconds by the clock for one of processor time: a library may wait for ever, too
+_NO_MEMORY: Final = "no memory"
+_REMEDY: Final = "export the mesh again, best as .msh, .inp or .bdf, or read it without limits: --no-limit"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What reading one file may take: seconds of processor time, bytes of memory."""
+
+    seconds: float
+    memory: int
+
+    @classmethod
+    def of(cls, path: Path) -> Limits:
+        """Those of a file, by its size."""
+        size = path.stat().st_size
+        memory = _MEMORY + _MEMORY_OF_BYTE * size
+        free, _ = memory_room()
+        return cls(_SECONDS + _SECONDS_OF_MB * size / 1e6, int(min(memory, free)) if free > 0 else memory)
+
+
+def read_in_child(reader: Callable[[Path], MeshContent], path: Path, title: str) -> MeshContent:
+    """What a reader of the package makes of a file, in a process of its own.
+
+    Parameters
+    ----------
+    reader : function of a module. title : format and library, for messages.
+
+    Raises
+    ------
+    MeshError : of the reader; past a limit, or where the process dies, with the format and the library.
+    """
+    root = Path(__file__).parents[__name__.count(".")]  # the folder that the package is in
+    if os.environ.get(NO_LIMIT) == "0" or not _is_python(sys.executable) or not _is_below(root):
+        return reader(path)
+    limits = Limits.of(path)
+    job = (
+        [str(Path(p).absolute()) for p in sys.path],
+        reader.__module__,
+        reader.__qualname__,
+        path.absolute(),
+        limits.seconds,
+        limits.memory,
+    )
+    code = f"from {__name__} import serve; serve()"
+    # the pools of threads of numerical libraries take memory, and nothing here is worth a second thread
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(root)}
+    try:
+        with subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+        ) as process:
+            try:
+                result, said = process.communicate(pickle.dumps(job), timeout=_START + _WAITING * limits.seconds)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise _past_limit(path, title, f"does not return within {_WAITING * limits.seconds:.0f} s") from None
+            except BaseException:
+                process.kill()
+                raise
+    except OSError:  # no second process can be started
+        return reader(path)
+    return _outcome(path, title, limits, process.returncode, result, said)
+
+
+def _outcome(path: Path, title: str, limits: Limits, code: int, result: bytes, said: bytes) -> MeshContent:
+    """Content that a process has sent; the reason where it has none."""
+    if code == 0:
+        content, problems, heading = pickle.loads(result)
+        if content is not None:
+            assert isinstance(content, MeshContent)
+            return content
+        if problems != _NO_MEMORY:
+            raise MeshError(problems, heading)
+    if code == -getattr(signal, "SIGXCPU", 0) or code == -getattr(signal, "SIGKILL", 0):
+        raise _past_limit(path, title, f"takes more than {limits.seconds:.3g} s of processor time")
+    if code == 0 or b"MemoryError" in said or b"bad_alloc" in said:
+        raise _past_limit(path, title, f"takes more than {limits.memory / 1e9:.2g} GB of memory")
+    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    last = said.decode("utf-8", "replace").strip().splitlines()[-1:]
+    raise _past_limit(path, title, ": ".join([f"dies ({name})", *last])[:300])
+
+
+def _past_limit(path: Path, title: str, what: str) -> MeshError:
+    return MeshError([Problem(path.name, f"the reader of {title} {what}", remedy=_REMEDY)], "unreadable mesh")
+
+
+def _is_python(program: str | None) -> bool:
+    """Whether a program is a Python that takes ``-c``."""
+    return bool(program) and Path(str(program)).stem.lower().startswith(("python", "pypy"))
+
+
+def _is_below(root: Path) -> bool:
+    """Whether this module can be imported from there by its name: not so in an FMU, whose package is loaded anew."""
+    return Path(__file__).with_suffix("") == root.joinpath(*__name__.split("."))
+
+
+def serve() -> None:
+    """Read the file of a job on stdin; its content, or what is wrong with it, goes to stdout.
+
+    What libraries print, in C too, goes to stderr.
+    """
+    answer = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    sys.path[:], module, name, path, seconds, memory = pickle.load(sys.stdin.buffer)
+    _limit(seconds, memory)
+    reply: tuple[MeshContent | None, object, str]
+    try:
+        reply = (getattr(importlib.import_module(module), name)(path), None, "")
+    except MeshError as error:
+        reply = (None, error.problems, error.heading)
+    except MemoryError:
+        reply = (None, _NO_MEMORY, "")
+    except BaseException:
+        traceback.print_exc()
+        answer.close()
+        os._exit(1)
+    pickle.dump(reply, answer, pickle.HIGHEST_PROTOCOL)
+    answer.close()
+    os._exit(0)  # destructors of a library may crash, and nothing is left to do
+
+
+def _limit(seconds: float, memory: int) -> None:
+    """Limits of this process, where the system has any."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        whole = math.ceil(seconds)
+        resource.setrlimit(resource.RLIMIT_CPU, (whole, whole + 5))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
