@@ -29,9 +29,10 @@ from .initial_state import InitialState, check_fields, field_remarks, initial_pr
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
+from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
-from .statics import Stage, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
+from .statics import Stage, fitted, loose_bolts, start_data, start_groups, start_problems, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -96,7 +97,8 @@ def solved_equilibrium(
 ) -> InitialState | None:
     """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
     own: Kept = {} if kept is None else kept
-    tight = tightened(discretised, own, stages) if discretised.cuts else None
+    tight = fitted(discretised, own, stages) if fits(discretised.units) else None
+    tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
     state = static_state(discretised, amplitudes, tight, own, stages)
     if stages is not None or kept is not None:
         return state
@@ -152,8 +154,8 @@ def discretise(
     units = _units(scene, bodies, conditions, problems, remarks, known)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
-    if behaviours:
-        units = with_behaviours(units, behaviours, problems)
+    units = with_behaviours(units, behaviours, problems) if behaviours else units
+    scene = carried(scene, units, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
     if fields:

@@ -57,6 +57,7 @@ from .free_bodies import (
 )
 from .initial_state import InitialState, TightBolts
 from .models import Kept
+from .press_fits import interference, sliding_ones, strain_remark
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 _UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
@@ -126,7 +127,8 @@ def start_problems(
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
         # pushed or held by a body that is not in equilibrium itself
-        tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
+        fit = bool(interference(unit).any())
+        tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0 or fit
         if moving and tied:
             yield Problem(
                 f"interface.{unit.name}",
@@ -413,7 +415,7 @@ def something_acts(scene: Scene) -> bool:
     """Whether anything moves or strains a body of a static scene."""
     return (
         bool(scene.load or scene.port)
-        or any(i.preload or i.preload_force or i.interference for i in scene.interface.values())
+        or any(i.preload or i.preload_force for i in scene.interface.values())
         or any(any(s.body_force) for s in scene.substructure.values())
         or scene.gravity is not None
         or bool(scene.temperature)
@@ -497,21 +499,49 @@ def _raised(amplitude: float) -> _Tables:
 _Ramps = dict[str, tuple[float, float]]
 
 
-def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
+def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
+    """The equilibrium of press fits and preloads alone (``press_fits``), bolts loose; ``kept`` and ``stages`` as for
+    ``tightened``.
+
+    Raises
+    ------
+    SceneError : no equilibrium was found, or the strains are too large.
+    """
+    scene = static_scene(whole.scene, {}, loaded=False)
+    # all of it at once: a gap does not grow with the increments
+    scene = scene.model_copy(update={"time": scene.time.model_copy(update={"instants": 1})})
+    units = sliding_ones(whole.units)
+    problem = replace(static_problem(replace(whole, units=units), scene), ramps=TightBolts().locked(whole.cuts))
+    ready, run, tolerance = equilibrium(problem, None, settings_of(whole.scene), kept)
+    converged, sentence = run.status()
+    if not converged:
+        raise _no_start(f"the press fits are not carried: {sentence}")
+    state = state_at_end(ready, run, {}, tolerance)
+    if stages is not None:
+        stages.append(Stage(problem, ready, run.recorder.rows, None, kept, True, False, (), state))
+    remark = strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])
+    words = f"press fits closed, {sum(window.iterations for window in run.windows)} iterations"
+    return replace(state, message=words, remarks=(*state.remarks, remark))
+
+
+def tightened(
+    whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None, start: InitialState | None = None
+) -> InitialState:
     """The equilibrium with all bolts tight and no other load acting.
 
     Parameters
     ----------
-    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these.
+    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these. start : state with press
+    fits, before any bolt is tight.
 
     Raises
     ------
     SceneError : no equilibrium with such a force was found, or the mean stress of a bolt is above the yield stress.
     """
     scene, cuts = static_scene(whole.scene, {}, loaded=False), whole.cuts
-    state: InitialState | None = None
+    state = start
     bolts = TightBolts(dict.fromkeys(cuts, 0.0))
-    increments, iterations, remarks = 0, 0, dict[str, None]()
+    increments, iterations, remarks = 0, 0, dict.fromkeys(() if start is None else start.remarks)
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
@@ -538,6 +568,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None 
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"
     words += f", {increments} increment(s), {iterations} iterations"
+    words = words if start is None else f"{start.message}; {words}"
     return replace(state, bolts=bolts, message=words, remarks=tuple(remarks))
 
 

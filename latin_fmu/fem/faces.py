@@ -360,7 +360,8 @@ def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:
     return sp.coo_array(entries, shape=(3 * n_node, 3 * n_node)).tocsr()
 
 
-_CREASE = 0.7  # rad; pieces that meet at a larger angle form an edge of the body, not a curved face
+CREASE: Final = 0.7
+"""Angle, rad; pieces that meet at a larger one form an edge of the body, not a curved face."""
 
 
 @dataclass(frozen=True)
@@ -383,6 +384,12 @@ class Pieces:
     def n_piece(self) -> int:
         """Number of pieces."""
         return len(self.facet)
+
+    @property
+    def curved(self) -> bool:
+        """Whether the pieces are those of curved facets."""
+        # a straight facet is one piece, its corners those of the reference facet
+        return quadratic(self.kind) and self.n_piece > len(np.unique(self.facet))
 
     @cached_property
     def vector_areas(self) -> Array:
@@ -472,31 +479,101 @@ class Surface:
 
     @cached_property
     def sags(self) -> tuple[Array, ...]:
-        """Distance of each flat piece from the smooth surface that it stands for, per block (n_piece,), m.
+        """Distance of the facets from the smooth surface that they stand for, per block and piece (n_piece,), m.
 
         A chord h of a circle is h^2 / (8 R) away, and neighbours stand at the angle theta = h / R: h theta / 8, with
-        h the height of the piece over the edge it shares. 0 on plane faces and across the edges of a body.
+        h the height of the piece over the edge it shares. A parabola through the ends and the middle of an arc of
+        that length is h^4 / (512 R^3) away, and neighbours meet at the angle theta = (h / R)^3 / 16: h theta / 32.
+        0 on plane faces and across the edges of a body.
         """
-        ends = [np.stack([p.corners, np.roll(p.corners, -1, axis=1)], axis=2).reshape(-1, 2, 3) for p in self.pieces]
-        owner = [np.repeat(np.arange(p.n_piece), p.corners.shape[1]) for p in self.pieces]
-        normals = np.concatenate([p.normals[o] for p, o in zip(self.pieces, owner, strict=True)])
-        height = np.concatenate(
-            [
-                # height over an edge: twice the area of a triangle, the area of a quadrilateral, over the edge
-                (2 if p.corners.shape[1] == 3 else 1) * p.areas[o] / np.linalg.norm(e[:, 1] - e[:, 0], axis=1)
-                for p, o, e in zip(self.pieces, owner, ends, strict=True)
-            ]
-        )
-        bend = _bend(np.concatenate(ends), normals, 1e-9 * self.size)
-        # beyond the crease the surface has an edge there and stands for nothing smoother
-        sag = np.where(bend < _CREASE, height * bend / 8, 0.0)
-        sags, start = [], 0
-        for p, o in zip(self.pieces, owner, strict=True):
+        sags = []
+        for p, (height, bend) in zip(self.pieces, self._bends, strict=True):
+            sag = height * bend / 8
+            corners = p.corners.shape[1]
+            if p.curved:
+                sags.append(self._curved_sag(p, np.repeat(p.facet, corners), sag)[p.facet])
+                continue
             own = np.zeros(p.n_piece)
-            np.maximum.at(own, o, sag[start : start + len(o)])
+            np.maximum.at(own, np.repeat(np.arange(p.n_piece), corners), sag)
             sags.append(own)
-            start += len(o)
         return tuple(sags)
+
+    @cached_property
+    def _bends(self) -> list[tuple[Array, Array]]:
+        """Height of the facets over the edges of the pieces of each block (n,), m, and the angle (n,) at which the next
+        facet stands there; 0 across the edges of a body."""
+        edges = [self._edges_of(p) for p in self.pieces]
+        ends, normals = (np.concatenate([edge[i] for edge in edges]) for i in (0, 1))
+        bend = _bend(ends, normals, 1e-9 * self.size)
+        # beyond the crease the surface has an edge there and stands for nothing smoother
+        bend = np.where(bend < CREASE, bend, 0.0)
+        at = np.cumsum([len(height) for _, _, height in edges])[:-1]
+        return [(height, own) for (_, _, height), own in zip(edges, np.split(bend, at), strict=True)]
+
+    @cached_property
+    def curvature(self) -> float:
+        """Largest curvature of a facet, its median over the facets, m-1; 0 on plane faces."""
+        each = []
+        for p, (height, bend) in zip(self.pieces, self._bends, strict=True):
+            if p.curved:
+                length, turn, _ = self._turns(p)
+                each.append((turn / length).max(axis=1))
+            else:
+                each.append((bend / height).reshape(p.n_piece, -1).max(axis=1))
+        return float(np.median(np.concatenate(each)))
+
+    @cached_property
+    def chord_deviation(self) -> float:
+        """Largest distance of flat facets from the smooth surface that they stand for, m; 0 where all round facets are
+        curved."""
+        flat = [sags for p, sags in zip(self.pieces, self.sags, strict=True) if not p.curved]
+        return max((float(sag.max(initial=0.0)) for sag in flat), default=0.0)
+
+    def _edges_of(self, pieces: Pieces) -> tuple[Array, Array, Array]:
+        """Edges of the pieces of a block: ends (n, 2, 3), m, normals of the facet at their middles (n, 3), height of
+        the facet over them (n,), m."""
+        corners = pieces.corners.shape[1]
+        ends = np.stack([pieces.corners, np.roll(pieces.corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        # height over an edge: twice the area of a triangle, the area of a quadrilateral, over the edge
+        height = (2 if corners == 3 else 1) * np.repeat(pieces.areas, corners) / length
+        if not pieces.curved:
+            return ends, np.repeat(pieces.normals, corners, axis=0), height
+        middle = 0.5 * (pieces.reference + np.roll(pieces.reference, -1, axis=1))
+        normals = unit_normals(pieces.kind, self.nodes[pieces.nodes], middle)
+        # four pieces of a facet: it is twice as high as they are
+        return ends, normals.reshape(-1, 3), 2 * height
+
+    def _curved_sag(self, pieces: Pieces, facet: Index, sag: Array) -> Array:
+        """Distance of each quadratic facet of a block from its smooth surface (n_facet,), m; ``sag`` (n,) that of flat
+        ones at the edges of its pieces, ``facet`` (n,) their facets."""
+        flat = np.zeros(int(pieces.facet.max()) + 1)
+        np.maximum.at(flat, facet, sag)
+        length, turn, rise = self._turns(pieces)
+        # middles on the chords: the facet is flat, whatever its kind; no neighbour: what its own turn tells
+        own = (length * turn**3).max(axis=1) / 512
+        return np.asarray(np.maximum(np.where(rise > flat, flat / 4, flat), own))
+
+    def _turns(self, pieces: Pieces) -> tuple[Array, Array, Array]:
+        """Edges of the facets of a quadratic block: their lengths (n_facet, n_edge), m, the angle between the normals
+        at their ends (n_facet, n_edge), and how far the middle of one is from its chord at most (n_facet,), m."""
+        first = np.unique(pieces.facet, return_index=True)[1]
+        places, n = self.nodes[pieces.nodes[first]], FACET_CORNERS[pieces.kind]
+        ends = np.stack([places[:, :n], np.roll(places[:, :n], -1, axis=1)], axis=2)
+        rise = np.linalg.norm(places[:, n : 2 * n] - ends.mean(axis=2), axis=2).max(axis=1)
+        at_corners = unit_normals(pieces.kind, places, np.tile(facet_nodes(pieces.kind)[:n], (len(places), 1, 1)))
+        # chords of the unit sphere: the angles, to a part in a thousand at ten degrees
+        turn = np.linalg.norm(at_corners - np.roll(at_corners, -1, axis=1), axis=2)
+        return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), turn, rise
+
+
+def unit_normals(kind: str, places: Array, at: Array) -> Array:
+    """Unit normals (n_facet, n, 3) of facets with nodes at ``places`` (n_facet, n_node, 3) at reference coordinates
+    (n_facet, n, 2)."""
+    along = np.einsum("fgak,fai->fgki", slopes(kind, at), places)
+    normal = np.cross(along[:, :, 0], along[:, :, 1])
+    # none at the corner where the edges of a facet are on one line
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=2), 1e-300)[..., None])
 
 
 def _bend(ends: Array, normals: Array, tolerance: float) -> Array:
