@@ -526,7 +526,11 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, bodies = recorder.interfaces(), recorder.substructures()
-    balance, indicators, n_body = resultants(problem, march.tractions), march.named_indicator(), assembly.n_substructure
+    balance, indicators, n_body = (
+        resultants(problem, march.tractions, histories),
+        march.named_indicator(),
+        assembly.n_substructure,
+    )
     if problem.untouched is not None:
         histories, bodies = problem.untouched.complete(histories, bodies, recorder, assembly)
         indicators = {name: indicators.get(name, 0.0) for name in histories}

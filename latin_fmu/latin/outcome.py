@@ -371,7 +371,8 @@ class Resultants:
     """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
     stresses that balance a preload), interfaces and supports, and what is left on directions that are free; ``bolt``:
     largest tension of its bolts, N; ``round_off``: force that the products of its stiffness with its displacements may
-    leave where they cancel, N."""
+    leave where they cancel, N; ``course``: largest force of a load or an interface at any instant that was kept, N, of
+    an interface with its tractions added up by size: those of opposite faces cancel, and a cycle may end unloaded."""
 
     loads: Array
     interfaces: Array
@@ -379,6 +380,7 @@ class Resultants:
     unbalanced: Array
     bolt: float = 0.0
     round_off: float = 0.0
+    course: float = 0.0
 
     @property
     def vanishes(self) -> bool:
@@ -392,8 +394,8 @@ class Resultants:
 
     @property
     def largest(self) -> float:
-        """Largest force, N."""
-        return max(float(np.abs(self.parts[:, :3]).max()), self.bolt)
+        """Largest force of the run, N."""
+        return max(float(np.abs(self.parts[:, :3]).max()), self.bolt, self.course)
 
 
 @dataclass(frozen=True)
