@@ -20,7 +20,7 @@ from ..scene.schema import Scene
 from ..scene.settings import ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
-from .bolts import BoltCut, cuts_of
+from .bolts import BoltCut, cuts_of, section_remarks
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
@@ -251,6 +251,7 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
     scene, scheme = problem.scene, problem.scheme
     return [
         *plausibility_remarks(replace(problem, bodies=bodies, units=units)),
+        *remarks_of("size", section_remarks(problem.cuts.values(), scene.unit_system)),
         *remarks_of("redundant", redundancy_remarks(scene)),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),

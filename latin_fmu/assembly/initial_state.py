@@ -237,7 +237,7 @@ class TightBolts:
                 name,
                 table.substructure,
                 table.order,
-                table.tension,
+                cut.tension,
                 cut.area,
                 delta,
                 np.zeros(0),
@@ -246,6 +246,7 @@ class TightBolts:
                 elongation.get(name),
                 table.thread,
                 cut.thread_area,
+                cut.share,
             )
             terms = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
             terms[cut.load] = cut.stiffness

@@ -524,9 +524,10 @@ def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) 
 
 def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
     """Derivatives of the force and of the shortening that a bolt is given."""
-    more, less = parameter.more.cuts[name].table, parameter.less.cuts[name].table
+    more, less = parameter.more.cuts[name], parameter.less.cuts[name]
     force = (more.tension or 0.0) - (less.tension or 0.0)
-    return force / parameter.span, ((more.shortening or 0.0) - (less.shortening or 0.0)) / parameter.span
+    shortening = (more.table.shortening or 0.0) - (less.table.shortening or 0.0)
+    return force / parameter.span, shortening / parameter.span
 
 
 def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> dict[int, Array]:

@@ -94,7 +94,7 @@ class Stage:
         bolts = TightBolts() if self.start is None else self.start.bolts
         ramps = self.problem.ramps or (bolts.locked(self.problem.cuts) if self.problem.cuts else {})
         if self.static:
-            free = [name for name in self.tightened if whole.cuts[name].table.tension is not None]
+            free = [name for name in self.tightened if whole.cuts[name].tension is not None]
             whole = static_problem(whole, static_scene(whole.scene, {}, self.loaded), free)
         return replace(whole, ramps=ramps)
 
@@ -284,7 +284,7 @@ def loose_bolts(
     bodies without relative motion at any interface, open or closed."""
     still, kept = resting(scene), static_interfaces(scene)
     units, problems = [unit for unit in units if unit.name in kept], Problems()
-    pulled = [cut for cut in cuts.values() if cut.table.tension is not None and cut.moving.any()]
+    pulled = [cut for cut in cuts.values() if cut.tension is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
         # rigid motions, of bolts with the shortening beside them
@@ -320,7 +320,7 @@ def _loose(cut: BoltCut, moved: list[str], units: UnitSystem) -> Problem:
         f"bolt.{cut.name}.force",
         f"nothing resists the tension: one side of the cut of {body} can be pulled along the axis"
         + (f", with {others}" if others else ""),
-        f"{cut.table.tension:g} {units['N']}",
+        f"{cut.tension:g} {units['N']}",
         "interfaces or boundaries that hold both sides of the cut against each other",
         "add what lies between head and nut, or give a shortening",
     )
@@ -545,7 +545,7 @@ def tightened(
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
-        free = [cut.name for cut in group if cut.table.tension is not None]
+        free = [cut.name for cut in group if cut.tension is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
         converged, sentence = run.status()
@@ -576,7 +576,7 @@ def _ramps(group: Sequence[BoltCut], bolts: TightBolts, tensions: Mapping[str, f
     """First and last amplitude of the load of each bolt: shortening, or tension of those that have a force to reach."""
     ramps = {name: (kept, kept) for name, kept in bolts.shortening.items()}
     for cut in group:
-        force, shortening = cut.table.tension, cut.table.shortening
+        force, shortening = cut.tension, cut.table.shortening
         if force is not None:
             ramps[cut.name] = tensions[cut.name], force
         elif shortening is not None:
@@ -599,7 +599,7 @@ def _locked(
     """The bolts with the shortenings that those of an order have in a state, and the tensions of all."""
     shortening = dict(bolts.shortening)
     for cut in group:
-        force, given = cut.table.tension, cut.table.shortening
+        force, given = cut.tension, cut.table.shortening
         if force is not None:
             shortening[cut.name] = cut.shortening(force, state.displacement[cut.table.substructure])
         elif given is not None:
@@ -615,7 +615,7 @@ def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str, 
     reached = []
     for cut in group:
         first, last = ramps[cut.name]
-        unit = units["m" if cut.table.tension is None else "N"]
+        unit = units["m" if cut.tension is None else "N"]
         reached.append(f"{cut.name} {first + share * (last - first):.6g} of {last:.6g} {unit}")
     return SceneError.of(
         "the scene cannot be built",

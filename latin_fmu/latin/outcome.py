@@ -261,6 +261,7 @@ class BoltHistory:
     force : (n_time,) tension, N. tightening : (n_order,) tension when the bolts of each of ``orders`` were tight, N.
     plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
     thread, thread_area : metric thread, and its tensile stress area, m2; None where the scene names none.
+    share : of the whole screw that is modelled; tensions are those of this part.
     """
 
     name: str
@@ -275,11 +276,13 @@ class BoltHistory:
     plastic_elongation: Array | None = None
     thread: str | None = None
     thread_area: float | None = None
+    share: float = 1.0
 
     @property
     def stress_area(self) -> float:
-        """Section whose stress is compared with a yield stress, m2: that of the thread, else of the cut."""
-        return self.area if self.thread_area is None else self.thread_area
+        """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
+        the cut."""
+        return self.area if self.thread_area is None else self.share * self.thread_area
 
     @property
     def tight(self) -> float:
