@@ -251,7 +251,15 @@ def build_interface(
         # [u] = -p / k_n: with this gap the layer has the pressure of the preload
         gap = gap - pressure / interface.normal_stiffness  # the preload has compressed the layer before the motion
     geometry = InterfaceGeometry(pair.points, pair.areas, frames, gap, pair.traces, pair.owner, pair.matching, cells)
-    if pressure > 0 and gap.max() > 0:
+    if pressure > 0 and opening.gap.min() < 0:
+        problems.add(
+            f"interface.{name}.preload",
+            "a preload beside a press fit, which presses the faces by itself",
+            f"an overlap of up to {-opening.gap.min():.4g} {units['m']}",
+            "one of them",
+            'remove the preload, or set overlap = "ignore"',
+        )
+    elif pressure > 0 and gap.max() > 0:
         problems.add(
             f"interface.{name}.preload",
             "a preloaded interface cannot be open",

@@ -28,6 +28,7 @@ from .body import Body
 LARGEST_STRAIN: Final = 1e-2
 """Largest strain of bodies that a fit may bring; linear elasticity knows nothing of more."""
 _SLIDING = 1e-6  # coefficient of friction: next to none, but with unknowns along the face
+_NOTHING = 1e-6  # of the traction that a fit can bring
 _ROUND_OFF = 1e-9  # of the extent of an interface
 
 
@@ -127,6 +128,16 @@ def strain_remark(
     names = ", ".join(found)
     text = f"press fit {names}: the largest strain is {largest[worst]:.3g}, in {worst}, before any load acts"
     return Remark("overlap", f"{text} (linear elasticity holds up to about {LARGEST_STRAIN:g})")
+
+
+def loose_remarks(units: list[InterfaceUnit], traction: Mapping[str, Array], scale: float) -> list[Remark]:
+    """Remarks on fits that carry nothing, because nothing holds their bodies against each other.
+
+    traction : (n_point, n_component) by interface, Pa. scale : traction that the fits can bring, Pa.
+    """
+    loose = [name for name in fits(units) if np.abs(traction[name][:, 0]).max(initial=0.0) <= _NOTHING * scale]
+    text = "carries nothing: nothing holds its bodies against each other, and they move apart by the interference"
+    return [Remark("overlap", f"press fit {name} {text}; hold both of them") for name in loose]
 
 
 def _largest_strain(body: Body, displacement: Array) -> float:

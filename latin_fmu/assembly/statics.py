@@ -57,7 +57,7 @@ from .free_bodies import (
 )
 from .initial_state import InitialState, TightBolts
 from .models import Kept
-from .press_fits import interference, sliding_ones, strain_remark
+from .press_fits import interference, loose_remarks, sliding_ones, strain_remark
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 _UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
@@ -519,9 +519,10 @@ def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = N
     state = state_at_end(ready, run, {}, tolerance)
     if stages is not None:
         stages.append(Stage(problem, ready, run.recorder.rows, None, kept, True, False, (), state))
-    remark = strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])
+    said = [strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])]
+    said += loose_remarks(problem.units, state.traction, problem.characteristic_traction)
     words = f"press fits closed, {sum(window.iterations for window in run.windows)} iterations"
-    return replace(state, message=words, remarks=(*state.remarks, remark))
+    return replace(state, message=words, remarks=(*state.remarks, *said))
 
 
 def tightened(

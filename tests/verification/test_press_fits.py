@@ -267,6 +267,19 @@ def test_strains_beyond_elasticity_are_refused() -> None:
         solve(cubes(0.0, interference=4e-4))
 
 
+def test_a_fit_that_nothing_holds_is_told() -> None:
+    tables = cubes(1e-5)
+    del tables["boundary"]["top"]
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+    assert any("press fit c carries nothing" in w for w in solution.warnings)
+
+
+def test_a_preload_beside_a_fit_is_refused() -> None:
+    with pytest.raises(latin_fmu.SceneError, match=r"interface\.c\.preload.*press fit"):
+        built(cubes(1e-5, preload=1e6))
+    assert built(cubes(1e-5, preload=1e6, overlap="ignore")).units[0].preload == 1e6
+
+
 def test_a_fit_with_a_moving_body_is_refused() -> None:
     tables = cubes(1e-5)
     del tables["boundary"]["top"]
@@ -313,3 +326,9 @@ def test_bonds_span_a_gap_up_to_the_search() -> None:
 
 def _without_friction(keys: dict[str, Any] | None = None) -> dict[str, Any]:
     return {"interface": {"c": {"sides": ["low.zmax", "high.zmin"], **(keys or {"behaviour": "perfect"})}}}
+
+
+def test_a_heated_scene_without_inertia_can_be_changed(tmp_path: Path) -> None:
+    """Temperatures come in its increments: it has no start of its own, which it would refuse."""
+    scene = latin_fmu.scene_from_dict(heated(fitted(tmp_path, 0.0), 100.0))
+    assert scene.replace("time.instants", 3).time.instants == 3
