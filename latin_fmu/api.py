@@ -526,7 +526,11 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     assembly = problem.assembly
     converged, sentence = march.status(energy := recorder.assembly_energy(assembly))
     histories, bodies = recorder.interfaces(), recorder.substructures()
-    balance, indicators, n_body = resultants(problem, march.tractions), march.named_indicator(), assembly.n_substructure
+    balance, indicators, n_body = (
+        resultants(problem, march.tractions, histories),
+        march.named_indicator(),
+        assembly.n_substructure,
+    )
     if problem.untouched is not None:
         histories, bodies = problem.untouched.complete(histories, bodies, recorder, assembly)
         indicators = {name: indicators.get(name, 0.0) for name in histories}
@@ -639,7 +643,7 @@ def checked(scene: Scene) -> Checked:
     lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
     lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
-    if scene.time.start.type == "static":
+    if discretised.scene.time.start.type == "static":
         lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")
     sizes = {
@@ -676,6 +680,7 @@ def _interface_line(unit: InterfaceUnit, by_search: bool, units: UnitSystem) -> 
         line += f", gap {' to '.join(gaps)} {units['m']}"
         if 0 < (closed := int((geometry.gap <= 0.0).sum())) < geometry.n_point:
             line += f", closed at {closed} of them"
+        line += f" ({unit.note})" if unit.note else ""
     if geometry.traces[1] is not None:
         line += ", node against node" if geometry.matching else f", points of {unit.sides[geometry.owner]}"
     return line + (", found" if by_search else "")

@@ -4,7 +4,8 @@ The method is one of small perturbations: pairs of points are those of the start
 displacements, and a rotation enters by its tangent. Beyond a slip of an element, or a rotation of two degrees (whose
 cosine differs from 1 by 6e-4, as a strain would), these assumptions do not hold.
 
-In statics every body is in balance by its loads, its supports and its interfaces. From the displacements u of the run
+In statics every body is in balance by its loads, its supports and its interfaces, to a share of the largest force of
+the whole run, preloads included: a cycle may end unloaded. From the displacements u of the run
 
     g = K u - loads - T^T (area * tractions),
 
@@ -350,10 +351,12 @@ def _travel(assembly: Assembly) -> float:
     return assembly.characteristic_traction * duration / float(moving.min()) if moving.size else 0.0
 
 
-def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resultants]:
+def resultants(
+    problem: SolverReadyProblem, tractions: Array, histories: Mapping[str, InterfaceHistory]
+) -> dict[str, Resultants]:
     """Resultants of every elastic body of a static problem in its present state; none with inertia.
 
-    tractions : (n_flat,) of the interfaces, Pa.
+    tractions : (n_flat,) of the interfaces, Pa. histories : of the interfaces, for the largest forces of the run.
     """
     assembly, made = problem.assembly, dict[str, Resultants]()
     if not assembly.quasi_static:
@@ -362,16 +365,19 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
     for bolt in problem.output.bolts.values():
         forces = (0.0, *bolt.description.tightening)
         tensions[bolt.substructure] = max(*forces, tensions.get(bolt.substructure, 0.0))
+    pressed = _largest_forces(histories)
     for propagator, channels in zip(assembly.propagators, assembly.channels, strict=True):
         for j, member in enumerate(propagator.members):
             if member.nodal is not None:  # a rigid body has no stiffness of its own
                 continue
             nodes = problem.info[member.name].nodes
             amplitudes = problem.timeline.histories(member, assembly.time).amplitudes
-            loads = np.zeros(member.n_full)
+            loads, course = np.zeros(member.n_full), pressed.get(member.name, 0.0)
             for load, amplitude in zip(member.loads, amplitudes, strict=True):
                 if assembly.instant > 0:  # they come with the first increment
                     loads += amplitude[assembly.instant] * load.pattern
+                    so_far = float(np.abs(amplitude[: assembly.instant + 1]).max())
+                    course = max(course, so_far * float(np.linalg.norm(load.pattern.reshape(-1, 3).sum(axis=0))))
             faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
             # K u - f - faces: what the supports have to give
             rest = member.stiffness @ full_displacement(propagator, j).ravel() - loads - faces
@@ -380,7 +386,18 @@ def resultants(problem: SolverReadyProblem, tractions: Array) -> dict[str, Resul
             reactions, unbalanced = np.where(free, 0.0, rest), np.where(free, rest, 0.0)
             wrenches = [_wrench(nodes, part) for part in (loads, faces, reactions, unbalanced)]
             loose = _round_off(member, full_displacement(propagator, j))
-            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose)
+            made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose, course)
+    return made
+
+
+def _largest_forces(histories: Mapping[str, InterfaceHistory]) -> dict[str, float]:
+    """Largest force, N, of an interface of each substructure at any instant, tractions added up by size."""
+    made = dict[str, float]()
+    for history in histories.values():
+        force = float((np.linalg.norm(history.traction, axis=2) @ history.areas).max(initial=0.0))
+        for side in history.sides:
+            name = side.split(".")[0]
+            made[name] = max(made.get(name, 0.0), force)
     return made
 
 

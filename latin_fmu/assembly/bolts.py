@@ -35,8 +35,8 @@ stretch of the thinnest sections, where no node of the cut would belong to an in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -56,8 +56,11 @@ from ..scene.schema import Scene
 from ..scene.substructures import NUT_FACTOR, Bolt
 from ..scene.units import UnitSystem
 from .body import Body, Shape, body_sides
+from .bolt_shares import fraction, share_of
 from .conditions import Conditions
 
+SECTION: Final = 0.9, 1.4
+"""Meshed section over the stress area of the thread, of the modelled part, from and up to which the two agree."""
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
 
 
@@ -72,7 +75,8 @@ class BoltCut:
         it. moving : (n_node,) nodes joined to those elements when the cut is open.
     pattern : (n_full,) g, N m-1. stiffness : k, N m-1. heated : tension per change of temperature where u = 0, N K-1.
     loose : whether F is given and delta is not, while tightened.
-    thread_area : tensile stress area of the thread, m2; None where the bolt names none.
+    thread_area : tensile stress area of the whole thread, m2; None where the bolt names none.
+    share : of the whole screw that is modelled.
     """
 
     name: str
@@ -88,6 +92,12 @@ class BoltCut:
     heated: float = 0.0
     loose: bool = False
     thread_area: float | None = None
+    share: float = 1.0
+
+    @property
+    def tension(self) -> float | None:
+        """Force that the modelled part is tightened to, N; None where the shortening is given."""
+        return self.table.tension(self.share)
 
     @property
     def load(self) -> str:
@@ -96,8 +106,9 @@ class BoltCut:
 
     @property
     def stress_area(self) -> float:
-        """Section whose stress is compared with a yield stress, m2: that of the thread, else of the cut."""
-        return self.area if self.thread_area is None else self.thread_area
+        """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
+        the cut."""
+        return self.area if self.thread_area is None else self.share * self.thread_area
 
     def loads(self) -> LoadTerm:
         """Load term of the bolt: amplitude delta, F while it is loose."""
@@ -112,16 +123,17 @@ class BoltCut:
                 * self.table.shortening
                 / float(np.ptp(body.mesh.nodes @ self.axis))
             )
-        return (self.table.tension or 0.0) / self.area
+        return (self.tension or 0.0) / self.area
 
     def line(self, units: UnitSystem) -> str:
         """Section and place of the cut, and target, for the command ``check``."""
         at = ", ".join(f"{round(float(x), 9) + 0.0:.6g}" for x in self.point)
-        force = self.table.tension
+        force = self.tension
         target = ""
         if force is not None:
             target = (
-                f"{force:.6g} {units['N']}{self._torque(units)}, mean stress {force / self.stress_area:.4g} "
+                f"{force:.6g} {units['N']}{self._torque(units)}{self._whole(force, units)}, "
+                f"mean stress {force / self.stress_area:.4g} "
                 f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
@@ -131,7 +143,14 @@ class BoltCut:
         """The section that the stress is of, where it is not the meshed one, in words."""
         if self.thread_area is None:
             return ""
-        return f" over the stress area of {self.table.thread}, {self.thread_area:.4g} {units['m2']}"
+        part = "" if self.share == 1.0 else f"{fraction(self.share)} of "
+        return f" over {part}the stress area of {self.table.thread}, {self.thread_area:.4g} {units['m2']}"
+
+    def _whole(self, force: float, units: UnitSystem) -> str:
+        """The force of the whole screw, where a part of it is modelled, in words."""
+        if self.share == 1.0:
+            return ""
+        return f" on {fraction(self.share)} of the screw ({force / self.share:.6g} {units['N']} as a whole)"
 
     def _torque(self, units: UnitSystem) -> str:
         """The torque that the target is of, in words."""
@@ -205,16 +224,31 @@ def load_name(bolt: str) -> str:
 def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, problems: Problems) -> None:
     """Refuse a tension whose mean stress is above the yield stress of the material."""
     limit, units = body.shape.material.yield_stress, body.units
+    part = "" if cut.share == 1.0 else f" ({fraction(cut.share)} of the screw is modelled)"
     if force is None or limit is None or force <= limit * cut.stress_area:
         return
     problems.add(
         f"bolt.{name}",
         f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.thread}'}, "
-        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}, is above the yield stress of the material",
+        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above the yield stress of the "
+        "material",
         f"{force / cut.stress_area:.4g} {units['Pa']}",
         f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.stress_area:.4g} {units['N']}",
         "tighten the bolt less, or choose a larger section or another material",
     )
+
+
+def section_remarks(cuts: Iterable[BoltCut], units: UnitSystem) -> Iterator[str]:
+    """Remarks on meshed sections that are not those of the threads."""
+    for cut in cuts:
+        if cut.thread_area is None or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
+            continue
+        part = "" if cut.share == 1.0 else f" times the share {fraction(cut.share)} that is modelled"
+        yield (
+            f"bolt {cut.name}: its meshed section, {cut.area:.4g} {units['m2']}, is {ratio:.3g} of the stress area of "
+            f"{cut.table.thread}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
+            "screw; are the thread, the share and the length unit right?"
+        )
 
 
 # -- stresses of a body with bolts ------------------------------------------------------------------------------------
@@ -315,8 +349,8 @@ def cuts_of(
         held = _held_nodes(conditions[body.name], axis, body.mesh.n_node)
         cut = _Section(name, bolt, body, axis).cut(held, joined, problems)
         if cut is not None:
-            cuts[name] = cut
-            check_yield(name, bolt.tension, cut, body, problems)
+            cuts[name] = cut = replace(cut, share=share_of(name, scene, body, axis, cut.nodes, problems))
+            check_yield(name, cut.tension, cut, body, problems)
     return cuts
 
 
@@ -333,10 +367,22 @@ def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> dict[str, np.nd
 
 def _held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
     """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
-    free = (np.diff(held.expansion.indptr) > 0) & ~held.pattern.any(axis=1)
-    tied = np.asarray(held.expansion.sum(axis=0) > 1).ravel()  # one reduced dof of several nodes
-    free &= ~np.asarray(held.expansion @ tied.astype(float), dtype=bool)
-    return np.asarray((~free.reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1))
+    columns = sp.csc_array(held.expansion)
+    used = columns.data != 0.0
+    owner = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))[used]
+    nodes = columns.indices[used] // 3
+    # one reduced dof of several nodes
+    first = np.full(columns.shape[1], n_node)
+    np.minimum.at(first, owner, nodes)
+    tied = np.zeros(columns.shape[1], dtype=bool)
+    tied[owner[nodes != first[owner]]] = True
+    # part of the axis that is among the motions of a node alone: their directions are orthonormal, along any axes
+    along = np.tile(axis, n_node)
+    squares = np.asarray(columns.multiply(columns).sum(axis=0)).ravel()
+    share = np.divide(columns.T @ along, squares, out=np.zeros_like(squares), where=~tied & (squares > 0.0))
+    left = np.abs(along - columns @ share).reshape(n_node, 3).max(axis=1) > _ALONG
+    driven = (held.pattern.any(axis=1).reshape(n_node, 3) & (np.abs(axis) > _ALONG)).any(axis=1)
+    return np.asarray(left | driven)
 
 
 class _Section:

@@ -22,7 +22,7 @@ from ..scene.schema import Scene
 from ..scene.settings import GivenStart, HHTTable, ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
-from .bolts import BoltCut, cuts_of
+from .bolts import BoltCut, cuts_of, section_remarks
 from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
 from .conditions import Conditions, conditions_on
 from .damping_band import DampingBand, band_of
@@ -37,10 +37,11 @@ from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
+from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
-from .statics import Stage, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
+from .statics import Stage, fitted, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
 from .supports import port_places
 from .untouched import never_touched
 
@@ -112,7 +113,8 @@ def solved_equilibrium(
 ) -> InitialState | None:
     """As ``starting_equilibrium``, solved. kept : operators of static problems, used again and added to."""
     own: Kept = {} if kept is None else kept
-    tight = tightened(discretised, own, stages) if discretised.cuts else None
+    tight = fitted(discretised, own, stages) if fits(discretised.units) else None
+    tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
     state = static_state(discretised, amplitudes, tight, own, stages)
     if stages is not None or kept is not None:
         return state
@@ -166,8 +168,8 @@ def discretise(
     }
     units = _units(scene, bodies, conditions, problems, remarks, known)
     _stop_at(problems)
-    if behaviours:
-        units = with_behaviours(units, behaviours, problems)
+    units = with_behaviours(units, behaviours, problems) if behaviours else units
+    scene = carried(scene, units, problems)
     if behaviours or any(s.initial_keys for s in scene.substructure.values()):
         initial_problems(scene, bodies, units, problems, remarks)
     problems += [*rigid_landings(scene, bodies, units), *rotation_problems(scene, bodies, conditions, units)]
@@ -345,6 +347,7 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
     scene, scheme = problem.scene, problem.scheme
     return [
         *plausibility_remarks(replace(problem, bodies=bodies, units=units)),
+        *remarks_of("size", section_remarks(problem.cuts.values(), scene.unit_system)),
         *remarks_of("redundant", redundancy_remarks(scene)),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),

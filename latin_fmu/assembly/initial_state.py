@@ -28,6 +28,7 @@ from .body import Body
 from .bolts import BoltCut
 from .conditions import Conditions, RigidConditions
 from .models import ModelClass
+from .press_fits import fits
 
 _BESIDE: Final = 0.01  # of the smallest distance between nodes
 _TEARS: Final = 1e-3  # of the largest displacement: meshes that do not match interpolate a curved field differently
@@ -136,6 +137,7 @@ def initial_problems(
     scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], problems: Problems, remarks: list[Remark]
 ) -> None:
     """Overlaps, open preloads and torn bonds that initial displacements make; velocity jumps of bonds are remarks."""
+    static = scene.time.start.type == "static"
     for unit in units:
         first, second = (None if side == GROUND else scene.substructure[split_face(side)[0]] for side in unit.sides)
         assert first is not None
@@ -165,7 +167,9 @@ def initial_problems(
         # N points from E to E': moving apart along it opens
         gap = unit.geometry.gap + np.einsum("pi,pi->p", unit.geometry.frames[:, 0], jump)
         size = float(np.ptp(unit.geometry.points, axis=0).max())
-        if gap.min() < -1e-9 * max(size, float(np.abs(jump).max())):
+        # an overlap of the meshes is that of a press fit, which a static start closes
+        deeper = gap if not fits([unit]) or not static else gap - np.minimum(unit.geometry.gap, 0.0)
+        if deeper.min() < -1e-9 * max(size, float(np.abs(jump).max())):
             problems.add(
                 where,
                 "the sides overlap at the start",
@@ -263,7 +267,7 @@ class TightBolts:
                 name,
                 table.substructure,
                 table.order,
-                table.tension,
+                cut.tension,
                 cut.area,
                 delta,
                 np.zeros(0),
@@ -272,6 +276,7 @@ class TightBolts:
                 elongation.get(name),
                 table.thread,
                 cut.thread_area,
+                cut.share,
             )
             terms = {load: change * cut.heated for load, change in temperatures.get(name, {}).items()}
             terms[cut.load] = cut.stiffness

@@ -49,6 +49,7 @@ from .models import (
     store_of,
     unforeseen_landings,
 )
+from .press_fits import fit_pressures, fits
 from .propagator_choice import divided, made_propagators
 from .rigid_landings import rigid_impacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
@@ -329,7 +330,9 @@ class DiscretisedProblem:
         """Largest traction that loads, motions and bolts can cause, Pa."""
         size = static_traction if isinstance(self.scheme, QuasiStatic) else characteristic_traction
         stresses = [cut.stress(self.bodies[cut.table.substructure]) for cut in self.cuts.values()]
-        return max(size(self.scene, self.bodies, self.time), *stresses, 0.0)
+        approach = flexibility(self.bodies, self.units, self.layout) if fits(self.units) else {}
+        pressed = fit_pressures(self.units, approach)
+        return max(size(self.scene, self.bodies, self.time), *stresses, *pressed, 0.0)
 
     def build(
         self, start: InitialState | None = None, kept: Kept | None = None, processes: int = 1

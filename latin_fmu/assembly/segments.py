@@ -134,6 +134,11 @@ class SegmentState:
         self._kind = hashlib.sha256(scene.text().encode()).hexdigest()
 
     @property
+    def starts_static(self) -> bool:
+        """Whether the run starts from a static equilibrium."""
+        return self._discretised.scene.time.start.type == "static"
+
+    @property
     def time(self) -> float:
         """The present time, s."""
         return float(self.instants(self.made, 0)[0])
@@ -154,7 +159,7 @@ class SegmentState:
         """
         start = self._at_start(amplitudes)
         # the equilibrium of these amplitudes is known
-        if start == self._amplitudes or self.scene.time.start.type != "static":
+        if start == self._amplitudes or not self.starts_static:
             return
         before = self.problem
         with one_thread():

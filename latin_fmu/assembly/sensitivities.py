@@ -123,7 +123,7 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
         step = _STEP * abs(value) or _STEP
         ends = []
         for sign in (1.0, -1.0):
-            other = _changed(whole.replace(name, value + sign * step), problem, name, sign * step)
+            other = _changed(whole.replace(name, value + sign * step), problem)
             if reason := differences(problem, other):
                 raise _refused(name, reason)
             ends.append(other)
@@ -131,19 +131,9 @@ def parameters_of(whole: Scene, problem: DiscretisedProblem) -> list[VariedParam
     return made
 
 
-def _changed(scene: Scene, problem: DiscretisedProblem, name: str, change: float) -> DiscretisedProblem:
-    """The problem of a scene with another value of a parameter. A gap that the meshes have, too, is another one at the
-    points alone: the meshes do not agree with the other number."""
-    try:
-        return discretise(scene, None, (problem.kept or KeptOperators()).beside(problem.bodies))
-    except SceneError as error:
-        if not name.endswith(".gap") or {p.where for p in error.problems} != {name}:
-            raise
-    units = list(problem.units)
-    for i, unit in enumerate(units):
-        if name == f"interface.{unit.name}.gap":
-            units[i] = replace(unit, geometry=replace(unit.geometry, gap=unit.geometry.gap + change))
-    return replace(problem, units=units, layout=Layout(units))
+def _changed(scene: Scene, problem: DiscretisedProblem) -> DiscretisedProblem:
+    """The problem of a scene with another value of a parameter."""
+    return discretise(scene, None, (problem.kept or KeptOperators()).beside(problem.bodies))
 
 
 def _refused(name: str, reason: str) -> SceneError:
@@ -600,9 +590,10 @@ def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) 
 
 def _bolt_changes(parameter: VariedParameter, name: str) -> tuple[float, float]:
     """Derivatives of the force and of the shortening that a bolt is given."""
-    more, less = parameter.more.cuts[name].table, parameter.less.cuts[name].table
+    more, less = parameter.more.cuts[name], parameter.less.cuts[name]
     force = (more.tension or 0.0) - (less.tension or 0.0)
-    return force / parameter.span, ((more.shortening or 0.0) - (less.shortening or 0.0)) / parameter.span
+    shortening = (more.table.shortening or 0.0) - (less.table.shortening or 0.0)
+    return force / parameter.span, shortening / parameter.span
 
 
 def _ground(base: Assembly, parameters: Sequence[VariedParameter], ends: Sequence[_Pair]) -> dict[int, Array]:

@@ -60,6 +60,7 @@ from .free_bodies import (
 )
 from .initial_state import InitialState, TightBolts
 from .models import Kept
+from .press_fits import interference, loose_remarks, sliding_ones, strain_remark
 from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
 
 _UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
@@ -96,7 +97,7 @@ class Stage:
         bolts = TightBolts() if self.start is None else self.start.bolts
         ramps = self.problem.ramps or (bolts.locked(self.problem.cuts) if self.problem.cuts else {})
         if self.static:
-            free = [name for name in self.tightened if whole.cuts[name].table.tension is not None]
+            free = [name for name in self.tightened if whole.cuts[name].tension is not None]
             whole = static_problem(whole, static_scene(whole.scene, {}, self.loaded), free)
         return replace(whole, ramps=ramps)
 
@@ -129,7 +130,8 @@ def start_problems(
     for unit in units:
         moving = [name for _, _, name in body_sides([unit]) if name not in still]
         # pushed or held by a body that is not in equilibrium itself
-        tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0
+        fit = bool(interference(unit).any())
+        tied = bonds(unit.behaviour) or unit.behaviour.elastic or unit.preload > 0 or fit
         if moving and tied:
             yield Problem(
                 f"interface.{unit.name}",
@@ -303,7 +305,7 @@ def loose_bolts(
     bodies without relative motion at any interface, open or closed."""
     still, kept = resting(scene), static_interfaces(scene)
     units, problems = [unit for unit in units if unit.name in kept], Problems()
-    pulled = [cut for cut in cuts.values() if cut.table.tension is not None and cut.moving.any()]
+    pulled = [cut for cut in cuts.values() if cut.tension is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]
         # rigid motions, of bolts with the shortening beside them
@@ -339,7 +341,7 @@ def _loose(cut: BoltCut, moved: list[str], units: UnitSystem) -> Problem:
         f"bolt.{cut.name}.force",
         f"nothing resists the tension: one side of the cut of {body} can be pulled along the axis"
         + (f", with {others}" if others else ""),
-        f"{cut.table.tension:g} {units['N']}",
+        f"{cut.tension:g} {units['N']}",
         "interfaces or boundaries that hold both sides of the cut against each other",
         "add what lies between head and nut, or give a shortening",
     )
@@ -438,7 +440,7 @@ def something_acts(scene: Scene) -> bool:
     """Whether anything moves or strains a body of a static scene."""
     return (
         bool(scene.load or scene.port)
-        or any(i.preload or i.preload_force or i.interference for i in scene.interface.values())
+        or any(i.preload or i.preload_force for i in scene.interface.values())
         or any(any(s.body_force) for s in scene.substructure.values())
         or scene.gravity is not None
         or bool(scene.temperature)
@@ -522,25 +524,54 @@ def _raised(amplitude: float) -> _Tables:
 _Ramps = dict[str, tuple[float, float]]
 
 
-def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
+def fitted(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None) -> InitialState:
+    """The equilibrium of press fits and preloads alone (``press_fits``), bolts loose; ``kept`` and ``stages`` as for
+    ``tightened``.
+
+    Raises
+    ------
+    SceneError : no equilibrium was found, or the strains are too large.
+    """
+    scene = static_scene(whole.scene, {}, loaded=False)
+    # all of it at once: a gap does not grow with the increments
+    scene = scene.model_copy(update={"time": scene.time.model_copy(update={"instants": 1})})
+    units = sliding_ones(whole.units)
+    problem = replace(static_problem(replace(whole, units=units), scene), ramps=TightBolts().locked(whole.cuts))
+    ready, run, tolerance = equilibrium(problem, None, settings_of(whole.scene), kept)
+    converged, sentence = run.status()
+    if not converged:
+        raise _no_start(f"the press fits are not carried: {sentence}")
+    state = state_at_end(ready, run, {}, tolerance)
+    if stages is not None:
+        stages.append(Stage(problem, ready, run.recorder.rows, None, kept, True, False, (), state))
+    said = [strain_remark(whole.bodies, problem.units, state.displacement, scene.unit_system["m"])]
+    said += loose_remarks(problem.units, state.traction, problem.characteristic_traction)
+    words = f"press fits closed, {sum(window.iterations for window in run.windows)} iterations"
+    return replace(state, message=words, remarks=(*state.remarks, *said))
+
+
+def tightened(
+    whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None = None, start: InitialState | None = None
+) -> InitialState:
     """The equilibrium with all bolts tight and no other load acting.
 
     Parameters
     ----------
-    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these.
+    kept : as for ``DiscretisedProblem.build``. stages : what was solved is added to these. start : state with press
+    fits, before any bolt is tight.
 
     Raises
     ------
     SceneError : no equilibrium with such a force was found, or the mean stress of a bolt is above the yield stress.
     """
     scene, cuts = static_scene(whole.scene, {}, loaded=False), whole.cuts
-    state: InitialState | None = None
+    state = start
     bolts = TightBolts(dict.fromkeys(cuts, 0.0))
-    increments, iterations, remarks = 0, 0, dict[str, None]()
+    increments, iterations, remarks = 0, 0, dict.fromkeys(() if start is None else start.remarks)
     for order in sorted({cut.table.order for cut in cuts.values()}):
         group = [cut for cut in cuts.values() if cut.table.order == order]
         ramps = _ramps(group, bolts, _tensions(cuts, bolts.shortening, state))
-        free = [cut.name for cut in group if cut.table.tension is not None]
+        free = [cut.name for cut in group if cut.tension is not None]
         problem = replace(static_problem(whole, scene, free), ramps=ramps)
         ready, run, tolerance = equilibrium(problem, state, settings_of(whole.scene), kept)
         converged, sentence = run.status()
@@ -563,6 +594,7 @@ def tightened(whole: DiscretisedProblem, kept: Kept, stages: list[Stage] | None 
     _check_yield(whole, bolts)
     words = f"{len(cuts)} bolt(s) tightened in {len(bolts.orders)} step(s)"
     words += f", {increments} increment(s), {iterations} iterations"
+    words = words if start is None else f"{start.message}; {words}"
     return replace(state, bolts=bolts, message=words, remarks=tuple(remarks))
 
 
@@ -570,7 +602,7 @@ def _ramps(group: Sequence[BoltCut], bolts: TightBolts, tensions: Mapping[str, f
     """First and last amplitude of the load of each bolt: shortening, or tension of those that have a force to reach."""
     ramps = {name: (kept, kept) for name, kept in bolts.shortening.items()}
     for cut in group:
-        force, shortening = cut.table.tension, cut.table.shortening
+        force, shortening = cut.tension, cut.table.shortening
         if force is not None:
             ramps[cut.name] = tensions[cut.name], force
         elif shortening is not None:
@@ -593,7 +625,7 @@ def _locked(
     """The bolts with the shortenings that those of an order have in a state, and the tensions of all."""
     shortening = dict(bolts.shortening)
     for cut in group:
-        force, given = cut.table.tension, cut.table.shortening
+        force, given = cut.tension, cut.table.shortening
         if force is not None:
             shortening[cut.name] = cut.shortening(force, state.displacement[cut.table.substructure])
         elif given is not None:
@@ -609,7 +641,7 @@ def _not_tight(group: Sequence[BoltCut], ramps: _Ramps, share: float, why: str, 
     reached = []
     for cut in group:
         first, last = ramps[cut.name]
-        unit = units["m" if cut.table.tension is None else "N"]
+        unit = units["m" if cut.tension is None else "N"]
         reached.append(f"{cut.name} {first + share * (last - first):.6g} of {last:.6g} {unit}")
     return SceneError.of(
         "the scene cannot be built",

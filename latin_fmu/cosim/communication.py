@@ -132,7 +132,7 @@ class CommunicationRun:
             drives = Drives(self._segmented, self.sources)
             recorder = Recorder(problem.assembly, problem.output, problem.info)
             fields = Signals(scene, drives, recorder).fields() | history_fields(drives)
-            fields |= opening_fields(drives, scene.time.start.type == "static")
+            fields |= opening_fields(drives, self._segmented.starts_static)
             self._make(drives, fields)
 
     def _make(self, drives: Drives, fields: Mapping[str, Any]) -> None:

@@ -360,7 +360,8 @@ def _assembled(n_node: int, parts: list[tuple[Index, Array]]) -> sp.csr_array:
     return sp.coo_array(entries, shape=(3 * n_node, 3 * n_node)).tocsr()
 
 
-_CREASE = 0.7  # rad; pieces that meet at a larger angle form an edge of the body, not a curved face
+CREASE: Final = 0.7
+"""Angle, rad; pieces that meet at a larger one form an edge of the body, not a curved face."""
 
 
 @dataclass(frozen=True)
@@ -383,6 +384,12 @@ class Pieces:
     def n_piece(self) -> int:
         """Number of pieces."""
         return len(self.facet)
+
+    @property
+    def curved(self) -> bool:
+        """Whether the pieces are those of curved facets."""
+        # a straight facet is one piece, its corners those of the reference facet
+        return quadratic(self.kind) and self.n_piece > len(np.unique(self.facet))
 
     @cached_property
     def vector_areas(self) -> Array:
@@ -472,35 +479,121 @@ class Surface:
 
     @cached_property
     def sags(self) -> tuple[Array, ...]:
-        """Distance of each flat piece from the smooth surface that it stands for, per block (n_piece,), m.
+        """Distance of the facets from the smooth surface that they stand for, per block and piece (n_piece,), m.
 
         A chord h of a circle is h^2 / (8 R) away, and neighbours stand at the angle theta = h / R: h theta / 8, with
-        h the height of the piece over the edge it shares. 0 on plane faces and across the edges of a body.
+        h the height of the facet over the edge they share. A parabola through the ends and the middle of an arc of
+        that length is h^4 / (512 R^3) away, and neighbours meet at the angle theta = (h / R)^3 / 16: h theta / 32.
+        Where the curvature changes from facet to facet by dk, it is h^2 dk / 125 away, and where its middle stands off
+        by d along the chord, 0.19 d h / R. 0 on plane faces and across the edges of a body.
         """
-        ends = [np.stack([p.corners, np.roll(p.corners, -1, axis=1)], axis=2).reshape(-1, 2, 3) for p in self.pieces]
-        owner = [np.repeat(np.arange(p.n_piece), p.corners.shape[1]) for p in self.pieces]
-        normals = np.concatenate([p.normals[o] for p, o in zip(self.pieces, owner, strict=True)])
-        height = np.concatenate(
-            [
-                # height over an edge: twice the area of a triangle, the area of a quadrilateral, over the edge
-                (2 if p.corners.shape[1] == 3 else 1) * p.areas[o] / np.linalg.norm(e[:, 1] - e[:, 0], axis=1)
-                for p, o, e in zip(self.pieces, owner, ends, strict=True)
-            ]
-        )
-        bend = _bend(np.concatenate(ends), normals, 1e-9 * self.size)
-        # beyond the crease the surface has an edge there and stands for nothing smoother
-        sag = np.where(bend < _CREASE, height * bend / 8, 0.0)
-        sags, start = [], 0
-        for p, o in zip(self.pieces, owner, strict=True):
-            own = np.zeros(p.n_piece)
-            np.maximum.at(own, o, sag[start : start + len(o)])
-            sags.append(own)
-            start += len(o)
+        sags = []
+        for p, (height, bend, change) in zip(self.pieces, self._bends, strict=True):
+            sag = height * bend / 8
+            if p.curved:
+                sags.append(self._curved_sag(p, sag, height**2 * change / 125)[p.facet])
+            else:
+                sags.append(sag.reshape(p.n_piece, -1).max(axis=1))
         return tuple(sags)
 
+    @cached_property
+    def _bends(self) -> list[tuple[Array, Array, Array]]:
+        """Height of the facets of each block over their edges (n,), m, the angle (n,) at which the next facet stands
+        there, and the difference of their curvatures across the edge (n,), m-1; 0 across the edges of a body."""
+        edges = [self._edges_of(p) for p in self.pieces]
+        ends, normals, across = (np.concatenate([edge[i] for edge in edges]) for i in (0, 1, 3))
+        one, two = _shared(ends, 1e-9 * self.size)
+        bend, change = np.zeros((2, len(ends)))
+        bend[one] = bend[two] = _angle(normals[one], normals[two])
+        change[one] = change[two] = np.abs(across[one] - across[two])
+        # beyond the crease the surface has an edge there and stands for nothing smoother
+        bend, change = np.where(bend < CREASE, [bend, change], 0.0)
+        at = np.cumsum([len(height) for _, _, height, _ in edges])[:-1]
+        parts = zip(edges, np.split(bend, at), np.split(change, at), strict=True)
+        return [(height, own, changed) for (_, _, height, _), own, changed in parts]
 
-def _bend(ends: Array, normals: Array, tolerance: float) -> Array:
-    """Angle (n,) between the normals (n, 3) of pieces that share an edge (n, 2, 3), 0 where an edge is free."""
+    @cached_property
+    def curvature(self) -> float:
+        """Largest curvature of a facet, its median over the facets, m-1; 0 on plane faces."""
+        each = []
+        for p, (height, bend, _) in zip(self.pieces, self._bends, strict=True):
+            if p.curved:
+                length, turn, _, _ = self._turns(p)
+                each.append((turn / length).max(axis=1))
+            else:
+                each.append((bend / height).reshape(p.n_piece, -1).max(axis=1))
+        return float(np.median(np.concatenate(each)))
+
+    @cached_property
+    def chord_deviation(self) -> float:
+        """Largest distance of flat facets from the smooth surface that they stand for, m; 0 where all round facets are
+        curved."""
+        flat = [sags for p, sags in zip(self.pieces, self.sags, strict=True) if not p.curved]
+        return max((float(sag.max(initial=0.0)) for sag in flat), default=0.0)
+
+    def _edges_of(self, pieces: Pieces) -> tuple[Array, Array, Array, Array]:
+        """Edges of the facets of a block, one after the other: ends (n, 2, 3), m, normals of the facet at their middles
+        (n, 3), height of the facet over them (n,), m, and its curvature across them, from its middle (n,), m-1."""
+        n = FACET_CORNERS[pieces.kind]
+        places = self.nodes[pieces.nodes[np.unique(pieces.facet, return_index=True)[1]]]
+        ends = np.stack([places[:, :n], np.roll(places[:, :n], -1, axis=1)], axis=2).reshape(-1, 2, 3)
+        along = ends[:, 1] - ends[:, 0]
+        length = np.linalg.norm(along, axis=1)
+        # height over an edge: twice the area of a triangle, the area of a quadrilateral, over the edge
+        height = (2 if n == 3 else 1) * np.repeat(np.bincount(pieces.facet, pieces.areas), n) / length
+        if not pieces.curved:
+            return ends, np.repeat(pieces.normals, n, axis=0), height, np.zeros(len(height))
+        at = facet_nodes(pieces.kind)
+        at = np.concatenate([at[n : 2 * n], at[:n].mean(axis=0)[None]])
+        normals = unit_normals(pieces.kind, places, np.tile(at, (len(places), 1, 1)))
+        middles = shape(pieces.kind, at) @ places
+        there, arm = ((x[:, :n] - x[:, n:]).reshape(-1, 3) for x in (normals, middles))
+        normals = normals[:, :n].reshape(-1, 3)
+        across = np.cross(along, normals)
+        way = np.einsum("ni,ni->n", arm, across)
+        curvature = np.einsum("ni,ni->n", there, across) / np.where(way == 0.0, np.inf, way)
+        return ends, normals, height, curvature
+
+    def _curved_sag(self, pieces: Pieces, sag: Array, changing: Array) -> Array:
+        """Distance of each quadratic facet of a block from its smooth surface (n_facet,), m; (n,) at its edges ``sag``
+        that of flat ones and ``changing`` that of a curvature that changes."""
+        n = FACET_CORNERS[pieces.kind]
+        flat, changed = (x.reshape(-1, n).max(axis=1) for x in (sag, changing))
+        length, turn, rise, off = self._turns(pieces)
+        # no neighbour: what its own turn tells
+        own = (length * turn**3).max(axis=1) / 512
+        # middles on the chords: the facet is flat, whatever its kind
+        kinked = np.maximum(np.where(rise > flat, flat / 4, flat), own)
+        return np.asarray(kinked + changed + (0.19 * off * turn).max(axis=1))
+
+    def _turns(self, pieces: Pieces) -> tuple[Array, Array, Array, Array]:
+        """Edges of the facets of a quadratic block: their lengths (n_facet, n_edge), m, the angle between the normals
+        at their ends (n_facet, n_edge), how far the middle of one is from that of its chord at most (n_facet,), m, and
+        how far along the chord (n_facet, n_edge), m."""
+        first = np.unique(pieces.facet, return_index=True)[1]
+        places, n = self.nodes[pieces.nodes[first]], FACET_CORNERS[pieces.kind]
+        ends = np.stack([places[:, :n], np.roll(places[:, :n], -1, axis=1)], axis=2)
+        away, chord = places[:, n : 2 * n] - ends.mean(axis=2), ends[:, :, 1] - ends[:, :, 0]
+        length = np.linalg.norm(chord, axis=2)
+        off = np.abs(np.einsum("fei,fei->fe", away, chord)) / length
+        rise = np.linalg.norm(away, axis=2).max(axis=1)
+        at_corners = unit_normals(pieces.kind, places, np.tile(facet_nodes(pieces.kind)[:n], (len(places), 1, 1)))
+        # chords of the unit sphere: the angles, to a part in a thousand at ten degrees
+        turn = np.linalg.norm(at_corners - np.roll(at_corners, -1, axis=1), axis=2)
+        return length, turn, rise, off
+
+
+def unit_normals(kind: str, places: Array, at: Array) -> Array:
+    """Unit normals (n_facet, n, 3) of facets with nodes at ``places`` (n_facet, n_node, 3) at reference coordinates
+    (n_facet, n, 2)."""
+    along = np.einsum("fgak,fai->fgki", slopes(kind, at), places)
+    normal = np.cross(along[:, :, 0], along[:, :, 1])
+    # none at the corner where the edges of a facet are on one line
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=2), 1e-300)[..., None])
+
+
+def _shared(ends: Array, tolerance: float) -> tuple[Index, Index]:
+    """Rows of edges (n, 2, 3) that two pieces share, of the one and of the other."""
     # one millionth of the face: middles of one edge, computed in two facets, differ by round-off
     scale = max(tolerance, 1e-300)
     middle = np.rint(ends.mean(axis=1) / (1e3 * scale)).astype(np.int64)
@@ -509,10 +602,11 @@ def _bend(ends: Array, normals: Array, tolerance: float) -> Array:
     starts = np.cumsum(count) - count
     # more than two pieces at an edge are no smooth surface
     pairs = starts[count == 2]
-    one, two = order[pairs], order[pairs + 1]
-    bend = np.zeros(len(ends))
-    sine = np.linalg.norm(np.cross(normals[one], normals[two]), axis=1)
-    angle = np.arctan2(sine, np.einsum("pi,pi->p", normals[one], normals[two]))
-    # round-off of the normals of a plane face
-    bend[one] = bend[two] = np.where(angle < 1e-7, 0.0, angle)
-    return bend
+    return order[pairs], order[pairs + 1]
+
+
+def _angle(one: Array, other: Array) -> Array:
+    """Angles (n,) between unit vectors (n, 3); 0 below the round-off of the normals of a plane face."""
+    sine = np.linalg.norm(np.cross(one, other), axis=1)
+    angle = np.arctan2(sine, np.einsum("pi,pi->p", one, other))
+    return np.where(angle < 1e-7, 0.0, angle)

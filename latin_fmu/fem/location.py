@@ -218,3 +218,28 @@ def _nearest_in(triangles: Array, point: Array) -> Array:
     with np.errstate(invalid="ignore"):
         closest = np.argmin(np.linalg.norm(every - point, axis=2), axis=1)
     return np.asarray(every[np.arange(len(every)), closest])
+
+
+def thicknesses(surface: Surface, points: Array, directions: Array) -> Array:
+    """Way (n,), m, from points (n, 3) of a closed surface along unit directions (n, 3) into the body to where it is
+    left; infinite where that is not found.
+
+    Intersections of a line with triangles by Moller and Trumbore, Journal of Graphics Tools 2 (1997) 21-28.
+    """
+    corners = surface.triangles[0]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    near = 1e-6 * surface.size
+    made = np.full(len(points), np.inf)
+    for i, (point, direction) in enumerate(zip(points, directions, strict=True)):
+        across = np.cross(direction, second)
+        volume = np.einsum("ti,ti->t", first, across)
+        # along the triangle: no intersection
+        scale = np.where(np.abs(volume) > 1e-12 * np.abs(volume).max(), volume, np.inf)
+        arm = point - corners[:, 0]
+        u = np.einsum("ti,ti->t", arm, across) / scale
+        turned = np.cross(arm, first)
+        v = turned @ direction / scale
+        way = np.einsum("ti,ti->t", second, turned) / scale
+        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & (way > near)
+        made[i] = way[hit].min(initial=np.inf)
+    return made

@@ -33,11 +33,13 @@ from .faces import (
     shape,
     slopes,
     triangle_quadrature,
+    unit_normals,
 )
 from .mesh import Array, Index
 
 Mask = NDArray[np.bool_]
 _OPPOSED = 0.5  # cosine between one normal and the other turned round, from which on pieces count as opposite
+_FACING = 0.25  # the least cosine that a distance is divided by: curved facets are steeper than their pieces
 _SPECK = 1e-10  # a common part below this share of the owner's piece is left out
 _DOUBLE = 1.001  # covered more than once: only the nearest layer counts
 
@@ -254,7 +256,9 @@ class Mortar:
     areas : (n_point,), m2, > 0. vector_areas : (n_point, 3) int psi n, m2, n outwards from the owner.
     owner, other : (n_point, n_node) values at the points from those at the nodes of the owner's and the other's mesh.
     shares : (n_point,) covered share of the area that the point has on the whole owner face.
-    sags : (n_point,) distance of the flat pieces around a point from the smooth surfaces they stand for, both sides, m.
+    distance : (n_point,) of the other face along the owner's normal, its mean with psi, on the curved geometry of both
+        faces, m.
+    sags : (n_point,) distance of the facets around a point from the smooth surfaces they stand for, both sides, m.
     covered : covered share of the area of those facets of the owner that are covered at all.
     """
 
@@ -263,6 +267,7 @@ class Mortar:
     owner: sp.csr_array
     other: sp.csr_array
     shares: Array
+    distance: Array
     sags: Array
     covered: float
 
@@ -279,8 +284,9 @@ class _Points:
         self.owner, self.other = owner, other
         self.nodes = owner.facets.nodes
         n = len(self.nodes)
-        self.areas, self.whole, self.near, self.sags, self.covered = np.zeros((5, n))
+        self.areas, self.whole, self.near, self.sags, self.covered, self.opening = np.zeros((6, n))
         self.reached = 0.0  # area of the facets that are covered at all
+        # opening: int psi times the distance, m3
         self.vector_areas = np.zeros((n, 3))
         self.entries: list[tuple[Index, Index, Array]] = []  # of A T_other: points, nodes, values
         self.own: list[tuple[Index, Index, Array]] = []  # of A T_owner in the values u~
@@ -312,19 +318,23 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     facets = points.owner.facets.blocks[number].facets
     at = np.searchsorted(points.nodes, facets)
     gram, normal = np.zeros((n_facet, n, n)), np.zeros((n_facet, n, 3))
-    covered = np.zeros(n_facet)
+    opening, covered = np.zeros((n_facet, n)), np.zeros(n_facet)
     products: list[tuple[Index, Index, Array]] = []
     for cells, theirs, their_sags in zip(row, points.other.pieces, points.other.sags, strict=True):
         # in parts, for the memory
         for some in np.array_split(np.arange(len(cells)), max(1, len(cells) // 20000)):
             part = cells.picked(some)
-            weights, mine, other = _values(part, pieces, theirs)
+            weights, own, far = _gauss_points(part, pieces, theirs)
+            mine, other = shape(pieces.kind, own), shape(theirs.kind, far)
+            places = points.owner.nodes[pieces.nodes[part.owner]], points.other.nodes[theirs.nodes[part.other]]
+            apart = _distances((pieces.kind, theirs.kind), places, (own, far), (mine, other))
             # from phi to phi~, whose integrals are positive
             mine = mine @ change
             facet = pieces.facet[part.owner]
             weighted = weights[..., None] * mine
             np.add.at(gram, facet, np.einsum("cga,cgb->cab", weighted, mine))
             np.add.at(normal, facet, weighted.sum(axis=1)[:, :, None] * pieces.normals[part.owner, None])
+            np.add.at(opening, facet, np.einsum("cg,cga->ca", apart, weighted))
             np.add.at(covered, facet, weights.sum(axis=1))
             products.append((facet, theirs.nodes[part.other], np.einsum("cga,cgb->cab", weighted, other)))
             sag = points.owner.sags[number][part.owner] + their_sags[part.other]
@@ -333,6 +343,7 @@ def _add_block(points: _Points, number: int, row: list[Cells]) -> None:
     np.add.at(points.areas, at, np.einsum("fab->fa", gram))  # the phi add up to one
     # dual @ normal: int psi n
     np.add.at(points.vector_areas, at, dual @ normal)
+    np.add.at(points.opening, at, np.einsum("fab,fb->fa", dual, opening))
     area = np.bincount(pieces.facet, pieces.areas, minlength=n_facet)
     reached = covered > _NOTHING * area
     points.reached += float(area[reached].sum())
@@ -384,8 +395,8 @@ def _whole(pieces: Pieces, change: Array, n_facet: int) -> Array:
     return total
 
 
-def _values(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Array, Array]:
-    """Weights (n_cell, n_gauss), functions of the owner's and of the other's facets (n_cell, n_gauss, n_node)."""
+def _gauss_points(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Array, Array]:
+    """Weights (n_cell, n_gauss), coordinates in the owner's and in the other's facets (n_cell, n_gauss, 2)."""
     # of int phi phi^T and of int psi phi_other^T
     degree = DEGREE[mine.kind] + max(DEGREE[mine.kind], DEGREE[theirs.kind])
     if not (_affine(cells.owner_corners) and _affine(cells.other_corners)):
@@ -397,7 +408,27 @@ def _values(cells: Cells, mine: Pieces, theirs: Pieces) -> tuple[Array, Array, A
     scaled = 2 * cells.areas[:, None] * weights  # the weights of the rule add up to 1/2
     own = _reference(at, cells.owner_corners, mine.reference[cells.owner])
     far = _reference(at, cells.other_corners, theirs.reference[cells.other])
-    return scaled, shape(mine.kind, own), shape(theirs.kind, far)
+    return scaled, own, far
+
+
+def _distances(
+    kinds: tuple[str, str], places: tuple[Array, Array], at: tuple[Array, Array], values: tuple[Array, Array]
+) -> Array:
+    """Distance (n_cell, n_gauss) of the other facets from the owner's along the owner's normal, m.
+
+    Each point of the owner, x with the normal n, has one on the other facet opposite, y with the normal m. Along n the
+    plane through y across m is (y - x).m / n.m away, and the curved facet differs from it by the square of the distance
+    of y from the line only.
+
+    places : (n_cell, n_node, 3) nodes of both facets. at : (n_cell, n_gauss, 2) coordinates in them. values : shape
+    functions there.
+    """
+    (n, m), (x, y) = (
+        [unit_normals(kind, node, where) for kind, node, where in zip(kinds, places, at, strict=True)],
+        [value @ node for value, node in zip(values, places, strict=True)],
+    )
+    facing = np.minimum(np.einsum("cgi,cgi->cg", n, m), -_FACING)
+    return np.asarray(np.einsum("cgi,cgi->cg", y - x, m) / facing)
 
 
 def _affine(corners: Array) -> bool:
@@ -453,6 +484,7 @@ def _finished(points: _Points, least: float) -> Mortar:
         sp.csr_array(_cleaned(sp.csr_array(mean @ own)) @ back @ select),
         _cleaned(sp.csr_array(mean @ other)),
         areas / np.asarray(joined @ points.whole[touched]),
+        np.asarray(joined @ points.opening[touched]) / areas,
         sags,
         points.covered.sum() / points.reached,
     )

@@ -33,7 +33,8 @@ class InterfaceUnit:
     ----------
     name : name in the scene. sides : faces, the second may be "ground". behaviour, geometry : see ``interface``.
     preload : contact pressure at the start, Pa. attached : key of the table in the scene, e.g. ``spring.NAME``, of what
-    joins points or mean motions of faces; "" for an interface of faces.
+    joins points or mean motions of faces; "" for an interface of faces. note : how its gap was found, where that is
+    worth a word.
     """
 
     name: str
@@ -42,6 +43,7 @@ class InterfaceUnit:
     geometry: InterfaceGeometry
     preload: float
     attached: str = ""
+    note: str = ""
 
     @property
     def against_ground(self) -> bool:

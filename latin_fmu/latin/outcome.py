@@ -261,6 +261,7 @@ class BoltHistory:
     force : (n_time,) tension, N. tightening : (n_order,) tension when the bolts of each of ``orders`` were tight, N.
     plastic_elongation : (n_time,) of the shank, m; None where it may not yield.
     thread, thread_area : metric thread, and its tensile stress area, m2; None where the scene names none.
+    share : of the whole screw that is modelled; tensions are those of this part.
     """
 
     name: str
@@ -275,11 +276,13 @@ class BoltHistory:
     plastic_elongation: Array | None = None
     thread: str | None = None
     thread_area: float | None = None
+    share: float = 1.0
 
     @property
     def stress_area(self) -> float:
-        """Section whose stress is compared with a yield stress, m2: that of the thread, else of the cut."""
-        return self.area if self.thread_area is None else self.thread_area
+        """Section of the modelled part whose stress is compared with a yield stress, m2: that of the thread, else of
+        the cut."""
+        return self.area if self.thread_area is None else self.share * self.thread_area
 
     @property
     def tight(self) -> float:
@@ -371,7 +374,8 @@ class Resultants:
     """Forces and moments (6,) on a body in equilibrium, N and N m, about its centre: of its loads (with the initial
     stresses that balance a preload), interfaces and supports, and what is left on directions that are free; ``bolt``:
     largest tension of its bolts, N; ``round_off``: force that the products of its stiffness with its displacements may
-    leave where they cancel, N."""
+    leave where they cancel, N; ``course``: largest force of a load or an interface at any instant that was kept, N, of
+    an interface with its tractions added up by size: those of opposite faces cancel, and a cycle may end unloaded."""
 
     loads: Array
     interfaces: Array
@@ -379,6 +383,7 @@ class Resultants:
     unbalanced: Array
     bolt: float = 0.0
     round_off: float = 0.0
+    course: float = 0.0
 
     @property
     def vanishes(self) -> bool:
@@ -392,8 +397,8 @@ class Resultants:
 
     @property
     def largest(self) -> float:
-        """Largest force, N."""
-        return max(float(np.abs(self.parts[:, :3]).max()), self.bolt)
+        """Largest force of the run, N."""
+        return max(float(np.abs(self.parts[:, :3]).max()), self.bolt, self.course)
 
 
 @dataclass(frozen=True)

@@ -239,8 +239,9 @@ BOLT: Final = rows(
     """
     force            | N  | time | tension of the shank | resultant along the axis of the stresses on a cut of the shank
     mean_stress      | Pa | time | tension of the shank over its section
-    thread_area        | m2 |    | tensile stress area of the thread, by ISO 898-1
-    thread_stress      | Pa | time | tension over the tensile stress area of the thread
+    thread_area        | m2 |    | tensile stress area of the whole thread, by ISO 898-1
+    thread_stress      | Pa | time | tension over the tensile stress area of the thread, of the modelled part
+    share              | 1  |      | share of the whole screw that is modelled
     plastic_elongation | m | time | plastic elongation of the shank since the bolts were tightened
     shortening       | m  |      | shortening of the shank, counted from before the bolts were tightened
     section_area     | m2 |      | section of the shank across its axis
@@ -248,7 +249,7 @@ BOLT: Final = rows(
     """,
     {
         "mean_stress": lambda bolt: bolt.force / bolt.area,
-        "thread_stress": lambda bolt: None if bolt.thread_area is None else bolt.force / bolt.thread_area,
+        "thread_stress": lambda bolt: None if bolt.thread_area is None else bolt.force / bolt.stress_area,
         "section_area": attrgetter("area"),
         "tightening_force": lambda bolt: np.array(bolt.tightening),
     },

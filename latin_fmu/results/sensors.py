@@ -169,10 +169,11 @@ def bolt_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
 
 def bolt_report(outcome: Outcome) -> dict[str, Any]:
     """Per bolt ``substructure``, ``order``, ``target_force`` (N, None where the shortening is given), ``section_area``
-    (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``largest_stress`` (Pa, over the
-    tensile stress area of the thread, else over the section), ``shortening`` (m), ``tightening_force`` (N, when the
-    bolts of each order were tight), and ``first``, ``smallest``, ``largest`` and ``last`` tension of the run, N;
-    ``end`` : ``mean``, ``low`` and ``high``, N, from ``begin``, s, ``half_periods`` (``TensionEnd``)."""
+    (m2), ``thread`` and ``thread_area`` (m2, None where the scene names none), ``share`` of the whole screw that is
+    modelled, ``largest_stress`` (Pa, over the tensile stress area of the thread, else over the section), ``shortening``
+    (m), ``tightening_force`` (N, when the bolts of each order were tight), and ``first``, ``smallest``, ``largest`` and
+    ``last`` tension of the run, N; ``end`` : ``mean``, ``low`` and ``high``, N, from ``begin``, s, ``half_periods``
+    (``TensionEnd``)."""
     ends = bolt_ends(outcome)
     return {
         name: {
@@ -182,6 +183,7 @@ def bolt_report(outcome: Outcome) -> dict[str, Any]:
             "section_area": finite(bolt.area),
             "thread": bolt.thread,
             "thread_area": finite(bolt.thread_area),
+            "share": bolt.share,
             "largest_stress": finite(float(bolt.force.max()) / bolt.stress_area),
             "shortening": finite(bolt.shortening),
             "tightening_force": [finite(force) for force in bolt.tightening],

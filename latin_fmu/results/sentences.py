@@ -222,6 +222,8 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     unit = units.label("N")
     first, low, high = (float(x) for x in (bolt.force[0], bolt.force.min(), bolt.force.max()))
     clauses = [f"tightened to {readable(bolt.tight, unit)}"]
+    if bolt.share != 1.0:
+        clauses[0] += f", {bolt.share:.4g} of the screw ({readable(bolt.tight / bolt.share, unit)} as a whole)"
     if abs(first - bolt.tight) > _LITTLE * abs(bolt.tight):
         clauses.append(f"{readable(first, unit)} at the start, when all bolts are tight")
     last, lost = readable(end.mean, unit), loss_text(bolt.force, end.mean)
@@ -232,6 +234,7 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
         clauses.append(f"{last} at the end ({lost})")
     text = f"{readable(low, unit)} to {readable(high, unit)}{_error(errors, bolt.name, LARGEST_BOLT_FORCE)}"
     section = "its meshed section" if bolt.thread is None else f"the stress area of {bolt.thread}"
+    section = f"{bolt.share:.4g} of {section}" if bolt.thread is not None and bolt.share != 1.0 else section
     stress = readable(high / bolt.stress_area, units.label("Pa"), 3)
     clauses.append(f"{text} during the run, at most {stress} over {section}")
     if bolt.plastic_elongation is not None and (plastic := float(bolt.plastic_elongation[-1])) > 0.0:

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, create_model
@@ -15,26 +15,27 @@ from .laws import ConstantLaw, Law
 from .raw_scene import RawTable, face_problems, given, named_tables, number, reference_problems, text_list
 from .strain_damping import StrainDamping
 
+_OPENING: Final = ("gap", "interference", "overlap", "form", "preload", "preload_force")
 # Keys of an interface that only some behaviours take. A parameter without a default value has to be given.
 TAKES: Final[Mapping[str, tuple[str, ...]]] = {
-    "perfect": (),
-    "contact": ("friction_coefficient", "gap", "form", "preload", "preload_force"),
-    "no_slip": ("gap", "form", "preload", "preload_force"),
-    "elastic_layer": ("normal_stiffness", "tangential_stiffness", "preload", "preload_force", "damping_ratios"),
-    "soft_contact": (
-        *("normal_stiffness", "friction_coefficient", "gap", "form"),
-        *("preload", "preload_force", "interference"),
+    "perfect": ("overlap",),
+    "contact": ("friction_coefficient", *_OPENING),
+    "no_slip": _OPENING,
+    "elastic_layer": (
+        *("normal_stiffness", "tangential_stiffness", "overlap"),
+        *("preload", "preload_force", "damping_ratios"),
     ),
-    "viscous_joint": ("normal_viscosity", "tangential_viscosity"),
-    "maxwell_joint": ("normal_stiffness", "tangential_stiffness", "relaxation_time"),
+    "soft_contact": ("normal_stiffness", "friction_coefficient", *_OPENING),
+    "viscous_joint": ("normal_viscosity", "tangential_viscosity", "overlap"),
+    "maxwell_joint": ("normal_stiffness", "tangential_stiffness", "relaxation_time", "overlap"),
 }
 BEHAVIOUR_NAMES: Final = tuple(sorted(TAKES))
 _ALL: Final = tuple(dict.fromkeys(key for keys in TAKES.values() for key in keys))
 MEANINGLESS: Final[Mapping[str, tuple[str, ...]]] = {
     name: tuple(key for key in _ALL if key not in keys) for name, keys in TAKES.items()
 }
-_PRESSED: Final = ("preload", "preload_force", "interference")
-PARAMETERS: Final = tuple(key for key in _ALL if key not in ("gap", "form", "damping_ratios", *_PRESSED))
+_PRESSED: Final = ("preload", "preload_force")
+PARAMETERS: Final = tuple(key for key in _ALL if key not in (*_OPENING, "damping_ratios"))
 BRANCH: Final = "_branch"
 """What the name of a joint gets, before a number, for the Maxwell joints of its damping by strain."""
 DASHPOT: Final = "_viscosity"
@@ -65,6 +66,8 @@ def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Pro
     if len(pressed) > 1:
         yield Problem(f"{where}.{pressed[1]}", f"given together with {pressed[0]!r}", None, "one of them")
     gap = number(table, "gap")
+    if (number(table, "interference") or 0.0) > 0.0 and "interference" in TAKES.get(behaviour, ()):
+        yield from _interference_problems(where, table, pressed)
     for key in pressed[:1]:
         if given(table, "form"):
             yield Problem(
@@ -91,6 +94,26 @@ def _value_problems(where: str, table: RawTable, behaviour: str) -> Iterator[Pro
             else "without stiffness the layer holds no preload"
         )
         yield Problem(f"{where}.normal_stiffness", what, "0", "> 0")
+
+
+def _interference_problems(where: str, table: RawTable, pressed: Sequence[str]) -> Iterator[Problem]:
+    """Keys beside an interference that say something else on the place of the faces."""
+    if given(table, "gap") and table["gap"] != 0:
+        yield Problem(
+            f"{where}.interference",
+            "given together with 'gap'",
+            f"{number(table, 'interference'):g} with gap = {shown(table['gap'])}",
+            "one of them",
+            "remove gap: faces that overlap have none",
+        )
+    for key in pressed[:1]:
+        yield Problem(
+            f"{where}.interference",
+            f"given together with {key!r}",
+            None,
+            "one of them",
+            "an interference presses the faces by itself",
+        )
 
 
 _GAP_RULES = ("measured", "closed")
@@ -124,6 +147,7 @@ def _check_gap(value: object) -> object:
     raise refusal(what, value=value, allowed='number, >= 0 [m], "measured" or "closed"', remedy=remedy)
 
 
+Overlap = Literal["interference", "ignore", "refuse"]
 Gap = Annotated[float | Literal["measured", "closed"], BeforeValidator(_check_gap)]
 Behaviour = Annotated[Text, AfterValidator(_check_behaviour)]
 Sides = Annotated[tuple[Side, Side], BeforeValidator(_as_list)]
@@ -175,10 +199,26 @@ class Interface(SceneTable):
         Gap | None,
         about(
             'initial distance along N (behaviours that open): "measured" on the meshes (also where left out), "closed" '
-            "(zero, whatever the distance of the meshes), or a number, for meshes that agree with it or touch",
+            "(zero, whatever the distance of the meshes), or a number, which counts whatever their distance",
             "m",
         ),
     ] = None
+    interference: Annotated[
+        Real,
+        about(
+            "how far the faces of a press fit overlap before they press each other (behaviours that open); the overlap "
+            "of the meshes where left out",
+            "m",
+            ge=0,
+        ),
+    ] = 0.0
+    overlap: Annotated[
+        Overlap,
+        about(
+            'meshes that overlap: "interference", a press fit (behaviours that open; up to 0.5 % of radius or '
+            'thickness), "ignore", as if they touched, or "refuse"'
+        ),
+    ] = "interference"
     form: Annotated[
         FaceForm | None, about("form of the faces, added to the gap: crown, polynomial or table (behaviours that open)")
     ] = None
@@ -186,7 +226,6 @@ class Interface(SceneTable):
         Real, about("pressure already there at t = 0, in equilibrium (contacts, elastic_layer)", "Pa", ge=0)
     ] = 0.0
     preload_force: Annotated[Real, about("the same as a normal force, spread evenly over the face", "N", ge=0)] = 0.0
-    interference: Annotated[Real, about("the same as a compression of the layer (soft_contact)", "m", ge=0)] = 0.0
     normal_stiffness: Annotated[
         Real | None, about("stiffness per area along N (elastic_layer, maxwell_joint, soft_contact)", "N m-3", ge=0)
     ] = None
@@ -218,7 +257,7 @@ class Interface(SceneTable):
     @property
     def behaves_open(self) -> bool:
         """True where the sides may come apart."""
-        return "gap" in TAKES[self.behaviour]
+        return "interference" in TAKES[self.behaviour]
 
     @property
     def takes_ratio(self) -> bool:
@@ -233,8 +272,7 @@ class Interface(SceneTable):
 
     def initial_pressure(self, area: float) -> float:
         """Pressure at t = 0 on a face of the given area, m2; Pa."""
-        squeezed = self.interference * (self.normal_stiffness or 0.0)
-        return self.preload + self.preload_force / area + squeezed
+        return self.preload + self.preload_force / area
 
 
 def side_by_side(layer: Interface, name: str, damping: StrainDamping) -> dict[str, Interface]:
@@ -267,6 +305,7 @@ class _ContactKeys(SceneTable):
     parts: Annotated[Names | None, about("substructures among which is searched; all of them where left out")] = None
     behaviour: Annotated[Behaviour, about("what happens there, as for an interface")] = "contact"
     gap: Annotated[Gap | None, about("initial distance, as for an interface", "m")] = None
+    overlap: Annotated[Overlap, about("meshes that overlap, as for an interface")] = "interference"
     form: Annotated[FaceForm | None, about("form of the faces, as for an interface")] = None
 
     @property
@@ -277,7 +316,7 @@ class _ContactKeys(SceneTable):
     def interface(self, first: str, second: str) -> Interface:
         """The interface between the boundaries of two substructures."""
         taken = TAKES[self.behaviour]
-        keys = [k for k in ("gap", "form", *PARAMETERS) if k in taken and getattr(self, k) is not None]
+        keys = [k for k in ("gap", "overlap", "form", *PARAMETERS) if k in taken and getattr(self, k) is not None]
         values: dict[str, Any] = {key: getattr(self, key) for key in keys}
         return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
 

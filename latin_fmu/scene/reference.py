@@ -42,9 +42,17 @@ Meshes         Nodes of the two faces that stand opposite each other one to one 
                (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
                their neighbours.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
-               "measured"; where a number is given the meshes must agree or touch; "closed" is no gap. Flat facets
-               stand for smooth faces: an overlap below twice their distance from those counts as touching, and
-               so does every distance where none is larger.
+               "measured", between curved facets of quadratic elements as they are curved; what is below their
+               distance from a smooth face touches, and latin-fmu check names it. A number counts, whatever the
+               distance of the meshes, which is said where it is another; "closed" is no gap. Flat facets of round
+               faces are chords: a clearance or interference below their distance from the round face is not known
+               and is refused unless it is given; faces touch where smooth surfaces through their nodes do.
+Press fit      Meshes of faces that may open overlap by the interference of a press fit, up to 0.5 % of the radius of
+               round faces or of the thickness behind them; interference gives it by its number, whatever the meshes.
+               It is closed in a static start before t = 0, with preloads, before bolts are tightened and loads act;
+               its largest strain is printed, above 0.01 refused. overlap = "ignore" or "refuse" is for meshes that
+               overlap without being a fit. Bonded faces may overlap by the depth of a thread, a quarter of the
+               radius, or be apart by up to search, which is printed.
 Form of faces  form of an interface is what its faces deviate from their meshes, both together, and is added to the gap:
                a crown, a polynomial or a table over the face. Polynomials and tables count from their smallest
                value. Contact then begins where the faces are highest and spreads as they are pressed.
@@ -56,8 +64,8 @@ Contact        A table [contact.NAME] makes an interface of every two boundaries
                scene are left as they are. latin-fmu check lists them, and the parts that touch nothing.
 Preload        Contact pressure at t = 0, in equilibrium with initial stresses that the scene does not describe:
                displacements, velocities and stresses are counted from that state.
-               preload_force is the same as a force on the whole face, interference the same as a compression of
-               the layer of a soft_contact. Neither tightens a bolt.
+               preload_force is the same as a force on the whole face. Neither tightens a bolt, and neither is a press
+               fit, whose bodies are strained.
 Bolts          The shank is cut by a plane across its axis, through point or in the middle of the longest stretch of
                the thinnest sections; elements with their centres beyond the plane are moved along the axis. No node
                of the cut may belong to an interface, or be held along the axis; the section may not be wider than
@@ -86,7 +94,8 @@ Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_
                pressure proportional to the compression of a layer, Coulomb friction. viscous_joint: bonded,
                tractions proportional to the jump of velocity. maxwell_joint: springs with dashpots in series, which
                relax with relaxation_time, and carry nothing at rest. A layer or joint has no thickness and no mass; the
-               distance of its faces does not count.
+               distance of its faces does not count where they are apart, and they may not overlap unless
+               overlap = "ignore".
 Rigid          A rigid substructure keeps its mass and its mesh, which gives its faces and their points.
                Held and prescribed directions are taken out of its six motions; conditions that no rigid
                motion satisfies are refused. Its rotations are small ones.

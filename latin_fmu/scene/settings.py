@@ -560,10 +560,11 @@ def _length_problems(where: str, value: float, step: float) -> Iterator[Problem]
 
 def with_defaults(raw: Any) -> Any:
     """The scene with the defaults that depend on other keys: without inertia a tighter tolerance, because set-up takes
-    most of the time there; with the explicit propagator its time scheme; with bolts, and with temperatures unless an
-    initial state is read, a static start."""
+    most of the time there; with the explicit propagator its time scheme; with bolts, and in motion with temperatures
+    unless an initial state is read, a static start."""
     heated = named_tables(raw, "temperature") and not given(raw, "initial_state")  # which brings its own start
-    strained = named_tables(raw, "bolt") or heated
+    # without inertia loads and temperatures come in its increments
+    strained = named_tables(raw, "bolt") or (heated and not _is_static(raw))
     if strained and (time := single_table(raw, "time")) and not given(time, "start"):
         raw = {**raw, "time": {**time, "start": {"type": "static"}}}
     time, solver = single_table(raw, "time"), single_table(raw, "solver")

@@ -381,13 +381,19 @@ class Bolt(SceneTable):
     A torque T gives the force T / (K d) with the nut factor K and the nominal diameter d (Bickford, Introduction to the
     Design and Behavior of Bolted Joints, section 7.1.1). The shank is cut by a plane across the axis. Where the cut is
     in the shank does not matter. Its stress is its tension over the tensile stress area of `thread` (ISO 898-1), which
-    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank).
+    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank). Of a bolt
+    that planes of symmetry cut along its axis, `force` is that of the modelled part; torque, thread and yield force are
+    those of the whole screw.
     """
 
     substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")]
     axis: Annotated[Direction, about("axis of the shank (its length and sense do not matter)", "1")]
-    force: Annotated[Real | None, about("tension of the shank when the bolt has been tightened", "N", gt=0)] = None
-    torque: Annotated[Real | None, about("tightening torque; its force follows from the next two", "N m", gt=0)] = None
+    force: Annotated[
+        Real | None, about("tension of the shank, as modelled, when the bolt has been tightened", "N", gt=0)
+    ] = None
+    torque: Annotated[
+        Real | None, about("tightening torque of the whole screw; its force follows from the next two", "N m", gt=0)
+    ] = None
     diameter: Annotated[Real | None, about("nominal diameter d of the thread, with `torque`", "m", gt=0)] = None
     nut_factor: Annotated[
         Real | None,
@@ -396,6 +402,16 @@ class Bolt(SceneTable):
     thread: Annotated[
         Thread | None,
         about('metric thread, "M6" or "M10x1": stresses are over its tensile stress area, not the meshed section'),
+    ] = None
+    share: Annotated[
+        Real | None,
+        about(
+            "share of the whole screw that is modelled; 1/2 or 1/4 by the faces of symmetry along the axis where left "
+            "out",
+            "1",
+            gt=0,
+            le=1,
+        ),
     ] = None
     shortening: Annotated[Real | None, about("shortening of the shank between head and nut", "m", gt=0)] = None
     point: Annotated[
@@ -408,11 +424,11 @@ class Bolt(SceneTable):
     ] = None
     order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
 
-    @property
-    def tension(self) -> float | None:
-        """Force that the bolt is tightened to, N; None where its shortening is given."""
+    def tension(self, share: float) -> float | None:
+        """Force that the modelled part of the screw, a ``share`` of it, is tightened to, N; None where its shortening
+        is given."""
         if self.torque is not None and self.diameter is not None:
-            return self.torque / ((self.nut_factor or NUT_FACTOR) * self.diameter)
+            return share * self.torque / ((self.nut_factor or NUT_FACTOR) * self.diameter)
         return self.force
 
     def thread_area(self, units: UnitSystem) -> float | None:

@@ -73,7 +73,7 @@ def layers(tables: Tables) -> None:
     one instant takes the Python driver."""
     moving_ground(tables)
     driven_face(tables)
-    tables["interface"]["floor"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15, "interference": 2e-7}
+    tables["interface"]["floor"] |= {"behaviour": "soft_contact", "normal_stiffness": 2e15, "preload": 4e8}
     tables["interface"]["i0"] = {
         "sides": ["b0.zmax", "b1.zmin"],
         "behaviour": "elastic_layer",

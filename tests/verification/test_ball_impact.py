@@ -98,9 +98,10 @@ def test_ground_that_makes_no_sense(ground: dict[str, Any] | None, words: list[s
         assert word in str(caught.value)
 
 
-def test_a_gap_given_must_agree_with_the_plane() -> None:
-    with pytest.raises(SceneError, match="differs from the distance"):
-        discretise(latin_fmu.scene_from_dict(ball(gap=1e-4)))
+def test_a_gap_given_counts_and_the_distance_of_the_plane_is_named() -> None:
+    problem = discretise(latin_fmu.scene_from_dict(ball(gap=1e-4)))
+    np.testing.assert_array_equal(problem.units[0].geometry.gap, 1e-4)
+    assert any("gap = 0.0001 m counts; the meshes are" in r for r in problem.remarks)
 
 
 def test_a_plate_thrown_on_a_placed_plane_meets_it_there() -> None:

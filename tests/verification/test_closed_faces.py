@@ -147,19 +147,16 @@ def test_closed_has_its_limit(tmp_path: Path) -> None:
         discretise(latin_fmu.scene_from_dict(made))
 
 
-def test_a_clearance_below_the_facets_is_told(tmp_path: Path) -> None:
-    """50 um between a shaft of 12 elements round, whose facets are 170 um from the circle, and a bore of 24: gap 0,
-    with a remark; between meshes of 96 and 120, the clearance; no remark where the radius is one."""
+def test_a_clearance_below_the_facets_is_refused(tmp_path: Path) -> None:
+    """50 um between a shaft of 12 elements round, whose facets are 170 um from the circle, and a bore of 24; between
+    meshes of 96 and 120, the clearance; no remark where the radius is one."""
 
     def made(around: tuple[int, int], play: float, turn: float = 0.0) -> DiscretisedProblem:
         tables = joint(tmp_path, around, (2, 3), turn, play=play, friction_coefficient=0.1)
         return discretise(latin_fmu.scene_from_dict(tables))
 
-    coarse = made((12, 24), 50e-6)
-    np.testing.assert_array_equal(coarse.units[0].geometry.gap, 0.0)
-    remark = next(r for r in coarse.remarks if r.code == "gap")
-    assert "thread: its faces are" in remark
-    assert "finer" in remark
+    with pytest.raises(latin_fmu.SceneError, match=r"interface\.thread\.gap: a clearance.*0\.00017|0\.000169"):
+        made((12, 24), 50e-6)
     fine = made((96, 120), 50e-6)
     assert fine.units[0].geometry.gap == pytest.approx(50e-6, rel=0.2)
     for built in (fine, made((12, 24), 0.0), made((24, 12), 0.0), made((16, 24), 0.0, 0.03)):

@@ -112,3 +112,36 @@ def test_a_body_out_of_balance_is_told() -> None:
 
 def test_motions_have_no_resultants() -> None:
     assert not solve(sliding(1e-3)).outcome.resultants
+
+
+UP_AND_DOWN = {"type": "table", "times": [0.0, 0.25, 0.75, 1.0], "values": [0.0, 1.0, -1.0, 0.0]}
+
+
+def test_a_cycle_that_ends_unloaded_is_in_balance() -> None:
+    """Shares are those of the largest force of the cycle; preloads count, whose resultant on a wedged block is 0."""
+    tables = {
+        "name": "wedged",
+        "material": {"m": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {"block": {"material": "m", "box": {"size": [0.01] * 3, "elements": [2, 2, 2]}}},
+        "interface": {
+            side: {"sides": [f"block.{side}", "ground"], "friction_coefficient": 1.0, "preload": 5e6}
+            for side in ("xmin", "xmax")
+        },
+        "load": {"push": {"face": "block.zmax", "traction": [0.0, 0.0, 1e6], "law": UP_AND_DOWN}},
+        "time": {"end": 1.0, "instants": 20, "quasi_static": True},
+    }
+    solution = solve(tables)
+    assert not [w for w in solution.warnings if "out of balance" in w]
+    made = solution.outcome.resultants["block"]
+    assert made.largest == pytest.approx(500.0, rel=0.05)
+    assert np.linalg.norm(made.unbalanced[:3]) < 1e-8 * made.largest
+
+
+def test_a_press_that_ends_unloaded_is_in_balance() -> None:
+    tables = pressed()
+    for load in tables["load"].values():
+        load["law"] = {"type": "half_sine", "duration": tables["time"]["end"]}
+    solution = solve(tables)
+    assert not [w for w in solution.warnings if "out of balance" in w]
+    share = float(solution.status.split("in balance to ")[1].split(" ")[0])
+    assert share < 1e-4

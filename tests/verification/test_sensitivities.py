@@ -141,8 +141,8 @@ OTHERS = (
         "material.steel.density",
     ),
     crushed(
-        (SOFT + "friction_coefficient=0.1,interference=1e-6}", 'time.start="static"'),
-        "interface.crush.interference",
+        (SOFT + "friction_coefficient=0.1,preload=1e8}", 'time.start="static"'),
+        "interface.crush.preload",
         "interface.crush.normal_stiffness",
     ),
     crushed(

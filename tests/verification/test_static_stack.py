@@ -218,9 +218,9 @@ def test_a_stall_of_a_tall_stack_is_passed_before_newton_steps():
     [
         {"preload": 1e6},
         {"preload_force": 100.0},
-        {"behaviour": "soft_contact", "interference": 1e-8, "normal_stiffness": 1e14},
+        {"behaviour": "soft_contact", "preload": 1e6, "normal_stiffness": 1e14},
     ],
-    ids=["pressure", "force", "interference"],
+    ids=["pressure", "force", "soft"],
 )
 def test_a_preload_of_any_kind_is_the_scale_of_a_scene_without_loads(pressed: dict[str, Any]) -> None:
     """Two held blocks pressed with 1 MPa: tolerances are shares of it, and round-off is no energy."""

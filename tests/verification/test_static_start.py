@@ -118,7 +118,7 @@ def glued_and_soft(tables: Tables) -> None:
         "normal_stiffness": 1e14,
         "tangential_stiffness": 3e13,
     }
-    tables["interface"]["i1"] |= {"behaviour": "soft_contact", "normal_stiffness": 1e14, "interference": 1e-7}
+    tables["interface"]["i1"] |= {"behaviour": "soft_contact", "normal_stiffness": 1e14, "preload": 1e7}
 
 
 def slipping_in_part(tables: Tables) -> None:

@@ -1,0 +1,282 @@
+"""Pairs of faces: nodes that match, the common part of others (mortar), a face on a plane; points, normals, distances
+and traces.
+
+A node of the owner that is held (a plane of symmetry, a fixed edge) cannot move, but the other side's row of its point
+mixes nodes on the held edge with inner ones: the point would hold those a second time. The tractions were not unique
+and the iteration slow, so such a point takes no part in the held direction, as it would not with matching nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..fem.faces import Face, Surface, face_of, nodal_values, quadratic
+from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
+from ..fem.mortar import Mortar, mortar
+from .body import Body, own_points, selection
+
+MATCHING = 1e-3
+"""Lateral distance of paired nodes over the spacing of nodes."""
+COVERED = 0.999
+"""A face counts as wholly covered where this share of the area of its facets, as far as they meet the other face at
+all, is covered."""
+Owner = Literal["automatic", "E", "Ep"]
+Side = tuple[Body, FacetSet]
+Mask = NDArray[np.bool_]
+_ON_EDGE = 1e-6  # distance from an edge over the size of the face
+_SAME_AREA = 1e-6
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True)
+class FacePair:
+    """Two faces that meet, at the points of one of them.
+
+    Attributes
+    ----------
+    points : (n_point, 3) on the owner, m. areas : (n_point,), m2. normals : (n_point, 3), from E to E'.
+    distance : (n_point,) from E to E' along the normal, m.
+    traces, owner, matching : see ``InterfaceGeometry``.
+    sags : (n_point,) how far the facets there are from the smooth surfaces they stand for, both sides, m.
+    shares : covered share of the area of each side.
+    chord : how far flat facets of round faces are from those at most, m; 0 where round faces have curved facets.
+    """
+
+    points: Array
+    areas: Array
+    normals: Array
+    distance: Array
+    traces: tuple[sp.csr_array, sp.csr_array | None]
+    sags: Array
+    owner: int = 0
+    matching: bool = True
+    shares: tuple[float, float] = (1.0, 1.0)
+    chord: float = 0.0
+
+
+def by_mortar(
+    first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Mask | None, Mask | None]
+) -> FacePair | None:
+    """Faces with nodes of their own, over the part that they have in common; None where there is none.
+
+    Parameters
+    ----------
+    owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
+        facets; but not a rigid one, nor one whose points hold the other side where that is free (both would be more
+        than the other side can follow).
+    reach : see ``fem.mortar``. held : dofs of the two bodies that never move, None for rigid ones.
+    """
+    pair = _MortarPair((first, second), reach, held)
+    if owner != "automatic":
+        return pair.from_side(0 if owner == "E" else 1)
+    rigid = [body.rigid for body, _ in (first, second)]
+    if rigid[0] != rigid[1]:
+        return pair.from_side(int(rigid[0]))
+    # a little smaller counts as equal: round-off must not choose the side
+    finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
+    if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
+        return None
+    side = next((s for s in (finer, 1 - finer) if pair.covered(s)), finer)
+    return pair.from_side(1 - side if pair.held_alone(side) > pair.held_alone(1 - side) else side)
+
+
+class _MortarPair:
+    """Two faces; the integrals with either of them as the owner are computed once."""
+
+    def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]) -> None:
+        self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
+        self._reach, self._held = reach, held
+        self._mortars: dict[int, Mortar | None] = {}
+
+    def mortar(self, side: int) -> Mortar | None:
+        """Integrals with this side as the owner."""
+        if side not in self._mortars:
+            self._mortars[side] = mortar(self.surfaces[side], self.surfaces[1 - side], self._reach)
+        return self._mortars[side]
+
+    def covered(self, side: int) -> bool:
+        """Whether the facets of this side are wholly covered, as far as they meet the other one at all."""
+        part = self.mortar(side)
+        return part is not None and part.covered >= COVERED
+
+    def held_alone(self, side: int) -> int:
+        """Number of directions in which points of this side cannot move while the other side can."""
+        return int(self._directions(side)[1].sum())
+
+    def _directions(self, side: int) -> tuple[Mask, Mask]:
+        part, held, other = self.mortar(side), self._held[side], self._held[1 - side]
+        assert part is not None
+        if held is None or other is None:
+            none = np.zeros((len(part.areas), 3), dtype=bool)
+            return none, none
+        points, own = part.owner @ self.surfaces[side].nodes, _of_vectors(part.owner)
+        return _held_directions(points, part.normals, own, held, self.surfaces[1 - side], other)
+
+    def from_side(self, side: int) -> FacePair | None:
+        """Points of this side."""
+        part = self.mortar(side)
+        if part is None:
+            return None
+        mine, theirs = self.surfaces[side].nodes, self.surfaces[1 - side].nodes
+        points = part.owner @ mine
+        normals = part.normals if side == 0 else -part.normals
+        jump = (part.other @ theirs - points) * (1 if side == 0 else -1)  # from E to E', as N
+        removed, _ = self._directions(side)
+        traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
+        shares = tuple(float(part.areas.sum()) / s.area for s in self.surfaces)
+        curved = any(quadratic(p.kind) for s in self.surfaces for p in s.pieces)
+        return FacePair(
+            points,
+            part.areas,
+            normals,
+            part.distance if curved else np.einsum("pi,pi->p", jump, normals),
+            (traces[side], traces[1 - side]),
+            part.sags,
+            side,
+            False,
+            (shares[0], shares[1]),
+            max(s.chord_deviation for s in self.surfaces),
+        )
+
+
+def _of_vectors(trace: sp.csr_array) -> sp.csr_array:
+    """A trace of each component of a vector."""
+    return sp.csr_array(sp.kron(trace, sp.eye_array(3), format="csr"))
+
+
+def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
+    """A face against rigid ground behind the plane through ``point`` with the unit ``normal`` out of the ground; the
+    facets turned away from it by more than 60 degrees are left out. None where all are."""
+    body, facets = side
+    blocks = []
+    for block, pieces in zip(facets.blocks, Surface(body.mesh.nodes, facets).pieces, strict=True):
+        facing = np.ones(len(block.facets), dtype=bool)
+        # a facet faces the ground where all its pieces do
+        np.logical_and.at(facing, pieces.facet, pieces.normals @ normal < -0.5)
+        blocks.append(FacetBlock(block.kind, block.facets[facing]))
+    blocks = [b for b in blocks if len(b.facets)]
+    if not blocks:
+        return None
+    facing_set = FacetSet(tuple(blocks))
+    face = face_of(body.mesh.nodes, facing_set)
+    points, trace = own_points(body, facing_set, face)
+    vector = face.vector_areas if face.change is None else face.change.T @ face.vector_areas
+    # from E to E': the plane has its normal out of the ground
+    normals = np.tile(-normal, (len(points), 1))
+    return FacePair(
+        points,
+        # area in projection on the plane, as the ground has its normal everywhere
+        -vector @ normal,
+        normals,
+        (points - point) @ normal,
+        (trace, None),
+        np.zeros(len(points)),
+        matching=False,
+    )
+
+
+def _held_directions(
+    points: Array, normals: Array, own: sp.csr_array, held: Mask, other: Surface, other_held: Mask
+) -> tuple[Mask, Mask]:
+    """Directions (n_point, 3) in which points of the owner cannot move.
+
+    Parameters
+    ----------
+    points, normals : (n_point, 3). own : trace of the owner. held, other_held : dofs of both bodies that never move.
+
+    Returns
+    -------
+    Those at places where the other side is held likewise, and the rest: there the point holds the other side alone.
+    """
+    # no node of the point can move
+    still = np.asarray(abs(own) @ (~held).astype(float)).reshape(-1, 3) == 0.0
+    both = np.zeros_like(still)
+    for axis in range(3):
+        rows = np.flatnonzero(still[:, axis])
+        if len(rows):
+            edges = _edges(other.facets, other_held[axis::3])
+            both[rows, axis] = _on_edges(points[rows], normals[rows], other.nodes[edges])
+    return both, still & ~both
+
+
+def _without(trace: sp.csr_array, removed: Mask) -> sp.csr_array:
+    """The trace without the rows of these directions (n_point, 3)."""
+    kept = sp.csr_array(sp.diags_array((~removed).astype(float).ravel()) @ trace)
+    # else the rows would still name the nodes
+    kept.eliminate_zeros()
+    return kept
+
+
+def _edges(facets: FacetSet, held: Mask) -> Index:
+    """Nodes at the ends (n, 2) of edges whose ends are both ``held`` (n_node,)."""
+    held_edges = [np.zeros((0, 2), dtype=np.int64)]
+    for block in facets.blocks:
+        ends = np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        held_edges.append(ends[held[ends].all(axis=1)])
+    return np.unique(np.sort(np.concatenate(held_edges), axis=1), axis=0)
+
+
+def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
+    """Whether each of ``points`` (n, 3) lies on one of the edges ``ends`` (m, 2, 3), in projection along its normal."""
+    on = np.zeros(len(points), dtype=bool)
+    if not len(ends):
+        return on
+    size = float(np.ptp(np.concatenate([points, ends.reshape(-1, 3)]), axis=0).max())
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        start, along = ends[:, 0] - point, ends[:, 1] - ends[:, 0]
+        # as seen along the normal
+        start = start - np.outer(start @ normal, normal)
+        along = along - np.outer(along @ normal, normal)
+        length = np.maximum(np.einsum("ei,ei->e", along, along), 1e-300)
+        at = np.clip(-np.einsum("ei,ei->e", start, along) / length, 0.0, 1.0)
+        on[i] = np.linalg.norm(start + at[:, None] * along, axis=1).min() < _ON_EDGE * size
+    return on
+
+
+def node_by_node(first: Side, second: Side) -> FacePair | None:
+    """Faces whose nodes stand opposite each other, one to one; None where they do not."""
+    (body, facets), (other_body, other_facets) = first, second
+    face, other = face_of(body.mesh.nodes, facets), face_of(other_body.mesh.nodes, other_facets)
+    partner = _partners(face, other, body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes])
+    if partner is None:
+        return None
+    points, trace = own_points(body, facets, face)
+    nodes, opposite_nodes = body.mesh.nodes[face.nodes], other_body.mesh.nodes[other.nodes[partner]]
+    normals = face.normals
+    distance = np.einsum("pi,pi->p", opposite_nodes - nodes, normals)
+    if face.change is None and other.change is None:
+        other_trace = selection(other.nodes[partner], other_body)
+    else:
+        areas, opposite = face.positive_areas, other.positive_areas[partner]
+        if np.abs(opposite - areas).max() > _SAME_AREA * areas.max():
+            return None  # the nodes of both match, their facets do not
+        _, other_trace = own_points(other_body, other_facets, other)
+        other_trace = sp.csr_array(other_trace[(3 * partner[:, None] + np.arange(3)).ravel()])
+        # points in the middle of edges are no nodes: their values from those of the nodes
+        distance = distance if face.change is None else nodal_values(facets, face.nodes) @ distance
+    return FacePair(points, face.positive_areas, normals, distance, (trace, other_trace), np.zeros(len(distance)))
+
+
+def _partners(face: Face, other: Face, points: Array, there: Array) -> Index | None:
+    """Row of the opposite node for each node of a face, None where nodes do not match or normals are not opposed."""
+    if len(other.nodes) != len(face.nodes):
+        return None
+    normals = face.normals
+    along = normals[0]
+    if np.abs(normals @ along - 1).max() < _FLAT:  # far faces pair by their lateral position
+        _, partner = nearest(points - np.outer(points @ along, along), there - np.outer(there @ along, along))
+    else:
+        _, partner = nearest(points, there)
+    jump = there[partner] - points
+    normal = np.einsum("pi,pi->p", jump, normals)
+    lateral = np.linalg.norm(jump - normal[:, None] * normals, axis=1)
+    # no node twice; apart along the face by less than the spacing allows
+    if len(np.unique(partner)) < len(partner) or (lateral > MATCHING * np.sqrt(face.positive_areas)).any():
+        return None
+    opposed = np.einsum("pi,pi->p", normals, other.normals[partner]) < 0
+    return partner if opposed.all() else None
