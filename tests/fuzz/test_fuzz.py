@@ -17,7 +17,7 @@ from latin_fmu.compiled import PLAIN
 pytestmark = pytest.mark.skipif(PLAIN, reason="the kernels of a run are plain Python: too slow")
 
 ROOT = Path(__file__).parents[2]
-NAMES = ("msh", "vtk", "vtu", "inp", "bdf", "exodus", "csv", "toml", "command", "fmu", "tables", "state", "tree")
+NAMES = ("msh", "vtk", "vtu", "inp", "bdf", "exodus", "csv", "uff", "toml", "command", "fmu", "tables", "state", "tree")
 SECONDS = 5  # of processor time for one input
 QUICK, SLOW = 40, 20_000  # inputs of each format; in all
 STORED = {"results": 300, "study": 300, "checkpoint": 300, "whole_fmu": 100}
