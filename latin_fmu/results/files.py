@@ -125,7 +125,11 @@ def _write_array(
 
 
 def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[str, Any]) -> None:
-    """Text as bytes along a dimension of its own, which all netCDF readers support."""
+    """Text as bytes along a dimension of its own, which all netCDF readers support.
+
+    Strings of netCDF-4 end the process where a file with compressed numbers is opened twice (netCDF4 1.7.5, netcdf-c
+    4.10.1).
+    """
     texts = np.char.encode(variable.values, "utf-8")
     width = max(1, texts.dtype.itemsize)
     length = f"string{width}"
@@ -206,6 +210,21 @@ def open_results(path: str | Path) -> xr.DataTree:
             f"{SCHEMA_VERSION.split('.')[0]}.x",
             "open it with the version of latin_fmu that wrote it",
         )
+    return _with_strings(tree)
+
+
+def _with_strings(tree: xr.DataTree) -> xr.DataTree:
+    """The tree with its texts as strings of any length, for which zarr has a type; the file holds bytes."""
+    import xarray as xr
+
+    for node in tree.subtree:
+        content = node.to_dataset(inherit=False)
+        texts = {name: v for name, v in content.variables.items() if v.dtype.kind in "OSU"}
+        made = {name: xr.Variable(v.dims, v.values.astype(object), v.attrs) for name, v in texts.items()}
+        if made:
+            labels = {name: v for name, v in made.items() if name in content.coords}
+            data = {name: v for name, v in made.items() if name not in labels}
+            node.dataset = content.assign_coords(labels).assign(data)
     return tree
 
 

@@ -144,6 +144,21 @@ def test_zarr_round_trip_without_warnings(solved: latin_fmu.Solution, tmp_path: 
         xr.testing.assert_identical(node.to_dataset(), back[node.path].to_dataset())
 
 
+def test_a_file_goes_to_zarr_without_warnings(solved: latin_fmu.Solution, tmp_path: Path) -> None:
+    """Texts are strings in what is opened, and in zarr."""
+    pytest.importorskip("zarr")
+    solved.save(tmp_path / "out.nc")
+    with latin_fmu.open_results(tmp_path / "out.nc") as tree:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", message="Consolidated metadata")  # of the format, whatever is written
+            tree.to_zarr(tmp_path / "out.zarr")
+            back = xr.open_datatree(tmp_path / "out.zarr", engine="zarr", decode_times=False).load()
+        for node in tree.subtree:
+            xr.testing.assert_identical(node.to_dataset(), back[node.path].to_dataset())
+        assert list(tree["interfaces/crush/side"].values) == ["E", "Ep"]
+
+
 def decaying(order: float, floor: float = 0.0, step: float = 1e-4, end: float = 3.0) -> xr.DataTree:
     """Free vibration at 80 Hz, along (0.6, 0, 0.8), whose damping is .002 (a / 1 mm)^order + .001, and whose frequency
     falls by 2 % x a / 1 mm; with a rigid drift and a mode at 240 Hz. ``floor`` : damping instead, where it is given."""
