@@ -12,7 +12,7 @@ import xarray as xr
 from ..machine import provenance
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
-from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
+from ..results.quantities_of_interest import FLOOR, FORCE_RMS, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
 from .adaptive_resolution import is_target
 from .study import TARGETS, TIGHT, TOGETHER, TOLERANCE, Study, cheapest, sources, useful_tolerances
@@ -178,7 +178,7 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    title = quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else "")
+    title = quantity + (" (rms)" if definition_of(quantity) is FORCE_RMS else "")
     _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
     axes.legend(fontsize=6)
@@ -287,7 +287,7 @@ def comparison_figure(studies: Sequence[Study]) -> Figure:
     figure = Figure(figsize=(14, 3.3 * len(studies)), layout="constrained")
     for panels, study in zip(figure.subplots(len(studies), 4, squeeze=False), studies, strict=True):
         shown = {definition_of(q).key: q for q in quantities_shown(study)}
-        chosen = [shown[key] for key in ("impulse", "first_contact", "force_history") if key in shown]
+        chosen = [shown[key] for key in ("impulse", "first_contact", "force_rms") if key in shown]
         for axes, quantity in zip(panels, chosen, strict=False):
             work_precision(axes, study, quantity)
             axes.set_title(f"{study.scene.name}: {quantity}", fontsize=8)

@@ -39,14 +39,14 @@ from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
-    DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
-    FORCE_HISTORY,
+    DISPLACEMENT_RMS,
+    FORCE_RMS,
     IMPULSE,
     LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     SPECTRUM,
-    VELOCITY_HISTORY,
+    VELOCITY_RMS,
     VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
@@ -99,10 +99,10 @@ def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> di
 
 
 _ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED.key,), ACCELERATION_PEAK)
-_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_RMS)
 MEASURABLE: Final = {
-    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_HISTORY),
+    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_RMS),
+    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_RMS),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,

@@ -38,7 +38,6 @@ from ..results.quantities_of_interest import (
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
-    FORCE_HISTORY,
     LARGEST_BOLT_FORCE,
     LARGEST_SLIP,
     LAST_BOLT_FORCE,
@@ -349,13 +348,10 @@ def _named(of: RunScalar, owner: str) -> Quantity:
 
 
 _OF_INTERFACE: Final = tuple(
-    _named(q, "interface")
-    for q in QUANTITIES_OF_INTEREST
-    if QUANTITY_OWNERS[q.key] == "interface" and q is not FORCE_HISTORY
+    _named(q, "interface") for q in QUANTITIES_OF_INTEREST if QUANTITY_OWNERS[q.key] == "interface"
 )
 QUANTITIES: Final = (
     *_OF_INTERFACE,
-    Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
     _named(LARGEST_SLIP, "interface"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
     *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_UNFILTERED, ACCELERATION_UNFILTERED)),
@@ -497,7 +493,6 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
     history is kept."""
     measured = measure(time, {history.name: history}, scene.time.end).values
     values = {key.rpartition(".")[2]: value for key, value in measured.items()}
-    values["force_norm"] = values.pop(FORCE_HISTORY.key)
     fields = InterfaceFields.of_history(history, time)
     # a contact that never closes: its instants would be those of the end
     if first_contact_time(fields) is None:
