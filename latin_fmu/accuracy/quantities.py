@@ -43,9 +43,9 @@ from ..results.quantities_of_interest import (
 )
 from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
-from ..results.spectra import ShockSpectrum, shock_response_spectrum
+from ..results.spectra import LINES, ShockSpectrum, shock_response_spectrum
 from ..scene.schema import Scene
-from ..scene.sensors import Filter, LowPass, Sensor, nyquist
+from ..scene.sensors import Filter, LowPass, Sensor, highest_frequency, nyquist
 
 ELEMENTS_PER_WAVE: Final = 8
 """Elements per length of a pressure wave at the highest frequency of the band."""
@@ -323,11 +323,12 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
     quantities.add_signal(f"{name}.{VELOCITY_RMS.key}", speed, speed.root_mean_square())
     if not (step := uniform_step(time)):
         return
-    frequencies = np.array([f for f in band.frequencies if f <= nyquist(step)])
+    frequencies = np.array([f for f in band.frequencies if f <= highest_frequency(step)])
     if frequencies.size:
         spectrum = band.known
         if spectrum is None:
-            spectrum = shock_response_spectrum(history.acceleration, step, frequencies, band.quality)
+            samples, way = history.acceleration, LINES
+            spectrum = shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=way)
         quantities.spectra[name] = spectrum
         if n := int(np.count_nonzero(spectrum.frequency <= band.highest)):
             maximax = Signal(spectrum.frequency[:n], spectrum.acceleration[0, :n])

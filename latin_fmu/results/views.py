@@ -19,7 +19,7 @@ from .files import readable
 from .groups import unit_of, units_of
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
 from .sensors import uniform_step
-from .spectra import RESPONSES, shock_response_spectrum
+from .spectra import LINES, RESPONSES, shock_response_spectrum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -154,7 +154,7 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
 
     history = _history(tree, sensor, "acceleration")
     step = float(history["time"][1] - history["time"][0])
-    made = shock_response_spectrum(history.values, step, frequencies, quality)
+    made = shock_response_spectrum(history.values, step, frequencies, quality, interpolation=LINES)
     dims = ("response", "frequency", "component")
     label = units_of(tree.attrs).label
     hertz = {"units": "Hz", "long_name": "natural frequency of the oscillator"}
@@ -172,7 +172,7 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
             "frequency": ("frequency", made.frequency, hertz),
             "component": history["component"].values,
         },
-        {"quality": quality},
+        {"quality": quality, "interpolation": made.interpolation},
     )
 
 
