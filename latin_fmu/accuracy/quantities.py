@@ -78,7 +78,7 @@ class Signal:
         one: in the unit of the values."""
         pairs = zip(self.values.T, other.values.T, strict=True)
         apart = math.hypot(*(Force(self.along, a).distance(Force(other.along, b)) for a, b in pairs))
-        return apart / float(self.along[-1] - self.along[0]) ** 0.5
+        return apart / math.sqrt(self.along[-1] - self.along[0])
 
     def apart_near_peak(self, other: Signal) -> float:
         """Largest distance of the vectors where this one is at least ``NEAR_PEAK`` of its peak: a bound of the
@@ -154,7 +154,7 @@ class Quantities:
         defining = self if defining is None else defining
         if key == FORCE_RMS.key:
             own = self.forces[owner]
-            return own.distance(other.forces[owner]) / float(own.time[-1] - own.time[0]) ** 0.5
+            return own.distance(other.forces[owner]) / math.sqrt(own.time[-1] - own.time[0])
         if key == DISPLACEMENT.key and owner in self.vectors and owner in other.vectors:
             return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
         if key in (DISPLACEMENT_RMS.key, VELOCITY_RMS.key):
@@ -327,8 +327,8 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
     if frequencies.size:
         spectrum = band.known
         if spectrum is None:
-            samples, way = history.acceleration, LINES
-            spectrum = shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=way)
+            samples = history.acceleration
+            spectrum = shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=LINES)
         quantities.spectra[name] = spectrum
         if n := int(np.count_nonzero(spectrum.frequency <= band.highest)):
             maximax = Signal(spectrum.frequency[:n], spectrum.acceleration[0, :n])

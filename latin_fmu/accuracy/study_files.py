@@ -52,9 +52,10 @@ def datatree(study: Study) -> xr.DataTree:
 def _runs(study: Study) -> xr.Dataset:
     rows, quantities, label = study.rows, study.quantities, study.scene.unit_system.label
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
-    table["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))
+    # texts are labels: numbers of two studies can be subtracted
+    table.coords["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))
     for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "reason of a failure")):
-        table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
+        table.coords[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
     numbers: list[tuple[str, list[float], str, str]] = [
         ("mesh", [r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
         ("steps", [r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
@@ -71,16 +72,16 @@ def _runs(study: Study) -> xr.Dataset:
     dims = ("run", "quantity")
     _add(table, "error", dims, [study.error(r, q) for r in rows for q in quantities], "relative error")
     read = [r.run.quantities.values.get(q, np.nan) if r.run.converged else np.nan for r in rows for q in quantities]
-    _add(table, "value", dims, read, "value, in its unit", None)
+    _add(table, "value", dims, read, "value, over its unit")
     return table
 
 
 def _add(
-    table: xr.Dataset, name: str, dims: tuple[str, ...], values: list[float], long_name: str, unit: str | None = "1"
+    table: xr.Dataset, name: str, dims: tuple[str, ...], values: list[float], long_name: str, unit: str = "1"
 ) -> None:
     """Add a variable whose values (flat, in the order of ``dims``) fill the sizes that the table has."""
     sizes = [table.sizes.get(dim, -1) for dim in dims]
-    attributes = {"long_name": long_name} | ({} if unit is None else {"units": unit})
+    attributes = {"long_name": long_name, "units": unit}
     table[name] = (dims, np.array(values, dtype=float).reshape(sizes), attributes)
 
 

@@ -15,6 +15,7 @@ Windows of one instant have no use for it: each begins with the fields of the in
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import re
@@ -34,6 +35,7 @@ from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
+from ..results.groups import plain_name
 from ..results.quantities_of_interest import (
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
@@ -217,7 +219,20 @@ class Grid:
     @property
     def dims(self) -> tuple[str, ...]:
         """Dimensions of a study."""
-        return (SAMPLE,) if self.samples else tuple(p.key for p in self.parameters)
+        return (SAMPLE,) if self.samples else self.names
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in a study: those of their keys with underscores, each once."""
+        taken = {SAMPLE, "state", "converged", "message", "time", "component", *(q.name for q in QUANTITIES)}
+        taken |= {q.of for q in QUANTITIES} | {"force", "normal_force"}
+        made: list[str] = []
+        for parameter in self.parameters:
+            short = plain_name(parameter.key)
+            others = (f"{short}_{n}" for n in itertools.count(2))
+            made.append(next(name for name in itertools.chain([short], others) if name not in taken))
+            taken.add(made[-1])
+        return tuple(made)
 
     def at(self, point: Index) -> Index:
         """Place of a point in the arrays of a study."""

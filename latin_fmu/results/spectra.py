@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 
 RESPONSES: Final = ("maximax", "primary", "residual")
 Interpolation = Literal["band", "lines"]
-BAND, LINES = "band", "lines"
+BAND: Final = "band"
+LINES: Final = "lines"
 """Records of a band-limited signal; laws, own results and what is compared with them."""
 LARGER: Final = "larger of band and lines"
 """Of a record that starts or ends with a jump: no band holds one."""
@@ -133,11 +134,13 @@ def shock_response_spectrum(
         return ShockSpectrum(f, quality, both[0], both[1])
     both = _band_spectra(columns, step, f, damping)
     if not (jumps := _jumps(columns)).any():
-        return ShockSpectrum(f, quality, *both.reshape(shape), interpolation=BAND)
+        whole = both.reshape(shape)
+        return ShockSpectrum(f, quality, whole[0], whole[1], BAND)
     lines = _spectra(columns, step, f, damping)
     larger = np.where(jumps, np.maximum(both, lines), both)
     apart = np.abs(both - lines)[0, 0][:, jumps] / np.maximum(larger[0, 0][:, jumps], np.finfo(float).tiny)
-    return ShockSpectrum(f, quality, *larger.reshape(shape), interpolation=LARGER, apart=float(apart.max()))
+    whole = larger.reshape(shape)
+    return ShockSpectrum(f, quality, whole[0], whole[1], LARGER, float(apart.max()))
 
 
 def _jumps(columns: Array) -> Any:
@@ -169,7 +172,8 @@ def _in_band(columns: Array, finer: int) -> Array:
     from scipy.signal import firwin, resample_poly
 
     window = firwin(2 * _TAPS * finer + 1, 1.0 / finer, window=("kaiser", _KAISER))
-    dense = resample_poly(columns, finer, 1, axis=0, window=window, padtype="line")
+    # the stubs of SciPy lack coefficients as a window
+    dense = resample_poly(columns, finer, 1, axis=0, window=window, padtype="line")  # type: ignore[call-overload]
     return np.asarray(dense[: (len(columns) - 1) * finer + 1])
 
 
@@ -367,7 +371,8 @@ def stored_spectrum(node: Any) -> tuple[ShockSpectrum, Array | None]:
     values = [node[name].values for name in ("acceleration", "pseudo_velocity")]
     error = node["relative_error"].values if "relative_error" in node else None
     way = str(node.attrs.get("interpolation", LINES))
-    return ShockSpectrum(node["frequency"].values, float(node.attrs["quality"]), *values, interpolation=way), error
+    quality = float(node.attrs["quality"])
+    return ShockSpectrum(node["frequency"].values, quality, values[0], values[1], interpolation=way), error
 
 
 def stored_spectra(tree: xr.DataTree) -> dict[str, tuple[ShockSpectrum, Array | None]]:

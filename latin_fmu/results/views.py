@@ -82,6 +82,9 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
         "location": "node",
     }
     made = group[["surface", "cells", "area"]]
+    if (made["cells"].values < 0).any():
+        # readers of UGRID need it where cells differ in their number of nodes
+        made["cells"] = made["cells"].assign_attrs({"_FillValue": made["cells"].dtype.type(-1)})
     made["pressure"] = ("point", pressure, attrs)
     return made.assign_attrs(time=float(fields.time[at]))
 
