@@ -51,15 +51,15 @@ LINES: Final = "lines"
 LARGER: Final = "larger of band and lines"
 """Of a record that starts or ends with a jump: no band holds one."""
 _JUMP = 0.01  # of the largest value: a first or last sample above it is a jump
-_FINER = (4, 8, 16, 32, 64)  # factors of the resampling in the band
+_FINER = (8, 16, 32, 64)  # factors of the resampling in the band
 _OF_BAND = 128  # samples per period of an oscillator there
+_LEAST_FINER, _MOST = 8, 40_000_000  # where fewer are taken, so that no array has more numbers
 _TAPS, _KAISER = 32, 8.0  # of the filter: samples on each side, and its window: 80 dB, flat to 0.46 of the rate
 SAMPLES: Final = 32
 """Samples per period of an oscillator: a maximum between two of them is at most 0.5 % larger."""
 _SERIES, _TERMS = 1.0, 40  # omega t up to which the ramp response is a power series, and its terms
 _STEP: Final = 1e-6  # of the largest acceleration, in the derivatives of spectra
 _COVERING = 0.85  # of an extrapolated difference of spectra
-_AT_ONCE = 2**20  # numbers per array of the residual response
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,12 @@ def _band_spectra(columns: Array, step: float, f: Array, damping: float) -> Arra
     """``_spectra`` of records that are interpolated in their band, by oscillators that need as many samples."""
     needed = np.searchsorted(_FINER, _OF_BAND * f * step)
     made = np.empty((2, 3, len(f), columns.shape[1]))
-    for i, finer in enumerate(_FINER):
+    for i, factor in enumerate(_FINER):
+        finer = factor
         chosen = np.flatnonzero(np.minimum(needed, len(_FINER) - 1) == i)
+        # of a record of millions of samples the lines between fewer ones are sampled again
+        while finer > _LEAST_FINER and columns.size * finer > _MOST:
+            finer //= 2
         if chosen.size:
             made[:, :, chosen] = _spectra(_in_band(columns, finer), step / finer, f[chosen], damping)
     return made
@@ -193,10 +197,7 @@ def ramp_filter(angle: float, damping: float) -> tuple[Array, Array, Array]:
 def _ramp_responses(t: Array, damping: float) -> tuple[Array, Array]:
     """omega^2 z and y at omega times ``t`` under a base acceleration a = omega t, for omega = 1."""
     if t.max() <= _SERIES * 3:
-        c = np.zeros(_TERMS)  # impulse response sum of c_k t^k
-        c[1] = 1.0
-        for k in range(_TERMS - 2):
-            c[k + 2] = -(2 * damping * (k + 1) * c[k + 1] + c[k]) / ((k + 2) * (k + 1))
+        c = _impulse_series(damping)
         power = np.arange(_TERMS)
         once = (c / (power + 1)) @ (t ** (power[:, None] + 1))
         twice = (c / ((power + 1) * (power + 2))) @ (t ** (power[:, None] + 2))
@@ -208,6 +209,15 @@ def _ramp_responses(t: Array, damping: float) -> tuple[Array, Array]:
     return -twice, 2 * damping * once + twice
 
 
+def _impulse_series(damping: float) -> Array:
+    """Coefficients c of the impulse response sum of c_k (omega t)^k."""
+    c = np.zeros(_TERMS)
+    c[1] = 1.0
+    for k in range(_TERMS - 2):
+        c[k + 2] = -(2 * damping * (k + 1) * c[k + 1] + c[k]) / ((k + 2) * (k + 1))
+    return c
+
+
 def _primary(columns: Array, step: float, omega: float, damping: float) -> Array:
     """Largest magnitudes (2, n_component) of y and omega z during the record."""
     from scipy.signal import lfilter
@@ -217,21 +227,26 @@ def _primary(columns: Array, step: float, omega: float, damping: float) -> Array
         places = np.arange((len(columns) - 1) * finer + 1) / finer
         columns = np.stack([np.interp(places, np.arange(len(columns)), column) for column in columns.T], axis=1)
     of_z, of_y, denominator = ramp_filter(omega * step / finer, damping)
-    # before the first sample the base is at rest: the filter would begin with a ramp from 0 to it
-    start = columns[:1]
+    # before the first sample the base is at rest: the filter alone would begin with a ramp from 0 to it. Its state is
+    # that of an oscillator at rest at the first sample, under a jump to the acceleration there
+    jumped = _step_responses(omega * step / finer, damping)
     largest = []
-    for numerator in (of_y, of_z):
-        y = lfilter(numerator, denominator, columns - start, axis=0)
-        y += start * _step_responses(omega * step / finer, damping, len(columns), numerator is of_z)[:, None]
+    for numerator, after in ((of_y, jumped[1]), (of_z, jumped[0])):
+        state = np.array([-numerator[0], after - numerator[0] - numerator[1]])
+        y, _ = lfilter(numerator, denominator, columns, axis=0, zi=state[:, None] * columns[:1])
         largest.append(np.abs(y).max(axis=0))
     return np.stack([largest[0], largest[1] / omega])
 
 
-def _step_responses(angle: float, damping: float, n: int, of_z: bool) -> Array:
-    """omega^2 z or y at n samples under a unit acceleration from the first on."""
-    t, root = angle * np.arange(n), math.sqrt(1 - damping * damping)
-    decay, cosine, sine = np.exp(-damping * t), np.cos(root * t), np.sin(root * t) / root
-    return np.asarray(-(1 - decay * (cosine + damping * sine)) if of_z else 1 - decay * (cosine - damping * sine))
+def _step_responses(angle: float, damping: float) -> tuple[float, float]:
+    """omega^2 z and y at omega t = ``angle`` under a unit acceleration from t = 0 on."""
+    if angle <= _SERIES:
+        c, power = _impulse_series(damping), np.arange(_TERMS)
+        once = float((c / (power + 1)) @ angle ** (power + 1))
+        return -once, once + 2 * damping * float(c @ angle**power)
+    root = math.sqrt(1 - damping * damping)
+    decay, cosine, sine = math.exp(-damping * angle), math.cos(root * angle), math.sin(root * angle) / root
+    return -(1 - decay * (cosine + damping * sine)), 1 - decay * (cosine - damping * sine)
 
 
 def _residual(columns: Array, step: float, omega: Array, damping: float) -> Array:
@@ -240,22 +255,31 @@ def _residual(columns: Array, step: float, omega: Array, damping: float) -> Arra
     z at the time s after the end is -Im(G exp(lambda s)) / omega_d, with lambda = -zeta omega + i omega_d and
     G = int a(t) exp(lambda (t_end - t)) dt, exact for the straight lines.
     """
-    n, damped = len(columns), omega * math.sqrt(1 - damping * damping)
+    damped = omega * math.sqrt(1 - damping * damping)
     rate = -damping * omega + 1j * damped
     x = rate * step
     # int over a step of the share of its end and of its start, times exp(rate (end of the step - t))
     late = np.where(np.abs(x) < 0.3, _phi(x, 2), (np.exp(x) - 1 - x) / x**2) * step
     early = np.where(np.abs(x) < 0.3, _phi(x, 1), (np.exp(x) - 1) / x) * step - late
-    g = np.zeros((len(omega), columns.shape[1]), dtype=complex)
-    size = max(1, _AT_ONCE // max(n, 1))
-    back = step * np.arange(n - 2, -1, -1)  # from the end of each step to the end of the record
-    for first in range(0, len(omega), size):
-        part = slice(first, first + size)
-        weights = np.exp(rate[part, None] * back)
-        g[part] = late[part, None] * (weights @ columns[1:]) + early[part, None] * (weights @ columns[:-1])
+    g = late[:, None] * _decaying_sums(columns[1:], x) + early[:, None] * _decaying_sums(columns[:-1], x)
     of_z = g * (omega / damped)[:, None]
     of_y = g * ((2 * damping * omega * rate + omega**2) / damped)[:, None]
     return np.stack([_largest_decay(amplitude, rate[:, None]) for amplitude in (of_y, of_z)])
+
+
+def _decaying_sums(columns: Array, x: Array) -> Array:
+    """Sums (n, n_component) over the samples k of a_k exp(x (last - k)), from blocks of them: their exponentials are
+    those of one block times one of the block."""
+    size = max(1, math.isqrt(len(columns)))
+    blocks = -(-len(columns) // size)  # rounded up
+    padded = np.concatenate([np.zeros((blocks * size - len(columns), columns.shape[1])), columns])
+    inside = np.exp(x[:, None] * np.arange(size - 1, -1, -1))
+    along = np.exp(x[:, None] * (size * np.arange(blocks - 1, -1, -1)))
+    made = np.empty((len(x), columns.shape[1]), dtype=complex)
+    for i, column in enumerate(padded.T):
+        table = column.reshape(blocks, size)
+        made[:, i] = ((inside @ table.T) * along).sum(axis=1)
+    return made
 
 
 def _phi(x: Array, order: int) -> Array:

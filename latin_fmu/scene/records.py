@@ -180,7 +180,8 @@ def filled(data: Mapping[str, Any], base_dir: Path, system: UnitSystem) -> dict[
     if value_unit is not None:
         words.append(f"values in {value_unit}" + (" by the header" if data.get("value_unit") is None else ""))
     words.append(f"{len(history.times)} samples")
-    named = (history.along.known or "", history.of.known or "")
+    # a scene of pure numbers has no units that values could be in
+    named = (history.along.known or "", (history.of.known or "") if system.measurable else "")
     points = {"times": tuple(times.tolist()), "values": tuple(values.tolist())}
     return {**data, **points, "header_units": named, "read_as": ", ".join(words)}
 

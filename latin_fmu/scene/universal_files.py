@@ -162,11 +162,12 @@ def _function(number: int, lines: list[str], binary: bytes | None, units: str) -
         abscissa, ordinate = int(lines[7][:10]), int(lines[8][:10])
     except (IndexError, ValueError):
         raise refusal("a damaged dataset 58 in the universal file", value=f"function {number}") from None
-    if kind not in _RESPONSE or abscissa not in (0, _TIME) or (kind == 0 and abscissa != _TIME):
+    over_time = abscissa == _TIME or (abscissa == 0 and kind != 0)
+    if kind not in _RESPONSE or not over_time or data in _COMPLEX:
         return None
-    if data in _COMPLEX or data not in _REAL or not 2 <= count <= _MOST_VALUES:
-        what = "a history of complex numbers" if data in _COMPLEX else "a damaged dataset 58"
-        raise refusal(what, value=f"function of time {number}", allowed="real numbers, two or more")
+    if data not in _REAL or not 2 <= count <= _MOST_VALUES:
+        value = f"function of time {number}"
+        raise refusal("a damaged dataset 58", value=value, allowed="real numbers, two or more")
     numbers = _numbers(number, lines[_HEAD_LINES:], binary, data, count * (1 if even else 2))
     times: Array = np.asarray(first + step * np.arange(count) if even else numbers[::2])
     values = numbers if even else numbers[1::2]
