@@ -105,7 +105,7 @@ def made_study(folder: Path) -> xr.DataTree:
 def made_samples(folder: Path) -> xr.DataTree:
     """Samples of numbers that scatter, with bands and derivatives."""
     scatter = {PARAMETERS[0]: 0.01, PARAMETERS[1]: "5 %"}
-    latin_fmu.sample(pressed(spread=scatter), 3, folder / "samples.nc")
+    latin_fmu.sample(pressed(spread=scatter), 8, folder / "samples.nc")
     return latin_fmu.open_results(folder / "samples.nc").load()
 
 
