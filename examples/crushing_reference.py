@@ -30,7 +30,7 @@ SCENE = MODELS / "two_specimen_crushing" / "scene.toml"
 SPEED = float(np.sqrt(210e9 * 0.7 / (1.3 * 0.4) / 7800.0))  # pressure waves in steel, m/s
 EDGE, EARLY = 0.01, 2.2e-6
 SAFETY, LEAST = 2.0, 1e-4
-FIRST, HISTORY = "crush.first_contact", "crush.force_history"
+FIRST, HISTORY = "crush.first_contact", "crush.force_rms"
 POINTS = 601
 """Of the force history kept."""
 

@@ -85,7 +85,7 @@ def solved(settings: Sequence[str]) -> Run:
 
 def spectrum_of(acceleration: Array, step: float) -> Array:
     """Maximax of a history (n, ...) at ``FREQUENCIES``, m s-2."""
-    made = latin_fmu.shock_response_spectrum(acceleration, step, FREQUENCIES, quality=QUALITY)
+    made = latin_fmu.shock_response_spectrum(acceleration, step, FREQUENCIES, quality=QUALITY, interpolation="lines")
     return made.acceleration[0]
 
 

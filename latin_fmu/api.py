@@ -45,6 +45,7 @@ from .results.solution import Solution
 from .results.spread import Bands
 from .results.writing import check_folder
 from .run_checks import balance_words, body_ends, faults_of, resultants, run_remarks, with_faults
+from .scene.histories import histories_of, history_lines
 from .scene.schema import Scene
 from .scene.units import UnitSystem
 
@@ -619,7 +620,7 @@ class Checked(NamedTuple):
 
     def report(self) -> dict[str, Any]:
         """Plain data: ``scene``, ``steps``, ``step`` (s), ``memory_bytes``, ``classes`` of substructures with unknowns
-        and interface channels, ``interfaces``, ``warnings``."""
+        and interface channels, ``interfaces``, ``histories`` from files (``SceneHistory.report``), ``warnings``."""
         return self.sizes | {"warnings": [{"code": remark.code, "text": str(remark)} for remark in self.remarks]}
 
 
@@ -643,6 +644,7 @@ def checked(scene: Scene) -> Checked:
     lines += [_interface_line(u, u.name not in scene.interface, scene.unit_system) for u in assembly.interfaces]
     lines += port_lines(scene, discretised.bodies)
     lines += [cut.line(scene.unit_system) for cut in discretised.cuts.values()]
+    lines += history_lines(scene)
     if discretised.scene.time.start.type == "static":
         lines.append("  start: equilibrium under what acts at t = 0, which the run solves first")
     lines.append(f"  {memory_line(prediction, stream=True)}")
@@ -656,6 +658,7 @@ def checked(scene: Scene) -> Checked:
             for p in assembly.propagators
         ],
         "interfaces": [_interface_sizes(u) for u in assembly.interfaces if not u.attached],
+        "histories": [history.report() for history in histories_of(scene)],
     }
     return Checked(lines, problem.warnings, sizes)
 

@@ -18,6 +18,7 @@ REMARKS: Final = MappingProxyType(
         "edge": "contact at one point or along an edge only",
         "free": "a body without support whose place is chosen",
         "gap": "a gap of the size of the bodies, or one that its meshes do not have",
+        "history": "a measured history whose times do not suit the run",
         "initial_state": "initial fields that supports or the mesh change",
         "load": "a pressure or force of doubtful size, sign or place, or none",
         "locking": "linear elements that are too stiff",

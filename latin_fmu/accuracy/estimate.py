@@ -27,7 +27,7 @@ from ..results.quantities_of_interest import (
     FIRST_CONTACT,
     PEAK_FORCE,
     SEPARATION,
-    VELOCITY_HISTORY,
+    VELOCITY_RMS,
     QuantityOfInterest,
     definition_of,
 )
@@ -198,7 +198,7 @@ def has_front(run: Quantities) -> bool:
     twentieth of the run, by more than half of its peak."""
     if any(force.jumps(run.durations[name]) for name, force in run.forces.items() if name in run.durations):
         return True
-    speeds = (signal for quantity, signal in run.signals.items() if definition_of(quantity) is VELOCITY_HISTORY)
+    speeds = (signal for quantity, signal in run.signals.items() if definition_of(quantity) is VELOCITY_RMS)
     return any(_jumps(speed) for speed in speeds)
 
 

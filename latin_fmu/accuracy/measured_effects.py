@@ -271,12 +271,12 @@ def changes(scene: Scene, plain: Solution, other: Solution) -> dict[str, float]:
     displacements of their sides and of the sensors over time; ``accelerations``, the largest of the sensors, in a band
     that the mesh resolves.
 
-    Each is the largest change, of a history that in L2, over the largest value of its kind; what one of the solutions
-    does not have is left out. ``scene`` : of ``plain``.
+    Each is the largest change, of a history its root mean square, over the largest value of its kind; what one of the
+    solutions does not have is left out. ``scene`` : of ``plain``.
     """
     made: dict[str, float] = {}
     for group, (one, two) in zip(GROUPS[:2], zip(_histories(plain), _histories(other), strict=True), strict=True):
-        size = max((signal.norm() for signal in one.values()), default=0.0)
+        size = max((signal.root_mean_square() for signal in one.values()), default=0.0)
         apart = [one[name].distance(two[name]) / size for name in one if name in two and size > 0.0]
         made |= {group: max(apart)} if apart else {}
     peaks, others = ({q: v for q, v in measure_solution(scene, s).values.items() if _peak(q)} for s in (plain, other))

@@ -21,10 +21,10 @@ from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
     CONTACT_SHARE,
     DISPLACEMENT,
-    DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
+    DISPLACEMENT_RMS,
     FIRST_CONTACT,
-    FORCE_HISTORY,
+    FORCE_RMS,
     FRICTION_WORK,
     IMPULSE,
     LARGEST_BOLT_FORCE,
@@ -34,8 +34,8 @@ from ..results.quantities_of_interest import (
     ROUND_OFF,
     SEPARATION,
     SPECTRUM,
-    VELOCITY_HISTORY,
     VELOCITY_PEAK,
+    VELOCITY_RMS,
     Force,
     InterfaceFields,
     closing_time,
@@ -43,9 +43,9 @@ from ..results.quantities_of_interest import (
 )
 from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
-from ..results.spectra import ShockSpectrum, shock_response_spectrum
+from ..results.spectra import LINES, ShockSpectrum, shock_response_spectrum
 from ..scene.schema import Scene
-from ..scene.sensors import Filter, LowPass, Sensor, nyquist
+from ..scene.sensors import Filter, LowPass, Sensor, highest_frequency, nyquist
 
 ELEMENTS_PER_WAVE: Final = 8
 """Elements per length of a pressure wave at the highest frequency of the band."""
@@ -69,14 +69,16 @@ class Signal:
         """Vectors at instants (k,), (k, m)."""
         return np.stack([np.interp(instants, self.along, column) for column in self.values.T], axis=1)
 
-    def norm(self) -> float:
-        """sqrt(integral of |v|^2), exact for linear pieces."""
-        return math.hypot(*(Force(self.along, column).norm() for column in self.values.T))
+    def root_mean_square(self) -> float:
+        """sqrt(mean of |v|^2), exact for linear pieces."""
+        return math.hypot(*(Force(self.along, column).root_mean_square() for column in self.values.T))
 
     def distance(self, other: Signal) -> float:
-        """L2 distance to another signal over what both cover."""
+        """Root of the integral of the squared difference from another signal, over what both cover, per length of this
+        one: in the unit of the values."""
         pairs = zip(self.values.T, other.values.T, strict=True)
-        return math.hypot(*(Force(self.along, a).distance(Force(other.along, b)) for a, b in pairs))
+        apart = math.hypot(*(Force(self.along, a).distance(Force(other.along, b)) for a, b in pairs))
+        return apart / math.sqrt(self.along[-1] - self.along[0])
 
     def apart_near_peak(self, other: Signal) -> float:
         """Largest distance of the vectors where this one is at least ``NEAR_PEAK`` of its peak: a bound of the
@@ -104,7 +106,7 @@ class Quantities:
 
     Attributes
     ----------
-    values : by name ``owner.key``; the value of a history is its L2 norm. scales : what errors are divided by.
+    values : by name ``owner.key``; the value of a history is its root mean square. scales : what errors are divided by.
     forces : normal resultants by interface. vectors : displacement (3,) of sensors at the end, m.
     signals : histories of sensors and bolts, in the band where they are; maximax spectra over frequency; by quantity.
     spectra : shock response spectra of sensors, by name.
@@ -150,11 +152,12 @@ class Quantities:
         """
         owner, _, key = quantity.rpartition(".")
         defining = self if defining is None else defining
-        if key == FORCE_HISTORY.key:
-            return self.forces[owner].distance(other.forces[owner])
+        if key == FORCE_RMS.key:
+            own = self.forces[owner]
+            return own.distance(other.forces[owner]) / math.sqrt(own.time[-1] - own.time[0])
         if key == DISPLACEMENT.key and owner in self.vectors and owner in other.vectors:
             return float(np.linalg.norm(self.vectors[owner] - other.vectors[owner]))
-        if key in (DISPLACEMENT_HISTORY.key, VELOCITY_HISTORY.key):
+        if key in (DISPLACEMENT_RMS.key, VELOCITY_RMS.key):
             return self.signals[quantity].distance(other.signals[quantity])
         if key == SPECTRUM.key:
             return self.values[quantity] * self.signals[quantity].largest_ratio(other.signals[quantity])
@@ -244,7 +247,7 @@ def of_force(
         entries[SEPARATION.key] = (last, max(last, 1e-2 * end))
     entries[PEAK_FORCE.key] = (mean, mean)
     entries[PEAK_FORCE_RAW.key] = (peak, peak)
-    entries[FORCE_HISTORY.key] = (force.norm(), force.norm())
+    entries[FORCE_RMS.key] = (force.root_mean_square(), force.root_mean_square())
     return entries
 
 
@@ -313,18 +316,19 @@ def add_sensor(quantities: Quantities, time: Array, history: SensorHistory, end:
     quantities.vectors[name] = last
     quantities.add(name, {DISPLACEMENT.key: (float(np.linalg.norm(last)), largest)})
     quantities.add_signal(f"{name}.{DISPLACEMENT_PEAK.key}", moved)
-    quantities.add_signal(f"{name}.{DISPLACEMENT_HISTORY.key}", moved, moved.norm())
+    quantities.add_signal(f"{name}.{DISPLACEMENT_RMS.key}", moved, moved.root_mean_square())
     if history.acceleration is None:
         return
     speed = _until_vectors(time, history.velocity, end)
-    quantities.add_signal(f"{name}.{VELOCITY_HISTORY.key}", speed, speed.norm())
+    quantities.add_signal(f"{name}.{VELOCITY_RMS.key}", speed, speed.root_mean_square())
     if not (step := uniform_step(time)):
         return
-    frequencies = np.array([f for f in band.frequencies if f <= nyquist(step)])
+    frequencies = np.array([f for f in band.frequencies if f <= highest_frequency(step)])
     if frequencies.size:
         spectrum = band.known
         if spectrum is None:
-            spectrum = shock_response_spectrum(history.acceleration, step, frequencies, band.quality)
+            samples = history.acceleration
+            spectrum = shock_response_spectrum(samples, step, frequencies, band.quality, interpolation=LINES)
         quantities.spectra[name] = spectrum
         if n := int(np.count_nonzero(spectrum.frequency <= band.highest)):
             maximax = Signal(spectrum.frequency[:n], spectrum.acceleration[0, :n])

@@ -12,7 +12,7 @@ import xarray as xr
 from ..machine import provenance
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
 from ..results.groups import CONVENTIONS
-from ..results.quantities_of_interest import FLOOR, FORCE_HISTORY, QUANTITIES_OF_INTEREST, definition_of
+from ..results.quantities_of_interest import FLOOR, FORCE_RMS, QUANTITIES_OF_INTEREST, definition_of
 from ..results.summary import percent
 from .adaptive_resolution import is_target
 from .study import TARGETS, TIGHT, TOGETHER, TOLERANCE, Study, cheapest, sources, useful_tolerances
@@ -52,9 +52,10 @@ def datatree(study: Study) -> xr.DataTree:
 def _runs(study: Study) -> xr.Dataset:
     rows, quantities, label = study.rows, study.quantities, study.scene.unit_system.label
     table = xr.Dataset(coords={"quantity": _texts(quantities)})
-    table["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))
+    # texts are labels: numbers of two studies can be subtracted
+    table.coords["quantity_unit"] = ("quantity", _texts([label(definition_of(q).unit) for q in quantities]))
     for name, text in (("series", "series of the study"), ("variant", "scheme"), ("failure", "reason of a failure")):
-        table[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
+        table.coords[name] = ("run", _texts([getattr(r, name) for r in rows]), {"long_name": text})
     numbers: list[tuple[str, list[float], str, str]] = [
         ("mesh", [r.resolution.mesh for r in rows], "1", "elements per length, relative to the scene"),
         ("steps", [r.resolution.time for r in rows], "1", "steps per time, relative to the scene"),
@@ -71,16 +72,16 @@ def _runs(study: Study) -> xr.Dataset:
     dims = ("run", "quantity")
     _add(table, "error", dims, [study.error(r, q) for r in rows for q in quantities], "relative error")
     read = [r.run.quantities.values.get(q, np.nan) if r.run.converged else np.nan for r in rows for q in quantities]
-    _add(table, "value", dims, read, "value, in its unit", None)
+    _add(table, "value", dims, read, "value, over its unit")
     return table
 
 
 def _add(
-    table: xr.Dataset, name: str, dims: tuple[str, ...], values: list[float], long_name: str, unit: str | None = "1"
+    table: xr.Dataset, name: str, dims: tuple[str, ...], values: list[float], long_name: str, unit: str = "1"
 ) -> None:
     """Add a variable whose values (flat, in the order of ``dims``) fill the sizes that the table has."""
     sizes = [table.sizes.get(dim, -1) for dim in dims]
-    attributes = {"long_name": long_name} | ({} if unit is None else {"units": unit})
+    attributes = {"long_name": long_name, "units": unit}
     table[name] = (dims, np.array(values, dtype=float).reshape(sizes), attributes)
 
 
@@ -178,7 +179,7 @@ def work_precision(axes: Axes, study: Study, quantity: str) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    title = quantity + (" (L2)" if definition_of(quantity) is FORCE_HISTORY else "")
+    title = quantity + (" (rms)" if definition_of(quantity) is FORCE_RMS else "")
     _label(axes, "CPU time (s)", "relative error (%)", title)
     axes.grid(color="0.92", which="both")
     axes.legend(fontsize=6)
@@ -287,7 +288,7 @@ def comparison_figure(studies: Sequence[Study]) -> Figure:
     figure = Figure(figsize=(14, 3.3 * len(studies)), layout="constrained")
     for panels, study in zip(figure.subplots(len(studies), 4, squeeze=False), studies, strict=True):
         shown = {definition_of(q).key: q for q in quantities_shown(study)}
-        chosen = [shown[key] for key in ("impulse", "first_contact", "force_history") if key in shown]
+        chosen = [shown[key] for key in ("impulse", "first_contact", "force_rms") if key in shown]
         for axes, quantity in zip(panels, chosen, strict=False):
             work_precision(axes, study, quantity)
             axes.set_title(f"{study.scene.name}: {quantity}", fontsize=8)

@@ -495,8 +495,8 @@ def _read(scene: Scene, shape: _Shape, made: _Loops, loop: Loop, mode: int, tole
         loss=loss,
         slipping=np.array([_changed(histories, a, b, 2) for a, b in spans]),
         opening=np.array([_changed(histories, a, b, 0) for a, b in spans]),
-        load=path.load,
-        displacement=q,
+        sensor_force=path.load / shape.sensed,
+        sensor_displacement=shape.sensed * q,
         units=scene.unit_system,
         curves=tuple(curve_lines(scene.material)),
     )
@@ -525,8 +525,8 @@ _CURVE: Final = rows(
 )
 _LOOPS: Final = rows(
     """
-    load         | kg0.5 m s-2 | increment | factor on M phi
-    displacement | kg0.5 m     | increment | modal displacement from the equilibrium of the start
+    sensor_force | N | increment | force along the motion of the sensor in the mode that does the work of the modal load
+    sensor_displacement | m | increment | displacement of the sensor in the mode, from the equilibrium of the start
     """
 )
 
@@ -541,7 +541,8 @@ class Backbone(Stored):
     linear_frequency : of the mode with all pressed points sticking, Hz.
     amplitude : (n,) of the sensor, m. frequency : (n,), Hz. damping : (n,) share of critical. loss : (n,) of a whole
         loop, J. slipping, opening : (n,) numbers of points that slide, and that open or close, in the loop.
-    load, displacement : (n_increment,) factor alpha, kg0.5 m s-2, and modal displacement q, kg0.5 m, of all increments.
+    sensor_force, sensor_displacement : (n_increment,) of all increments: displacement u q of the sensor in the mode,
+        m, with u that for q = 1, and the force alpha / u, N, that does the work of the modal load on it.
     """
 
     name: str
@@ -556,15 +557,15 @@ class Backbone(Stored):
     loss: Array
     slipping: Array
     opening: Array
-    load: Array
-    displacement: Array
+    sensor_force: Array
+    sensor_displacement: Array
     units: UnitSystem = SI
     curves: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """Text: what was done, and a table of the amplitudes."""
         head = f"{self.name}: mode {self.mode}, {self.linear_frequency:.6g} Hz with all pressed points sticking; "
-        head += f"loops: {self.loop}, {len(self.load) - 1} increments, tolerance {self.tolerance:g}"
+        head += f"loops: {self.loop}, {len(self.sensor_force) - 1} increments, tolerance {self.tolerance:g}"
         table: list[tuple[str, ...]] = [("amplitude", "frequency", "damping, %", "loss", "sliding", "opening")]
         for a, f, zeta, d, s, o in zip(
             *(self.amplitude, self.frequency, self.damping, self.loss, self.slipping, self.opening), strict=True

@@ -17,9 +17,10 @@ from scipy.sparse.csgraph import connected_components
 
 from ..fem.mesh import nearest
 from ..latin.assembly import InterfaceUnit
-from ..remarks import Remark
+from ..remarks import Remark, remarks_of
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
+from ..scene.histories import history_remarks
 from ..scene.laws import InputLaw
 from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
@@ -52,6 +53,7 @@ def plausibility_remarks(problem: DiscretisedProblem) -> list[Remark]:
         *_friction_remarks(units),
         *_load_remarks(scene, bodies),
         *_driving_remarks(problem),
+        *remarks_of("history", history_remarks(scene)),
         *_gap_remarks(bodies, units),
         *([] if scene.port else _unjoined_remarks(bodies, units)),
         *_step_remarks(problem),

@@ -39,20 +39,20 @@ from ..results.quantities_of_interest import (
     ACCELERATION_PEAK,
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
-    DISPLACEMENT_HISTORY,
     DISPLACEMENT_PEAK,
-    FORCE_HISTORY,
+    DISPLACEMENT_RMS,
+    FORCE_RMS,
     IMPULSE,
     LARGEST_BOLT_FORCE,
     PEAK_FORCE,
     SPECTRUM,
-    VELOCITY_HISTORY,
+    VELOCITY_RMS,
     VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
 from ..scene.number_files import UNITS, factor, si_unit, table_cells
 from ..scene.schema import Scene
-from ..scene.sensors import nyquist
+from ..scene.sensors import highest_frequency
 from ..scene.units import unit_text
 
 HEADING: Final = "the calibration cannot be made"
@@ -99,10 +99,10 @@ def _motions(name: str, flags: tuple[str, ...], error: QuantityOfInterest) -> di
 
 
 _ACCELERATION: Final = _motions("acceleration", (ACCELERATION_UNFILTERED.key,), ACCELERATION_PEAK)
-_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_HISTORY)
+_RESULTANT: Final = Measurable("interface", "N", (PEAK_FORCE.key, IMPULSE.key), FORCE_RMS)
 MEASURABLE: Final = {
-    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_HISTORY),
-    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_HISTORY),
+    **_motions("displacement", (DISPLACEMENT.key, DISPLACEMENT_PEAK.key), DISPLACEMENT_RMS),
+    **_motions("velocity", (VELOCITY_UNFILTERED.key,), VELOCITY_RMS),
     **_ACCELERATION,
     "srs": replace(_ACCELERATION["acceleration"], error=SPECTRUM),
     "force": _RESULTANT,
@@ -359,8 +359,9 @@ class _Reader:
             wrong, allowed = (along < 0.0) | (along > time.end * (1 + 1e-9)), f"0 to {time.end:g}, the end of the run"
             what, remedy = "an instant outside the run", "set time.end, or shift the times of the data"
         elif kind == "spectrum":
-            limit = nyquist(time.end / time.n_step)
-            wrong, allowed = (along <= 0.0) | (along > limit * (1 + 1e-9)), f"above 0, up to {limit:.4g} Hz (Nyquist)"
+            limit = highest_frequency(time.end / time.n_step)
+            wrong = (along <= 0.0) | (along > limit * (1 + 1e-9))
+            allowed = f"above 0, up to {limit:.4g} Hz (0.4 of the sampling rate)"
             what, remedy = "a frequency that the run does not have", "take a shorter time.step, or remove the row"
         elif kind == "modes":
             wrong = (along < 1) | (along != np.round(along)) | (along > _MOST_MODES)

@@ -25,7 +25,7 @@ from ..latin.outcome import Array, BoltHistory, InterfaceHistory
 from ..results.sensitivities import MANY, Sensitivities, in_words
 from ..results.sensors import low_pass, uniform_step
 from ..results.solution import Solution
-from ..results.spectra import ShockSpectrum, shock_response_spectrum, spectrum_changes
+from ..results.spectra import LINES, ShockSpectrum, shock_response_spectrum, spectrum_changes
 from ..scene.schema import Scene
 from .data import HEADING, Column, MeasuredTable, columns_of, size_of
 
@@ -192,7 +192,7 @@ class Predictor:
         """Spectrum of accelerations (n_time, ...) at the frequencies of a table."""
         request = self.scene.sensor[column.owner].spectrum
         quality = 10.0 if request is None else request.quality
-        return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality)
+        return shock_response_spectrum(motion, uniform_step(solution.time), table.along, quality, interpolation=LINES)
 
     def _slopes(self, table: MeasuredTable, column: Column, solution: Solution) -> Array:
         """Derivatives (n, n_parameter) of the data of a column."""

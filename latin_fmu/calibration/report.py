@@ -415,7 +415,7 @@ def _error_of(estimate: ErrorEstimate, column: Column) -> tuple[float, bool]:
     if (of := column.of.error) is None:
         return math.nan, True
     found = estimate.by_quantity.get(f"{column.owner}.{of.key}")
-    return (math.nan if found is None else found.error), of.key.endswith("_history")
+    return (math.nan if found is None else found.error), of.key.endswith("_rms")
 
 
 def _on_derivatives(best: Predicted, done: Sequence[Predicted], weights: Array, scale: Array) -> list[str]:

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import InputError, Problem, ResultsError, did_you_mean, listed
 from . import (
@@ -40,9 +41,13 @@ _EXAMPLES = """\
 examples:
   latin-fmu srs out.nc
   latin-fmu srs out.nc --sensor tip --quality 25 --lowest 100 --highest 20000 --per-octave 24 -o tip
+  latin-fmu srs pulse.csv --value-unit g --column "Z (g)"
 
-Writes STEM.csv, STEM.nc and STEM.png. Without options the spectra that the scene requests (sensor.NAME.spectrum) are
-taken, with their estimated error where the run has one.
+A file of a recorder (text, universal file) is read as the law of a load is, and interpolated in its band; accelerations
+are in m/s2. Histories of a run are straight lines between their instants.
+
+Writes STEM.csv, STEM.nc and, of results, STEM.png. Without options the spectra that the scene requests
+(sensor.NAME.spectrum) are taken, with their estimated error where the run has one.
 """
 _EXPORT_EXAMPLES = """\
 examples:
@@ -111,9 +116,14 @@ def register(add: AddParser) -> None:
     parser = declare(add, "export", text, _export, _EXPORT_EXAMPLES)
     _add_sensors(parser)
     option(parser, "-o --output", "STEM", "default: RESULT_sensors beside the results", Path)
-    text = "make shock response spectra of the sensors of a results file: table, dataset and figure"
+    text = "make shock response spectra of the sensors of a results file, or of a measured record"
     parser = declare(add, "srs", text, _srs, _EXAMPLES)
     _add_sensors(parser)
+    option(parser, "--value-unit", "UNIT", "of a record: unit of its values (g, m/s2), or the factor to m/s2")
+    option(parser, "--time-unit", "UNIT", "of a record: unit of its times (default: that of the header, else s)")
+    option(parser, "--column", "NAME", "of a record: name or number of the column of its values")
+    option(parser, "--time-column", "NAME", "of a record: name or number of the column of its times")
+    parser.add_argument("--gaps", choices=("refused", "linear"), help="of a record: where samples are missing")
     option(parser, "--lowest", "HZ", "first frequency (default: 1 / duration)", float)
     option(parser, "--highest", "HZ", "last frequency (default: sampling rate / 10)", float)
     option(parser, "--per-octave", "N", "frequencies per octave (default: 12)", int)
@@ -345,8 +355,10 @@ def _srs(arguments: argparse.Namespace) -> int:
     from ..results.writing import write_bytes
 
     stem = arguments.output or arguments.results.with_name(f"{arguments.results.stem}_srs")
-    targets = _targets(stem, "csv", "nc", "png")
     file = arguments.results
+    if _is_record(file):
+        return _srs_of_record(arguments, _targets(stem, "csv", "nc"))
+    targets = _targets(stem, "csv", "nc", "png")
     with closing(open_results(file)) as tree, readable(file), Waiting("spectra") as waiting:
         spectra = dict(_spectra(tree, arguments, waiting))
         units = units_of(tree.attrs)
@@ -360,6 +372,98 @@ def _srs(arguments: argparse.Namespace) -> int:
     save_figure(spectra_figure(spectra, arguments.along, units), targets[2])
     tell_written(arguments, f"spectra: {', '.join(map(str, targets))}")
     return CONVERGED
+
+
+_UNEVEN: Final = 0.05  # of an interval: round-off of times in a text
+_RESULTS: Final = (b"CDF", b"\x89HDF")  # first bytes of netCDF files
+
+
+def _is_record(file: Path) -> bool:
+    """Whether a file holds something else than results."""
+    try:
+        with file.open("rb") as content:
+            return not content.read(4).startswith(_RESULTS) and file.suffix.lower() != ".nc"
+    except OSError:
+        return False
+
+
+def _srs_of_record(arguments: argparse.Namespace, targets: Sequence[Path]) -> int:
+    """Spectrum of a file of a recorder."""
+    from ..results.files import write_netcdf
+    from ..results.groups import StoredGroup
+    from ..results.spectra import record_csv, record_dataset, record_lines
+    from ..results.writing import write_bytes
+
+    given = {key: getattr(arguments, key) for key in ("value_unit", "time_unit", "column", "time_column", "gaps")}
+    law = {"file": str(arguments.results), "start": "record"}
+    law |= {key: _number_or_text(value) for key, value in given.items() if value is not None}
+    made, read_as = _record_spectrum(law, arguments)
+    lines = record_lines(made, f"{arguments.results}, {read_as}")
+    tell(arguments, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
+    write_bytes(targets[0], record_csv(made).encode())
+    write_netcdf(_record_tree(made, str(arguments.results), read_as), targets[1])
+    tell_written(arguments, f"spectrum: {', '.join(map(str, targets))}")
+    return CONVERGED
+
+
+def _number_or_text(text: str) -> Any:
+    """A whole number (of a column), a number, or the text."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
+
+
+def _record_tree(made: ShockSpectrum, file: str, read_as: str) -> xr.DataTree:
+    """The spectrum with where it comes from."""
+    import xarray as xr
+
+    from ..results.groups import root_attributes
+    from ..results.spectra import record_dataset
+
+    attributes = root_attributes("shock response spectrum of a record", "record", "")
+    data = record_dataset(made).assign_attrs({**attributes, "source_file": file, "read_as": read_as})
+    return xr.DataTree(data)
+
+
+def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tuple[ShockSpectrum, str]:
+    """Spectrum of a record with the keys of a law, and what was read, in words.
+
+    Raises
+    ------
+    InputError : a file, unit or option that does not fit.
+    """
+    import numpy as np
+    from pydantic import ValidationError
+
+    from ..results.spectra import BAND, shock_response_spectrum
+    from ..scene.describe import validation_problems
+    from ..scene.laws import CsvLaw
+    from ..scene.number_files import si_unit
+
+    heading = "no shock response spectrum"
+    try:
+        record = CsvLaw.model_validate({"type": "csv", **law})
+    except ValidationError as error:
+        problems = [replace(p, where=law["file"]) for p in validation_problems(CsvLaw, error, law)]
+        raise InputError(problems, heading) from None
+    unit = record.units[1]
+    if unit in (None, "1") or (isinstance(unit, str) and si_unit(unit) != "m s-2"):
+        what = "the values are no acceleration" if unit else "the unit of the values is not known"
+        raise InputError.of(
+            heading, "--value-unit", what, str(unit or ""), "g, m/s2, mm/s2, in/s2, ft/s2, or the factor"
+        )
+    times, values = np.array(record.times), np.array(record.values)
+    step = float(times[-1] - times[0]) / (len(times) - 1)
+    off = float(np.abs(times - times[0] - step * np.arange(len(times))).max())
+    if off > _UNEVEN * step:
+        what, allowed = "the samples are not evenly spaced", f"up to {_UNEVEN:g} of the interval of {step:.4g} s"
+        raise InputError.of(heading, law["file"], what, f"{off / step:.3g} intervals off", allowed)
+    given = {key: value for key in _OPTIONS if (value := getattr(arguments, key)) is not None}
+    request = _request(given)
+    frequencies = request.frequencies(step, float(times[-1] - times[0])) or given.get("highest", 0.0)
+    made = shock_response_spectrum(values, step, frequencies, request.quality, interpolation=BAND)
+    return made, record.read_as
 
 
 def _export(arguments: argparse.Namespace) -> int:
@@ -457,7 +561,7 @@ def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
     InputError : no acceleration, steps of unequal length, frequencies beyond Nyquist's.
     """
     from ..results.sensors import uniform_step
-    from ..results.spectra import shock_response_spectrum
+    from ..results.spectra import LINES, shock_response_spectrum
     from ..scene.sensors import spectrum_problems
 
     heading = "no shock response spectrum"
@@ -475,4 +579,4 @@ def _computed(name: str, node: Any, request: Spectrum) -> ShockSpectrum:
     if not frequencies:
         what = f"no frequency between {request.lowest or 1 / (time[-1] - time[0]):.4g} Hz and {0.1 / step:.4g} Hz"
         raise InputError([Problem(f"sensor {name}", what, remedy="give --lowest and --highest")], heading)
-    return shock_response_spectrum(node["acceleration"].values, step, frequencies, request.quality)
+    return shock_response_spectrum(node["acceleration"].values, step, frequencies, request.quality, interpolation=LINES)

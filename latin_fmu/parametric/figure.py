@@ -10,7 +10,7 @@ import xarray as xr
 
 from ..errors import Problem, ResultsError, did_you_mean, listed
 from ..pictures.style import BAD, SEQUENTIAL, curve_styles, styled
-from ..results.groups import unit_of
+from ..results.groups import key_of, unit_of
 from ..results.summary import prefix_for
 from ..scene.units import unit_text
 from .point import CONVERGED, FAILED, QUANTITIES, Quantity
@@ -57,7 +57,7 @@ def study_figure(study: xr.Dataset, names: list[str] | None = None) -> Figure:
 
 def _first_values(study: xr.Dataset, parameters: list[str]) -> tuple[xr.Dataset, str]:
     """The study at the first values of parameters, and these in words."""
-    text = "".join(f", {name} = {study[name].values[0]}" for name in parameters)
+    text = "".join(f", {key_of(study[name])} = {study[name].values[0]}" for name in parameters)
     return study.isel(dict.fromkeys(parameters, 0)), text
 
 
@@ -121,7 +121,7 @@ def _draw(axis: Axes, study: xr.Dataset, parameters: list[str], title: str, unit
 def _label(parameter: xr.DataArray) -> str:
     """Key of a parameter, with its unit."""
     unit = unit_text(parameter.attrs.get("units", "1"), figure=True)
-    return f"{parameter.name} ({unit})" if unit else str(parameter.name)
+    return f"{key_of(parameter)} ({unit})" if unit else key_of(parameter)
 
 
 def _places(axis: Any, values: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ Windows of one instant have no use for it: each begins with the fields of the in
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import re
@@ -34,11 +35,11 @@ from ..assembly.models import KeptOperators
 from ..errors import InputError, LatinError, Problem, SceneError, shown
 from ..latin.outcome import Array, InterfaceHistory
 from ..reader import scene_from_dict
+from ..results.groups import plain_name
 from ..results.quantities_of_interest import (
     ACCELERATION_UNFILTERED,
     DISPLACEMENT,
     DISPLACEMENT_PEAK,
-    FORCE_HISTORY,
     LARGEST_BOLT_FORCE,
     LARGEST_SLIP,
     LAST_BOLT_FORCE,
@@ -218,7 +219,20 @@ class Grid:
     @property
     def dims(self) -> tuple[str, ...]:
         """Dimensions of a study."""
-        return (SAMPLE,) if self.samples else tuple(p.key for p in self.parameters)
+        return (SAMPLE,) if self.samples else self.names
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in a study: those of their keys with underscores, each once."""
+        taken = {SAMPLE, "state", "converged", "message", "time", "component", *(q.name for q in QUANTITIES)}
+        taken |= {q.of for q in QUANTITIES} | {"force", "normal_force"}
+        made: list[str] = []
+        for parameter in self.parameters:
+            short = plain_name(parameter.key)
+            others = (f"{short}_{n}" for n in itertools.count(2))
+            made.append(next(name for name in itertools.chain([short], others) if name not in taken))
+            taken.add(made[-1])
+        return tuple(made)
 
     def at(self, point: Index) -> Index:
         """Place of a point in the arrays of a study."""
@@ -349,13 +363,10 @@ def _named(of: RunScalar, owner: str) -> Quantity:
 
 
 _OF_INTERFACE: Final = tuple(
-    _named(q, "interface")
-    for q in QUANTITIES_OF_INTEREST
-    if QUANTITY_OWNERS[q.key] == "interface" and q is not FORCE_HISTORY
+    _named(q, "interface") for q in QUANTITIES_OF_INTEREST if QUANTITY_OWNERS[q.key] == "interface"
 )
 QUANTITIES: Final = (
     *_OF_INTERFACE,
-    Quantity("force_norm", "interface", "N s0.5", "L2 norm of the normal force over time"),
     _named(LARGEST_SLIP, "interface"),
     Quantity("slip_share", "interface", "1", "largest share of the area that slips at one instant"),
     *(_named(of, "sensor") for of in (DISPLACEMENT, DISPLACEMENT_PEAK, VELOCITY_UNFILTERED, ACCELERATION_UNFILTERED)),
@@ -497,7 +508,6 @@ def _of_interface(scene: Scene, history: InterfaceHistory, time: Array, whole: b
     history is kept."""
     measured = measure(time, {history.name: history}, scene.time.end).values
     values = {key.rpartition(".")[2]: value for key, value in measured.items()}
-    values["force_norm"] = values.pop(FORCE_HISTORY.key)
     fields = InterfaceFields.of_history(history, time)
     # a contact that never closes: its instants would be those of the end
     if first_contact_time(fields) is None:

@@ -1,15 +1,17 @@
 """A parametric study: the full factorial of some keys of a scene over processes, resumable, as one dataset.
 
-The parameters are the dimensions of the dataset:
+The parameters are the dimensions of the dataset, by the key of the scene with underscores for dots; the attribute
+``scene_key`` has the key:
 
 ================  ==============================  ===========================================================
 variable          dimensions                      content
 ================  ==============================  ===========================================================
 ``state``         parameters                      0 converged, 1 not converged, 2 failed
 ``converged``     parameters                      1 where the point converged, else 0
-``message``       parameters                      how the run ended, or why there is none
+``message``       parameters                      how the run ended, or why there is none (a label)
 quantities        parameters (, part)             ``point.QUANTITIES``; NaN where a point has none
-``force`` ...     parameters, part, time (, axis)  resultants of the interfaces, where histories are kept
+``force`` ...     parameters, part, time           resultants of the interfaces, where histories are kept; ``force``
+                                                  along ``component``, too
 ================  ==============================  ===========================================================
 
 ``part`` is ``interface``, ``sensor``, ``boundary`` or ``energy_term``. The scene is in the attributes.
@@ -43,8 +45,8 @@ from ..machine import memory_room
 from ..reader import read_tables
 from ..results.checkpoint import scene_digest
 from ..results.files import write_netcdf
-from ..results.groups import UNITS, root_attributes
-from ..results.quantities import AXES
+from ..results.groups import SCENE_KEY, UNITS, root_attributes
+from ..results.quantities import AXES, LABELS
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.schema import Scene, with_settings
 from .point import (
@@ -188,7 +190,7 @@ def sweep(
     --------
     >>> scene = latin_fmu.load_scene("models/impact_bar/scene.toml")
     >>> study = latin_fmu.sweep(scene, {"interface.wall.gap": [0.5, 0.6]})
-    >>> study.sizes["interface.wall.gap"]
+    >>> study.sizes["interface_wall_gap"]
     2
     """
     grid = Grid(*tables_of(scene, settings), parameters_of(vary))
@@ -281,7 +283,10 @@ def _check_memory(scene: Scene, jobs: int) -> None:
 
 def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histories: bool) -> xr.Dataset:
     """Dataset of a study (module docstring): ``records`` of all points of the ``grid``, ``scene`` as written."""
-    coords = {p.key: _coordinate(p, SAMPLE if grid.samples else p.key) for p in grid.parameters}
+    coords = {
+        name: _coordinate(p, SAMPLE if grid.samples else name)
+        for name, p in zip(grid.names, grid.parameters, strict=True)
+    }
     study, dims = xr.Dataset(coords=coords, attrs=_attributes(scene)), grid.dims
     records = {grid.at(point): record for point, record in records.items()}
     # of all points: each has a record by now
@@ -294,7 +299,8 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
     converged = (states == CONVERGED).astype(np.int8)
     study["state"] = dims, states, {"long_name": "state of the point", **meanings}
     study["converged"] = dims, converged, {"long_name": "whether it converged", **flags}
-    study["message"] = dims, messages.astype(np.str_), {"long_name": "how the run ended, or why there is none"}
+    # a label: numbers of two studies can be subtracted
+    study.coords["message"] = dims, messages.astype(np.str_), {"long_name": "how the run ended, or why there is none"}
     for quantity in QUANTITIES:
         _add_quantity(study, records, quantity)
     if histories:
@@ -306,7 +312,8 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
 
 
 def _coordinate(parameter: Parameter, along: str) -> Any:
-    attributes, values = {"long_name": f"scene key {parameter.key}"}, parameter.values
+    attributes = {"long_name": f"scene key {parameter.key}", SCENE_KEY: parameter.key}
+    values = parameter.values
     if not parameter.numeric:
         return along, np.array([value_text(v) for v in values], dtype=np.str_), attributes
     if unit := parameter.unit:
@@ -354,9 +361,9 @@ def _add_histories(study: xr.Dataset, records: Mapping[Index, Record]) -> None:
     time = max((np.asarray(record["time"]) for record in given.values()), key=len)
     parts = _parts(study, records, "interface")
     study.coords["time"] = "time", time, {"units": "s", "long_name": "time since the start"}
-    study.coords["axis"] = "axis", np.array(AXES, dtype=np.str_)
+    study.coords["component"] = "component", np.array(AXES, dtype=np.str_), LABELS["component"].attributes
     for name, (unit, long_name) in _HISTORIES.items():
-        more, more_dims = ((len(AXES),), ("axis",)) if name == "force" else ((), ())
+        more, more_dims = ((len(AXES),), ("component",)) if name == "force" else ((), ())
         values = np.full((*study["state"].shape, len(parts), len(time), *more), np.nan)
         for point, record in given.items():
             for part, history in record["histories"][name].items():

@@ -50,7 +50,7 @@ class QuantityEstimate:
 
 _NUMBERS: Final = rows(
     """
-    value                 | - | quantity | value of the quantity, in its unit
+    value                 | 1 | quantity | value of the quantity, over its unit
     relative_error        | 1 | quantity | estimated relative error
     observed_order        | 1 | quantity | observed order of convergence
     expected_order        | 1 | quantity | order of convergence that the estimate counts on

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import LatinError, Problem, ResultsError
 from ..file_digest import add_digest, is_damaged
-from .groups import SCHEMA_VERSION, StoredGroup, StoredVariable, with_labels
+from .groups import READ_VERSIONS, SCENE_KEY, SCHEMA_VERSION, StoredGroup, StoredVariable, plain_name, with_labels
 from .quantities import RECOVERED, SUBSTRUCTURE
 from .writing import write_whole
 
@@ -114,8 +114,6 @@ def _write_array(
             kind = np.dtype(np.float32)
         if values.dtype.kind == "f" and np.isnan(values).any():  # NaN: no value
             storage["fill_value"] = np.nan
-        if name in ("cell_nodes", "cells") and (values < 0).any():
-            storage["fill_value"] = -1
         if values.size:
             storage |= _storage(variable) | ({"chunk_cache": _CACHE} if grows else {})
     made = place.createVariable(name, kind, variable.dims, **storage)
@@ -125,7 +123,11 @@ def _write_array(
 
 
 def _write_text(place: Any, name: str, variable: StoredVariable, attrs: Mapping[str, Any]) -> None:
-    """Text as bytes along a dimension of its own, which all netCDF readers support."""
+    """Text as bytes along a dimension of its own, which all netCDF readers support.
+
+    Strings of netCDF-4 end the process where a file with compressed numbers is opened twice (netCDF4 1.7.5, netcdf-c
+    4.10.1).
+    """
     texts = np.char.encode(variable.values, "utf-8")
     width = max(1, texts.dtype.itemsize)
     length = f"string{width}"
@@ -196,16 +198,44 @@ def open_results(path: str | Path) -> xr.DataTree:
         raise _unreadable(
             source, "this netCDF file was not written by latin_fmu", remedy="give the .nc file written by a run"
         )
-    # a layout with additions alone is read as well
-    if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
+    if version.split(".")[0] not in READ_VERSIONS:
         tree.close()
         raise _unreadable(
             source,
             "the layout of this file is of another version",
             version,
-            f"{SCHEMA_VERSION.split('.')[0]}.x",
+            " or ".join(f"{number}.x" for number in READ_VERSIONS),
             "open it with the version of latin_fmu that wrote it",
         )
+    return _with_strings(_renamed(tree) if version.split(".")[0] != SCHEMA_VERSION.split(".")[0] else tree)
+
+
+def _renamed(tree: xr.DataTree) -> xr.DataTree:
+    """A file of a layout of version 1 with the names of today: parameters of studies had dotted names there, and the
+    dimension ``component`` of their histories was ``axis``. Values of other units (``force_norm``) keep their names."""
+    content = tree.to_dataset(inherit=False)
+    names = {str(name): plain_name(str(name)) for name in content.variables if "." in str(name)}
+    for name in names:
+        content[name].attrs[SCENE_KEY] = name
+    if "kind" in tree.attrs and "axis" in content.dims:
+        names["axis"] = "component"
+    if names:
+        tree.dataset = content.rename(names)
+    return tree
+
+
+def _with_strings(tree: xr.DataTree) -> xr.DataTree:
+    """The tree with its texts as strings of any length, for which zarr has a type; the file holds bytes."""
+    import xarray as xr
+
+    for node in tree.subtree:
+        content = node.to_dataset(inherit=False)
+        texts = {name: v for name, v in content.variables.items() if v.dtype.kind in "OSU"}
+        made = {name: xr.Variable(v.dims, v.values.astype(object), v.attrs) for name, v in texts.items()}
+        if made:
+            labels = {name: v for name, v in made.items() if name in content.coords}
+            data = {name: v for name, v in made.items() if name not in labels}
+            node.dataset = content.assign_coords(labels).assign(data)
     return tree
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
@@ -40,9 +41,11 @@ class StoredGroup:
 
     @classmethod
     def of(cls, columns: Columns, labels: Columns = (), attrs: dict[str, Any] | None = None) -> StoredGroup:
-        """From rows with values: variables, and coordinates."""
+        """From rows with values: variables, and coordinates; texts are coordinates, so that two files can be
+        subtracted."""
         made = {row.name: StoredVariable(row.dims, np.asarray(v), row.attributes) for row, v in (*columns, *labels)}
-        return cls(made, frozenset(row.name for row, _ in labels), attrs or {})
+        texts = {name for name, variable in made.items() if variable.values.dtype.kind in "OU"}
+        return cls(made, frozenset({*texts, *(row.name for row, _ in labels)}), attrs or {})
 
     @classmethod
     def of_dataset(cls, dataset: xr.Dataset) -> StoredGroup:
@@ -127,8 +130,26 @@ def with_labels(groups: Mapping[str, StoredGroup]) -> Iterator[tuple[str, Stored
 UNITS: Final = "unit_system"
 """Attribute of the root: the system of units of the scene."""
 CONVENTIONS = "CF-1.11 UGRID-1.0"
-SCHEMA_VERSION = "1.5"
+SCHEMA_VERSION = "2.0"
 """Changes its first number when a name or meaning changes, the second when something is added."""
+READ_VERSIONS: Final = ("1", "2")
+"""First numbers that are read: names of the first are brought to those of today (``files.open_results``)."""
+SCENE_KEY: Final = "scene_key"
+"""Attribute of a parameter of a study: the dotted name of the key of the scene that it is."""
+
+
+def plain_name(key: str) -> str:
+    """Name of a variable or dimension, of letters, digits and underscores (CF 2.3), of a dotted key of a scene.
+
+    >>> plain_name("interface.crush.friction_coefficient")
+    'interface_crush_friction_coefficient'
+    """
+    return re.sub(r"\W", "_", key, flags=re.ASCII)
+
+
+def key_of(parameter: xr.DataArray) -> str:
+    """Dotted key of a parameter of a study."""
+    return str(parameter.attrs.get(SCENE_KEY, parameter.name))
 
 
 def root_attributes(title: str, scene_name: str, scene: str, made: Mapping[str, str] | None = None) -> dict[str, Any]:

@@ -311,10 +311,10 @@ _ROWS: Final = rows(
     """
     parameter | - | parameter | dotted name of a number of the scene
     quantity  | - | quantity  | name of the quantity
-    parameter_scale | - | parameter | change of the parameter that the others are for: its value, or 1 | in its unit
+    parameter_scale | 1 | parameter | change of the parameter that the others are for: its value, or 1 | over its unit
     quantity_unit | - | quantity | unit of the quantity
-    value     | - | quantity           | value of the quantity, in its unit
-    change    | - | quantity parameter | change of the quantity, in its unit, to first order
+    value     | 1 | quantity           | value of the quantity, over its unit
+    change    | 1 | quantity parameter | change of the quantity, over its unit, to first order
     flagged   | - | quantity parameter | whether states change at instants that the quantity depends on | | no yes
     secant    | - | quantity parameter | whether it is the change of a run with the parameter 5 % larger | | no yes
     force     | N | parameter time component | change of the resultant force on side E

@@ -309,14 +309,14 @@ _ROWS: Final = rows(
     """
     parameter | - | parameter | dotted name of a number of the scene that scatters
     quantity  | - | quantity  | name of the quantity
-    parameter_mean | - | parameter | mean of the parameter, in its unit
-    parameter_deviation | - | parameter | standard deviation of the parameter, in its unit
+    parameter_mean | 1 | parameter | mean of the parameter, over its unit
+    parameter_deviation | 1 | parameter | standard deviation of the parameter, over its unit
     distribution | - | parameter | distribution of the parameter | | normal uniform
     quantity_unit | - | quantity | unit of the quantity
-    value     | - | quantity | value of the quantity in the run, in its unit
-    deviation | - | quantity | standard deviation of the quantity, in its unit, to first order
-    low       | - | quantity | lower end of the band of the quantity, in its unit
-    high      | - | quantity | upper end of the band of the quantity, in its unit
+    value     | 1 | quantity | value of the quantity in the run, over its unit
+    deviation | 1 | quantity | standard deviation of the quantity, over its unit, to first order
+    low       | 1 | quantity | lower end of the band of the quantity, over its unit
+    high      | 1 | quantity | upper end of the band of the quantity, over its unit
     share     | 1 | quantity parameter | share of the parameter in the variance of the quantity
     flagged   | - | quantity | whether states change at instants that the quantity depends on | | no yes
     """

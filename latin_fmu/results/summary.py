@@ -27,8 +27,8 @@ def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, 
     There is no prefix where the first factor of the unit has a power or is no unit of SI. Micro is written "u", which
     every terminal can print; ``figure``: "µ", and raised digits.
 
-    >>> prefix_for(2.5e-5, "s"), prefix_for(1.5e-3, "N s0.5"), prefix_for(4e-6, "m2"), prefix_for(0.02, "kg")
-    ((1e-06, 'us'), (0.001, 'mN s^0.5'), (1.0, 'm2'), (0.001, 'g'))
+    >>> prefix_for(2.5e-5, "s"), prefix_for(1.5e-3, "N s"), prefix_for(4e-6, "m2"), prefix_for(0.02, "kg")
+    ((1e-06, 'us'), (0.001, 'mN s'), (1.0, 'm2'), (0.001, 'g'))
     """
     size = abs(largest)
     if not _takes_prefix(unit) or not math.isfinite(size) or size == 0.0:
@@ -45,8 +45,8 @@ def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, 
 def readable(value: float | None, unit: str, digits: int = 4, figure: bool = False) -> str:
     """``value`` with a prefixed unit (UDUNITS) and ``digits`` significant digits; ``-`` for None.
 
-    >>> readable(26800.0, "N"), readable(1.458e-3, "N s0.5"), readable(31250.0, "m s-2"), readable(0.25, "1")
-    ('26.80 kN', '1.458 mN s^0.5', '3.125e+04 m/s2', '0.25')
+    >>> readable(26800.0, "N"), readable(1.458e-3, "N s"), readable(31250.0, "m s-2"), readable(0.25, "1")
+    ('26.80 kN', '1.458 mN s', '3.125e+04 m/s2', '0.25')
     """
     if value is None:
         return "-"

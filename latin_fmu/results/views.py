@@ -19,7 +19,7 @@ from .files import readable
 from .groups import unit_of, units_of
 from .quantities_of_interest import InterfaceFields, friction_resultant, normal_resultant
 from .sensors import uniform_step
-from .spectra import RESPONSES, shock_response_spectrum
+from .spectra import LINES, RESPONSES, shock_response_spectrum
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,6 +82,9 @@ def pressure_map(tree: xr.DataTree, interface: str, time: float | None = None) -
         "location": "node",
     }
     made = group[["surface", "cells", "area"]]
+    if (made["cells"].values < 0).any():
+        # readers of UGRID need it where cells differ in their number of nodes
+        made["cells"] = made["cells"].assign_attrs({"_FillValue": made["cells"].dtype.type(-1)})
     made["pressure"] = ("point", pressure, attrs)
     return made.assign_attrs(time=float(fields.time[at]))
 
@@ -154,7 +157,7 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
 
     history = _history(tree, sensor, "acceleration")
     step = float(history["time"][1] - history["time"][0])
-    made = shock_response_spectrum(history.values, step, frequencies, quality)
+    made = shock_response_spectrum(history.values, step, frequencies, quality, interpolation=LINES)
     dims = ("response", "frequency", "component")
     label = units_of(tree.attrs).label
     hertz = {"units": "Hz", "long_name": "natural frequency of the oscillator"}
@@ -172,7 +175,7 @@ def sensor_spectrum(tree: xr.DataTree, sensor: str, frequencies: ArrayLike, qual
             "frequency": ("frequency", made.frequency, hertz),
             "component": history["component"].values,
         },
-        {"quality": quality},
+        {"quality": quality, "interpolation": made.interpolation},
     )
 
 

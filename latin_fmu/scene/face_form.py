@@ -112,7 +112,9 @@ class FaceTable(SceneTable):
     type: Literal["table"] = "table"
     axes: Annotated[LocalAxes, about(_AXES)]
     centre: Annotated[Vector | None, about(_CENTRE, "m")] = None
-    file: Annotated[Text | None, about("file of the grid, relative to the scene file; a header is allowed")] = None
+    file: Annotated[
+        Text | None, about("file of the grid, relative to the scene file; lines above the numbers are its header")
+    ] = None
     columns: Annotated[
         tuple[Column, Column, Column],
         BeforeValidator(_as_list),

@@ -25,7 +25,7 @@ class _FieldFile(SceneTable):
     in its units (`points`, `values`), which no longer needs the file afterwards.
     """
 
-    file: Annotated[Text, about("file, relative to the scene file; a header line is allowed")]
+    file: Annotated[Text, about("file, relative to the scene file; lines above the numbers are its header")]
     columns: Annotated[
         tuple[Column, ...],
         BeforeValidator(_as_list),

@@ -13,6 +13,7 @@ The solver uses a(t_i) (``sampled``) at its instants and is linear in between, s
 the samples. `sampled_impulse_error` compares it with the exact integral of the law. With the rule of jumps, a
 pulse that starts and ends on instants has its exact impulse."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
@@ -20,8 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, SceneTable, Series, Text, about, refusal, tagged
-from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, factor, is_column, read_columns
+from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged
+from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, is_column
+from .records import GAPS, STARTS, filled
 from .units import SI, UnitSystem
 
 
@@ -103,45 +105,83 @@ class TableLaw(_PointsLaw):
 
 
 class CsvLaw(_PointsLaw):
-    """Points read from a file with columns of times and values; linear in between, held at both ends.
+    """Points read from a file of a recorder, linear in between, held at both ends.
 
-    The points are kept with the scene in its units (`times`, `values`), which no longer needs the file afterwards.
+    A file of text has columns of times and values below any number of lines that describe them, decimal points or
+    decimal commas; of a universal file a function of time is read (dataset 58). The points are kept with the scene in
+    its units (`times`, `values`), which no longer needs the file afterwards.
+
+    Samples before t = 0, and intervals longer than three medians of ten samples or more, are refused unless `start`,
+    `shift` and `gaps` say what they mean.
     """
 
     type: Literal["csv"] = "csv"
-    file: Annotated[Text, about("file, relative to the scene file; a header line is allowed")]
+    file: Annotated[
+        Text, about("file, relative to the scene file; the lines above the numbers name columns and units, or nothing")
+    ]
     time_column: Annotated[
         Column | None, about("column of the times: name in the header, or number from 1; the first where left out", "1")
     ] = None
     column: Annotated[
-        Column | None, about("column of the values; the second where left out, of a file that has two", "1")
-    ] = None
-    time_unit: Annotated[TimeUnit, about(f"unit of the times: {', '.join(TIME_UNITS)}, or the factor to s", "s")] = "s"
-    value_unit: Annotated[
-        ValueUnit,
+        Column | None,
         about(
-            "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
-            f"{', '.join(VALUE_UNITS)}, or the factor to the units of the scene",
+            "column of the values; the second where left out, of a file that has two. Of a universal file the function "
+            "of time: number from 1, name, or point",
             "1",
         ),
-    ] = "1"
+    ] = None
+    time_unit: Annotated[
+        TimeUnit | None,
+        about(
+            f"unit of the times: {', '.join(TIME_UNITS)}, or the factor to s; left out: that of the header, else s", "s"
+        ),
+    ] = None
+    value_unit: Annotated[
+        ValueUnit | None,
+        about(
+            "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
+            f"{', '.join(VALUE_UNITS)}, or the factor to the units of the scene; 1 where left out, which a header with "
+            "another unit refuses",
+            "1",
+        ),
+    ] = None
+    start: Annotated[
+        Literal["file", "record", "cut"],
+        about(
+            "where t = 0 of the run is: at that of the file, whose samples before it are refused; at the first sample "
+            "(record); or at that of the file without the samples before it (cut)"
+        ),
+    ] = "file"
+    shift: Annotated[Real, about("time that is added to all samples, after `start`", "s")] = 0.0
+    gaps: Annotated[Literal["refused", "linear"], about("where samples are missing: an error, or straight lines")] = (
+        "refused"
+    )
     times: Annotated[Series, about("filled from the file; where given, the file is not read", "s")] = ()
     values: Annotated[Series, about("filled from the file, in the units of the scene", "1")] = ()
+    header_units: Annotated[
+        tuple[Text, Text], BeforeValidator(_as_list), about("filled from the file: units of times and values it names")
+    ] = ("", "")
+    read_as: Annotated[Text, about("filled from the file: columns, units and samples that were read")] = ""
 
     @model_validator(mode="before")
     @classmethod
     def _load(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, dict) or not isinstance(data.get("file"), str) or {"times", "values"} & data.keys():
             return data
-        named = data.get("time_column"), data.get("column")
-        if not all(column is None or is_column(column) for column in named):
+        # keys that are wrong by themselves are reported as such
+        if not all(data.get(key) is None or is_column(data[key]) for key in ("time_column", "column")):
             return data
-        columns = None if named == (None, None) else [named[0] or 1, named[1] or 2]
-        rows = read_columns(base_dir_of(info.context), data["file"], columns)
-        system = units_in(info.context)
-        scales = factor(data.get("time_unit")), factor(data.get("value_unit"), system)
-        times, values = (tuple(scale * row[i] for row in rows) for i, scale in enumerate(scales))
-        return {**data, "times": times, "values": values}
+        if data.get("start", STARTS[0]) not in STARTS or data.get("gaps", GAPS[0]) not in GAPS:
+            return data
+        shift = data.get("shift", 0.0)
+        if isinstance(shift, bool) or not isinstance(shift, int | float) or not math.isfinite(shift):
+            return data
+        return filled(data, base_dir_of(info.context), units_in(info.context))
+
+    @property
+    def units(self) -> tuple[str | float | None, str | float | None]:
+        """Units of times and values in the file, by the scene or by the header; None where neither names one."""
+        return self.time_unit or self.header_units[0] or None, self.value_unit or self.header_units[1] or None
 
 
 _JUMP_ROUND_OFF = 1e-9

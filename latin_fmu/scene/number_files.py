@@ -1,14 +1,17 @@
 """Columns of numbers from text files, and the units that they may have there.
 
-Columns are separated by a semicolon, a tab, a comma or blanks, whichever the first line has, in this order of
-preference. Blank lines and lines that start with # do not count; one header is allowed. Text of a file is never quoted:
-a file that is no table may hold anything.
+Columns are separated by a semicolon, a tab, a comma or blanks, whichever the first line of numbers has, in this order
+of preference; numbers have a decimal point, or all a decimal comma. Blank lines and lines that start with # do not
+count; the lines above the first number are the header. Files are in UTF-8, in UTF-16 or in Latin-1. Text of a file is
+quoted in messages only where it heads a column of numbers: a file that is no table may hold anything.
 """
 
+import csv
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final
@@ -103,33 +106,158 @@ LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(va
 SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, tuple(UNITS["m s-1"])))]
 
 
+MOST_HEADER_LINES: Final = 200
+_LONGEST_NAME = 40  # characters of the name of a column in messages
+_MOST_NAMES = 12
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Columns of a file of numbers.
+
+    Attributes
+    ----------
+    header : cells of the lines above the numbers. width : number of cells in the first line of numbers.
+    places : of the columns, from 0. rows : numbers of every line. decimal_comma : whether they are written with one.
+    """
+
+    header: tuple[tuple[str, ...], ...]
+    width: int
+    places: tuple[int, ...]
+    rows: list[tuple[float, ...]]
+    decimal_comma: bool
+
+
 def read_columns(base_dir: Path, name: str, columns: Sequence[str | int] | None = None) -> list[tuple[float, ...]]:
-    """The rows of a file of numbers.
+    """The rows of a file of numbers; parameters and refusals as of ``number_table``."""
+    return number_table(base_dir, name, columns).rows
+
+
+def number_table(base_dir: Path, name: str, columns: Sequence[str | int] | None = None) -> NumberTable:
+    """Columns of a file of numbers with its header, which ends above the first number in the first of the columns.
 
     columns : names in the header or numbers from 1; None: the file has two columns.
 
     Raises the refusal of the field that names the file.
     """
     lines = table_cells(base_dir, name)
-    first = next(lines, None)
+    header: list[tuple[str, ...]] = []
+    first = None
+    for number, cells in lines:
+        places = _places(columns, header)
+        if places is not None and places[0] < len(cells) and number_in(cells[places[0]]) is not None:
+            first = number, cells
+            break
+        header.append(tuple(cells))
+        if len(header) > MOST_HEADER_LINES:
+            break
     if first is None:
-        return []
-    header = first[1]
-    chosen = range(2) if columns is None else [_place(column, header) for column in columns]
-    wanted = _TWO_COLUMNS if columns is None else f"finite numbers in {len(columns)} columns of {len(header)}"
-    rows = []
-    for number, cells in chain([first], lines):
-        # two cells without chosen columns: a third would be ambiguous
-        row = _numbers(cells, chosen) if columns is not None or len(cells) == 2 else None
-        if row is None and number == first[0]:
-            continue  # the header
+        return _without_numbers(columns, header)
+    places = _check_places(columns, header, first)
+    rows, commas = _rows(chain([first], lines), columns, places)
+    return NumberTable(tuple(header), len(first[1]), places, rows, commas)
+
+
+def _rows(
+    lines: Iterator[tuple[int, list[str]]], columns: Sequence[str | int] | None, places: tuple[int, ...]
+) -> tuple[list[tuple[float, ...]], bool]:
+    """Numbers of every line, and whether they have decimal commas."""
+    rows: list[tuple[float, ...]] = []
+    points = commas = False
+    wanted = _TWO_COLUMNS if columns is None else f"finite numbers in columns {listed_places(places)}"
+    many = "two" if columns is None else str(len(places))
+    for number, cells in lines:
+        row = _numbers(cells, places) if columns is not None or len(cells) == 2 else None
         if row is None or not all(map(math.isfinite, row)):
             wrong = next((repr(n) for n in row or () if not math.isfinite(n)), None)
-            many = "two" if columns is None else str(len(columns))
-            remedy = "name the columns" if columns is None and len(cells) > 2 else None
-            raise refusal(f"line {number} is not {many} finite numbers", value=wrong, allowed=wanted, remedy=remedy)
+            raise refusal(f"line {number} is not {many} finite numbers", value=wrong, allowed=wanted)
+        commas = commas or any("," in cells[i] for i in places)
+        points = points or any("." in cells[i] for i in places)
+        if commas and points:
+            what = f"decimal points and decimal commas are mixed (line {number})"
+            raise refusal(what, allowed="one of them in all numbers, and no separators of thousands")
         rows.append(row)
-    return rows
+    return rows, commas
+
+
+def listed_places(places: Sequence[int]) -> str:
+    """Numbers of columns, from 1, in words."""
+    return ", ".join(str(place + 1) for place in places)
+
+
+def _places(columns: Sequence[str | int] | None, header: Sequence[Sequence[str]]) -> tuple[int, ...] | None:
+    """Numbers of the columns, from 0; None where a name is in no line of the header."""
+    if columns is None:
+        return 0, 1
+    found = [c - 1 if isinstance(c, int) else _place_of(c, header) for c in columns]
+    return None if None in found else tuple(place for place in found if place is not None)
+
+
+def _place_of(name: str, header: Sequence[Sequence[str]]) -> int | None:
+    """Number of the column with a name, from 0, by the last line of the header that has it."""
+    line = next((line for line in reversed(header) if name.strip() in line), None)
+    return None if line is None else line.index(name.strip())
+
+
+def _check_places(
+    columns: Sequence[str | int] | None, header: Sequence[Sequence[str]], first: tuple[int, Sequence[str]]
+) -> tuple[int, ...]:
+    """Numbers of the columns, from 0; ``first`` : number and cells of the first line of numbers."""
+    places = _places(columns, header)
+    assert places is not None
+    number, width = first[0], len(first[1])
+    if columns is None and width > 2:
+        # the whole table, so that its names may be quoted
+        what = f"line {number} is not two finite numbers: the file has {width} columns"
+        remedy = "name the columns (time_column, column)"
+        if header and width == 2 * len(header[-1]):
+            remedy = "decimal commas between commas cannot be told apart: save with semicolons, or with decimal points"
+        raise refusal(what, value=column_names(header, width) or None, allowed=_TWO_COLUMNS, remedy=remedy)
+    for column, place in zip(columns or (), places, strict=False):
+        if isinstance(column, int) and place >= width:
+            raise refusal("no such column", value=column, allowed=f"1 to {width}")
+        line = next((line for line in reversed(header) if isinstance(column, str) and column.strip() in line), ())
+        if line and line.count(str(column).strip()) > 1:
+            what = "several columns have this name"
+            raise refusal(what, value=column, allowed=f"the number of the column, 1 to {width}")
+    return places
+
+
+def column_names(header: Sequence[Sequence[str]], width: int) -> str:
+    """Names of the columns of a table of a width, with their numbers; empty where its header has none."""
+    names = next((line for line in reversed(header) if 1 < len(line) <= width), ())
+    shown = [f'{i} "{name[:_LONGEST_NAME]}"' for i, name in enumerate(names, 1) if name]
+    return ", ".join([*shown[:_MOST_NAMES], *(["..."] if len(shown) > _MOST_NAMES else [])])
+
+
+def _without_numbers(columns: Sequence[str | int] | None, header: Sequence[tuple[str, ...]]) -> NumberTable:
+    """An empty table, or the reason why a file with lines is none."""
+    named = [c for c in columns or () if isinstance(c, str) and _place_of(c, header) is None]
+    first = next((i for i, line in enumerate(header) if number_in(line[0]) is not None), None)
+    if named and header:
+        width = len(header[0 if first is None else first])
+        names = "" if first is None else column_names(header[:first], width)
+        what = "no column of this name in the lines above the numbers"
+        allowed = f"{names or 'a name there'}, or the number of a column, 1 to {width}"
+        raise refusal(what, value=named[0], allowed=allowed)
+    if len(header) > 1:
+        place = "in the first column" if columns is None else f"in column {columns[0]}"
+        lines = f"the first {MOST_HEADER_LINES} lines" if len(header) > MOST_HEADER_LINES else f"{len(header)} lines"
+        raise refusal(f"no numbers {place} of {lines}", allowed=_TWO_COLUMNS)
+    return NumberTable(tuple(header), 0, (0, 1), [], False)
+
+
+_COMMA: Final = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+_NUMBER_FIRST: Final = re.compile(r"[\"']?[-+\u2212]?[.,]?\d")
+
+
+def number_in(cell: str) -> float | None:
+    """The number of a cell, with a decimal point or a decimal comma; None where it is none."""
+    text = cell.replace("\u2212", "-")
+    try:
+        return float(text)
+    except ValueError:
+        return float(text.replace(",", ".")) if _COMMA.fullmatch(text) else None
 
 
 def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
@@ -137,14 +265,30 @@ def table_cells(base_dir: Path, name: str) -> Iterator[tuple[int, list[str]]]:
 
     Raises the refusal of the field that names the file.
     """
-    lines = _lines(_text(base_dir, name))
-    if (first := next(lines, None)) is not None:
-        split = _splitter(first[1])
-        for number, line in chain([first], lines):
+    lines = _lines(file_text(base_dir, name))
+    head = list(islice(lines, MOST_HEADER_LINES + 1))
+    if head:
+        split = _splitter([line for _, line in head])
+        for number, line in chain(head, lines):
             yield number, split(line)
 
 
-def _text(base_dir: Path, name: str) -> str:
+def file_text(base_dir: Path, name: str) -> str:
+    """Text of a file in UTF-8, UTF-16 or Latin-1.
+
+    Raises the refusal of the field that names the file.
+    """
+    try:
+        return _decoded(file_content(base_dir, name))
+    except UnicodeDecodeError:
+        raise refusal("not a text file", value=name, allowed=_TWO_COLUMNS) from None
+
+
+def file_content(base_dir: Path, name: str) -> bytes:
+    """Bytes of a file.
+
+    Raises the refusal of the field that names the file.
+    """
     try:
         path = base_dir / name
         # reading a pipe may never return
@@ -152,49 +296,78 @@ def _text(base_dir: Path, name: str) -> str:
             raise refusal("not a regular file", value=name, allowed="a file, no device, pipe or folder")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise refusal("the file is too large", value=name, allowed=f"at most {MAX_FILE_BYTES} bytes")
-        # -sig: spreadsheets write a byte order mark
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
         where = "the scene file" if base_dir != Path() else "the current folder"
         raise refusal("the file does not exist", value=name, remedy=f"file names are relative to {where}") from None
-    except UnicodeDecodeError:
-        raise refusal("not a text file", value=name, allowed=_TWO_COLUMNS) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise refusal(f"the file cannot be read ({reason})", value=name) from None
 
 
+_BINARY: Final = frozenset((*range(9), *range(14, 26), *range(27, 32)))  # bytes that no text has
+
+
+def _decoded(content: bytes) -> str:
+    """Text of a file whose encoding is that of its byte order mark, else UTF-8 or, where it is not, Latin-1."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content.decode("utf-16")
+    head = content[:4096]
+    # without a mark: every other byte of Latin text is 0
+    for odd, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        if len(head) > 3 and head[odd::2].count(0) > 0.9 * (len(head) // 2) and not head[1 - odd :: 2].count(0):
+            return content.decode(encoding)
+    try:
+        # -sig: spreadsheets write a byte order mark
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if not _BINARY.isdisjoint(content):
+            raise
+        return content.decode("latin-1")
+
+
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Numbers, from 1, and texts of the lines that count."""
     for number, line in enumerate(text.splitlines(), 1):
+        # tabs at the end separate cells that are empty
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
-            yield number, stripped
+            yield number, line.strip(" ") if "\t" in line else stripped
 
 
-def _splitter(line: str) -> Any:
-    """Function from a line to its cells, by the separator that the line has."""
+def _splitter(lines: Sequence[str]) -> Any:
+    """Function from a line to its cells, by the separator that the first line of numbers has; empty cells at the end
+    are left out."""
+    line = next((line for line in lines if _NUMBER_FIRST.match(line)), lines[0])
     separator = next((s for s in ";\t," if s in line), None)
+    between = line.split()
+    # numbers with decimal commas, separated by blanks
+    if separator == "," and len(between) > 1 and all(number_in(cell) is not None for cell in between):
+        separator = None
     if separator is None:
-        return str.split
+        # a unit in brackets belongs to the name before it
+        return lambda text: _WORDS.findall(text) if "[" in text or "(" in text else text.split()
     pattern = re.compile(rf"\s*{separator}\s*" if separator != "\t" else r" *\t *")
-    return lambda text: [cell.strip("\"' ") for cell in pattern.split(text)]
+
+    def cells(text: str) -> list[str]:
+        if '"' in text:
+            found = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+        else:
+            found = pattern.split(text)
+        made = [cell.strip("\"' ") for cell in found]
+        while len(made) > 1 and not made[-1]:
+            made.pop()
+        return made
+
+    return cells
 
 
-def _place(column: str | int, header: Sequence[str]) -> int:
-    """Number of a column, from 0."""
-    if isinstance(column, int):
-        if column > len(header):
-            raise refusal("no such column", value=column, allowed=f"1 to {len(header)}")
-        return column - 1
-    if column.strip() not in header:
-        what = "no column of this name in the first line of the file"
-        raise refusal(what, value=column, allowed=f"a name there, or the number of a column, 1 to {len(header)}")
-    return header.index(column.strip())
+_WORDS: Final = re.compile(r"\S+(?:\s+[\[(][^\])]*[\])])?")
 
 
 def _numbers(cells: Sequence[str], chosen: Sequence[int]) -> tuple[float, ...] | None:
     try:
         return tuple(float(cells[i]) for i in chosen)
     except (ValueError, IndexError):
-        return None
+        found = [number_in(cells[i]) if i < len(cells) else None for i in chosen]
+        return None if None in found else tuple(number for number in found if number is not None)

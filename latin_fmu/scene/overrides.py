@@ -97,8 +97,11 @@ def _entered(here: Any, key: str, where: str, must_exist: bool) -> tuple[Any] | 
     return (here[key],)
 
 
-_READING = ("file", "columns", "column", "time_column", "unit", "value_unit", "time_unit", "length_unit")
-_FILLED = ("times", "values", "points", "x", "y")
+_READING = (
+    *("file", "columns", "column", "time_column", "unit", "value_unit", "time_unit", "length_unit"),
+    *("start", "shift", "gaps"),
+)
+_FILLED = ("times", "values", "points", "x", "y", "header_units", "read_as")
 """Keys that say how a file is read, and those that are filled from it."""
 
 

@@ -152,6 +152,7 @@ Signs          Pressure is positive in compression: traction -p n, n the outward
 Laws           A law a(t) has no dimension and multiplies the load or the prescribed motion. Before its
                first and after its last point a table keeps its end values. The values of a csv law may have the unit
                of what they multiply, which then only gives the direction: force = [0, 0, -1], value_unit = "kN".
+               A run begins at t = 0: a record with samples before it needs start or shift.
 Jumps          At a jump a law has the value before it. A step or a pulse that starts at 0 is 0
                at t = 0; a rectangular pulse is 1 for start < t <= start + duration. An instant closer to
                the jump than 1e-9 of its own value lies on it.

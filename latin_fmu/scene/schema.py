@@ -13,6 +13,7 @@ from .boundaries import Boundary, Periodic, boundary_problems
 from .damping import DampingTable
 from .describe import is_named, path_text, validation_problems
 from .fields import BodyName, Name, SceneTable, Text, about, split_face
+from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
@@ -276,6 +277,7 @@ class Scene(SceneTable):
                 problems += _relation_problems(written, base_dir) + unreadable
             raise SceneError(problems, _HEADING) from None
         problems = unreadable or _relation_problems(written, base_dir)
+        problems = problems or history_problems(scene)
         if scene.spread and not problems:
             problems = list(spread_problems(scene.spread, scene.tables()))
         if problems:

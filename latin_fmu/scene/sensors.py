@@ -71,11 +71,11 @@ class Spectrum(SceneTable):
         return self
 
     def frequencies(self, step: float, duration: float) -> tuple[float, ...]:
-        """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to Nyquist's at most; the highest one
-        that is requested comes last, whatever the ratio. ``step`` and ``duration`` of the run, s."""
+        """Frequencies of the spectrum of a run, Hz, spaced by equal ratios, up to ``highest_frequency`` at most; the
+        highest one that is requested comes last, whatever the ratio. ``step`` and ``duration`` of the run, s."""
         first = 1.0 / duration if self.lowest is None else self.lowest
         last = 0.1 / step if self.highest is None else self.highest
-        last = min(last, nyquist(step))
+        last = min(last, highest_frequency(step))
         # a range of whole octaves keeps its last frequency whatever the round-off
         count = math.floor(self.per_octave * math.log2(last / first) * (1 + 1e-9) + 1e-9) if last > first else -1
         made = tuple(first * 2.0 ** (i / self.per_octave) for i in range(min(count + 1, MAX_FREQUENCIES)))
@@ -104,6 +104,15 @@ class Sensor(SceneTable):
         return split_face(self.face)[0] if self.face is not None else str(self.substructure)
 
 
+HIGHEST_SHARE: Final = 0.4
+"""Of the sampling rate: the highest frequency of a spectrum. Above, no interpolation between the samples is exact."""
+
+
+def highest_frequency(step: float) -> float:
+    """Highest frequency of a shock response spectrum of instants ``step`` apart (s), Hz."""
+    return HIGHEST_SHARE / step
+
+
 def nyquist(step: float) -> float:
     """Nyquist frequency of instants ``step`` apart (s), Hz."""
     return 0.5 / step
@@ -122,9 +131,11 @@ def beyond_nyquist(where: str, what: str, frequency: float, step: float) -> Prob
 
 def spectrum_problems(where: str, frequencies: Iterable[float], step: float) -> Iterator[Problem]:
     """What is wrong with frequencies, Hz, of a spectrum of a run with this step, s."""
-    largest = max(frequencies, default=0.0)
-    if largest > nyquist(step) * (1 + 1e-9):
-        yield beyond_nyquist(where, "a frequency of the spectrum", largest, step)
+    largest, limit = max(frequencies, default=0.0), highest_frequency(step)
+    if largest > limit * (1 + 1e-9):
+        what = f"a frequency of the spectrum lies beyond {HIGHEST_SHARE:g} of the sampling rate"
+        remedy = f"take a time step of at most {HIGHEST_SHARE / largest:.4g} s (it is {step:.4g} s)"
+        yield Problem(where, what, f"{largest:g} Hz", f"at most {limit:.4g} Hz", remedy)
 
 
 def filter_problems(where: str, chosen: ChannelClass | LowPass, step: float, duration: float) -> Iterator[Problem]:

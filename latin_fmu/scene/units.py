@@ -13,7 +13,7 @@ from typing import Final, Literal
 
 POUND, INCH = 4.4482216152605, 0.0254
 """Newtons in a pound-force, and metres in an inch."""
-_FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9.]+)?")
+_FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9]+)?")
 _RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
@@ -22,22 +22,22 @@ SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
 def unit_text(unit: str, figure: bool = False) -> str:
     """A UDUNITS string as people write it, ``figure``: with raised digits.
 
-    >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s0.5"), unit_text("1")
-    ('m/s2', 'm/s²', 'N s^0.5', '')
+    >>> unit_text("m s-2"), unit_text("m s-2", figure=True), unit_text("N s"), unit_text("1")
+    ('m/s2', 'm/s²', 'N s', '')
     """
     above: list[str] = []
     below: list[str] = []
     for name, power in _factors(unit):
         if name != "1":
             size = power.lstrip("-")
-            raised = "" if size == "1" else "^" + size if "." in size else size.translate(_RAISED) if figure else size
+            raised = "" if size == "1" else size.translate(_RAISED) if figure else size
             (below if power.startswith("-") else above).append(name + raised)
     text = " ".join(above) or "1" * bool(below)  # "1/s" of what stands below alone
     return "/".join([text, *below]) if below else text
 
 
 def _factors(unit: str) -> list[tuple[str, str]]:
-    """Names and powers of the factors of a UDUNITS string."""
+    """Names and powers of the factors of a UDUNITS string, which has whole powers: it takes ``.5`` as a factor."""
     matches = [_FACTOR.fullmatch(factor) for factor in unit.split()]
     return [(match[1], match[2] or "1") for match in matches if match is not None]
 

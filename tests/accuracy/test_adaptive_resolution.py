@@ -112,8 +112,8 @@ def test_two_runs_make_an_estimate() -> None:
     fine, half = (at[resolution] for resolution in halves)
     ratio, left = sequence.at(0.35).time / sequence.at(0.18).time, 0.5 * known.scene.solver.tolerance
     runs = [next(run for run in sequence.runs if run.resolution == at).quantities for at in halves]
-    beside = IMPULSE.share * runs[0].error("wall.force_history", runs[1]) * runs[1].scales["wall.force_history"]
-    beside /= runs[0].scales["wall.force_history"]
+    beside = IMPULSE.share * runs[0].error("wall.force_rms", runs[1]) * runs[1].scales["wall.force_rms"]
+    beside /= runs[0].scales["wall.force_rms"]
     assert estimate.error == pytest.approx(IMPULSE.alone * abs(fine - half) / fine / (ratio - 1.0) + beside + left)
     assert abs(fine / 200.0 - 1.0) <= estimate.error
 

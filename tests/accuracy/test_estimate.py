@@ -27,7 +27,7 @@ from latin_fmu.accuracy.runs import (
 )
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem
-from latin_fmu.results.quantities_of_interest import FORCE_HISTORY, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST
+from latin_fmu.results.quantities_of_interest import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST
 
 from ..test_cli import SCENE
 from ..verification.known_answers import MODELS, shipped
@@ -91,8 +91,8 @@ def test_of_a_norm_the_last_change_alone_counts() -> None:
     half, quarter = series(1.0, (2.0, 4.0))
     assert estimated_error(PEAK_FORCE, Changes(half, 7.0))[0] == pytest.approx(PEAK_FORCE.safety * half)
     half, quarter = series(0.5, (2.0, 4.0))
-    error, bound_only = estimated_error(FORCE_HISTORY, Changes(half, quarter))
-    assert error == pytest.approx(FORCE_HISTORY.safety * 0.01)
+    error, bound_only = estimated_error(FORCE_RMS, Changes(half, quarter))
+    assert error == pytest.approx(FORCE_RMS.safety * 0.01)
     assert not bound_only
 
 

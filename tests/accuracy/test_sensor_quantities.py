@@ -36,12 +36,12 @@ def measured(history: SensorHistory, step: float = STEP, cutoff: float = 5e3, **
 
 
 def test_values_of_a_sine_are_its_amplitudes() -> None:
-    """Ten periods: L2 norms of 1 - cos and sin over 0.02 s are sqrt(3/2) and sqrt(1/2) of sqrt(0.02)."""
+    """Ten periods: root mean squares of 1 - cos and sin are sqrt(3/2) and sqrt(1/2)."""
     values, w = measured(sine()).values, 2.0 * np.pi * RATE
     assert values["s.displacement_peak"] == pytest.approx(2 * SIZE, rel=1e-3)
     assert values["s.displacement"] == pytest.approx(0.0, abs=1e-6)
-    assert values["s.displacement_history"] == pytest.approx(SIZE * np.sqrt(1.5 * 0.02), rel=1e-3)
-    assert values["s.velocity_history"] == pytest.approx(w * SIZE * np.sqrt(0.5 * 0.02), rel=1e-3)
+    assert values["s.displacement_rms"] == pytest.approx(SIZE * np.sqrt(1.5), rel=1e-3)
+    assert values["s.velocity_rms"] == pytest.approx(w * SIZE * np.sqrt(0.5), rel=1e-3)
     assert values["s.velocity_peak"] == pytest.approx(w * SIZE, rel=1e-2)
 
 
@@ -125,8 +125,8 @@ def test_every_sensor_has_its_estimates(run: tuple[latin_fmu.Scene, latin_fmu.So
     assert keys == {
         "displacement",
         "displacement_peak",
-        "displacement_history",
-        "velocity_history",
+        "displacement_rms",
+        "velocity_rms",
         "velocity_peak",
         "acceleration_peak",
         "spectrum",
@@ -134,15 +134,15 @@ def test_every_sensor_has_its_estimates(run: tuple[latin_fmu.Scene, latin_fmu.So
     assert all(np.isfinite(estimate[f"foot.{key}"].error) for key in keys)
     assert "unfiltered acceleration grows without limit" in "\n".join(estimate.remarks)
     assert set(estimate.spectra) == {"foot", "tip"}
-    for key in ("velocity_history", "displacement_history"):  # norms, estimated over true narrow
+    for key in ("velocity_rms", "displacement_rms"):  # norms, estimated over true narrow
         true = fine.error(f"foot.{key}", exact)
         assert true <= 1.5 * estimate[f"foot.{key}"].error <= 8.0 * true
 
 
 def test_a_sensor_can_be_the_target(run: tuple[latin_fmu.Scene, latin_fmu.Solution]) -> None:
     scene, _ = run
-    accuracy = scene.accuracy.model_copy(update={"quantity": "foot.displacement_history"})
+    accuracy = scene.accuracy.model_copy(update={"quantity": "foot.displacement_rms"})
     choice = choose(scene.model_copy(update={"accuracy": accuracy}), 0.2, 60.0, lambda _: None)
     assert choice.reached
     assert choice.solution is not None
-    assert measure_solution(scene, choice.solution).error("foot.displacement_history", chain(8).exact) <= 0.2
+    assert measure_solution(scene, choice.solution).error("foot.displacement_rms", chain(8).exact) <= 0.2

@@ -57,7 +57,7 @@ def check_true(estimate: ErrorEstimate, session: Session) -> None:
     for quantity in KNOWN.quantities:
         owner, _, key = quantity.rpartition(".")
         estimated = estimate[quantity]
-        if key not in ("force_history", "displacement"):
+        if key not in ("force_rms", "displacement"):
             true = abs(estimated.value - KNOWN.exact.values[quantity]) / KNOWN.exact.scales[quantity]
             assert max(estimated.error, FLOOR) >= true, quantity
         assert owner in ("meet", *session.scene.sensor)

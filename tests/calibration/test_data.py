@@ -55,7 +55,7 @@ def test_all_problems_of_the_rows_come_at_once(tmp_path: Path) -> None:
         ("speed,side.velocity.x\n1,1\n", "unknown first column"),
         ("time,side.srs.x\n1e-6,1\n", "no such column"),
         ("frequency,side.velocity.x\n1e3,1\n", "SENSOR.srs.x"),
-        ("frequency,side.srs.x\n1e8,1\n", "Nyquist"),
+        ("frequency,side.srs.x\n1e8,1\n", "0.4 of the sampling rate"),
         ("mode,frequency\n1.5,100\n", "not a number of a mode"),
         ("mode,damping\n1,100\n", "no such column"),
         ("tip.amplitude,frequency\n1e-6,100\n", "no sensor of this name"),

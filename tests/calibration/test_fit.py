@@ -382,7 +382,7 @@ def test_parameters_that_go_together_are_told(sign: float, words: str) -> None:
 
 def test_errors_of_columns_are_those_of_their_quantity() -> None:
     """Of the root mean square of a history of forces, of the largest value of a tension."""
-    known = {"crush.force_history": 0.1, "crush.peak_force": 0.3, "m6.largest_bolt_force": 0.2}
+    known = {"crush.force_rms": 0.1, "crush.peak_force": 0.3, "m6.largest_bolt_force": 0.2}
     estimate = SimpleNamespace(by_quantity={q: SimpleNamespace(error=e) for q, e in known.items()})
     for owner, quantity, expected in (("crush", "force", (0.1, True)), ("m6", "tension", (0.2, False))):
         column = Column(f"{owner}.{quantity}", owner, quantity, None, np.ones(2), None)

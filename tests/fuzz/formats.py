@@ -45,6 +45,21 @@ Attempt = Callable[[Rng, Path], None]
 
 HERE = Path(__file__).parent
 LAW = b"# a law\ntime, value\n0, 0\n1e-4, 1\n2e-4, 0.5\n1e-3, 0\n"
+RECORDER = "Zeit (ms);p [²]\r\nms;\r\n".encode("latin-1") + b"".join(b"0,%d;1,%d\r\n" % (i, i) for i in range(10))
+FUNCTION = "\n".join(
+    [
+        *["    -1", "    58", "push", "NONE", "NONE", "NONE", "NONE"],
+        "    1         0    0         0 NONE               7   3 NONE               0   0",
+        "         4        12         1  0.00000E+00  1.00000E-04  0.00000E+00",
+        "        17    0    0    0 Time                 s                   ",
+        "        15    0    0    0 Pressure             NONE                ",
+        *["         0    0    0    0 NONE                 NONE                "] * 2,
+        *["".join(f"{0.1 * i:20.12E}" for i in range(4))] * 3,
+        "    -1",
+    ]
+).encode()
+PACKED = FUNCTION.replace(b"    58", b"    58b     1     2          11          96     0     0           0           0")
+PACKED = b"\n".join([*PACKED.split(b"\n")[:13], np.arange(12.0).tobytes() + b"\n    -1", b""])
 COLUMNS = b"time,load.press.value\n0,0\n1e-6,1\n1e-3,0.5\n"
 
 
@@ -289,7 +304,8 @@ FORMATS: dict[str, Attempt] = {
     "med": Files(med_file, changes.binary, read_mesh),
     "text": Files(text_meshes, changes.text, read_mesh),
     "exodus": Files(exodus_file, changes.binary, read_mesh),
-    "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS}, changes.text, read_law),
+    "csv": Files(lambda: {"law.csv": LAW, "columns.csv": COLUMNS, "recorder.csv": RECORDER}, changes.text, read_law),
+    "uff": Files(lambda: {"text.uff": FUNCTION, "binary.uff": PACKED}, changes.either, read_law),
     "toml": Files(scene_texts, changes.text, read_scene),
     "command": Files(scene_texts, changes.text, read_by_command),
     "fmu": Files(fmus, changes.archive(changes.member), read_fmu),

@@ -28,6 +28,7 @@ NAMES = (
     "med",
     "text",
     "csv",
+    "uff",
     "toml",
     "command",
     "fmu",

@@ -30,6 +30,8 @@ TINY = (
 )
 FRICTION = "interface.crush.friction_coefficient"
 PRESSURE = "load.press.pressure"
+NAMES = {FRICTION: "interface_crush_friction_coefficient", PRESSURE: "load_press_pressure"}
+"""Of parameters in a study, by their keys."""
 
 
 @pytest.fixture
@@ -101,11 +103,13 @@ def test_an_unknown_key_is_refused_before_anything_is_solved(solved: list[str]) 
 # -- points -----------------------------------------------------------------------------------------------------------
 def test_quantities_are_those_of_runs_of_their_own() -> None:
     study = sweep(SCENE, {FRICTION: [0.0, 0.3], PRESSURE: np.array([1e8, 2e8])}, settings=TINY, histories=True)
-    assert study["impulse"].dims == (FRICTION, PRESSURE, "interface")
+    assert study["impulse"].dims == (*NAMES.values(), "interface")
+    assert {study[name].attrs["scene_key"] for name in NAMES.values()} == set(NAMES)
+    assert study["force"].dims[-1] == "component"
     for point in ({FRICTION: 0.0, PRESSURE: 2e8}, {FRICTION: 0.3, PRESSURE: 1e8}):
         solution = solve(load_scene(SCENE, [*TINY, *(f"{key}={value}" for key, value in point.items())]))
         report, history = solution.report(), solution.interfaces["crush"]
-        one = study.sel(point).sel(interface="crush")
+        one = study.sel({NAMES[key]: value for key, value in point.items()}).sel(interface="crush")
         assert float(one["peak_force"]) == report["interfaces"]["crush"]["peak_force"]
         slid = np.linalg.norm(slip_in_contact(history, solution.time), axis=2)
         assert float(one["largest_slip"]) == slid.max() > 0.0

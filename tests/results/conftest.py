@@ -39,6 +39,6 @@ def stack() -> Solution:
 @pytest.fixture
 def estimated(bars: Solution) -> Solution:
     """The bars with an estimated error: one quantity of known order, one without."""
-    known = QuantityEstimate("contact.impulse", 2.7, 0.012, 1.1, False, 0.01, 0.02)
-    unknown = QuantityEstimate("contact.peak_force", 4e4, 0.3, time=0.2)
+    known = QuantityEstimate("contact.impulse", 2.7, 0.012, 1.1, False)
+    unknown = QuantityEstimate("contact.peak_force", 4e4, 0.3)
     return replace(bars, estimate=ErrorEstimate((known, unknown), ("a remark",), 0.1))

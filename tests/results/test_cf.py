@@ -49,9 +49,7 @@ ACCEPTED = (
     "mesh_topology is not a valid cf_role value",
     "volume_node_connectivity is not a valid cf_role value",
     "face_node_connectivity is not a valid cf_role value",
-    # Parameters of a study have the names of the scene keys, with dots, as --set takes them: CF 2.3 recommends letters,
-    # digits and underscores. A parameter in Pa is taken for a height in the atmosphere, which should come earlier.
-    *(f"{what} {name} should begin with a" for what in ("variable", "dimension") for name in PARAMETERS),
+    # A parameter of a study in Pa is taken for a height in the atmosphere, which should come earlier.
     *(f"{name}'s spatio-temporal dimensions are not in the recommended order" for name in OF_STUDIES),
     # A crash of the checker: it looks for a dimension called time in every group, convergence has none.
     f"{VERSION}.check_invalid_same_named_dimension_across_groups: 'time'",
@@ -100,7 +98,22 @@ def made_study(folder: Path) -> xr.DataTree:
     """Study of two parameters, with histories."""
     vary = [f"{PARAMETERS[0]}=0:0.2:2", f"{PARAMETERS[1]}=5e7,1e8"]
     (folder / "pressed.toml").write_text(pressed().text(), encoding="utf-8")
-    return xr.DataTree(sweep(folder / "pressed.toml", vary, folder / "s.nc", jobs=1, histories=True))
+    sweep(folder / "pressed.toml", vary, folder / "s.nc", jobs=1, histories=True)
+    return latin_fmu.open_results(folder / "s.nc").load()
+
+
+def made_samples(folder: Path) -> xr.DataTree:
+    """Samples of numbers that scatter, with bands and derivatives."""
+    scatter = {PARAMETERS[0]: 0.01, PARAMETERS[1]: "5 %"}
+    latin_fmu.sample(pressed(spread=scatter), 8, folder / "samples.nc")
+    return latin_fmu.open_results(folder / "samples.nc").load()
+
+
+def texts_among_data(tree: xr.DataTree) -> list[str]:
+    """Variables with texts that are no coordinates."""
+    return [
+        f"{node.path}/{name}" for node in tree.subtree for name, v in node.data_vars.items() if v.dtype.kind in "OSUT"
+    ]
 
 
 def made_spectra(folder: Path) -> xr.DataTree:
@@ -140,10 +153,20 @@ def made_surfaces(folder: Path) -> xr.DataTree:
 
 
 @NEEDS_CHECKER
-@pytest.mark.slow
-@pytest.mark.parametrize("make", [made_study, made_spectra, made_modes, made_session, made_surfaces])
+@pytest.mark.parametrize(
+    "make",
+    [
+        made_study,
+        pytest.param(made_samples, marks=pytest.mark.slow),
+        *(pytest.param(m, marks=pytest.mark.slow) for m in (made_spectra, made_modes, made_session, made_surfaces)),
+    ],
+)
 def test_other_files_follow_cf(make: Callable[[Path], xr.DataTree], tmp_path: Path) -> None:
-    assert findings_by_group(make(tmp_path), tmp_path) == []
+    tree = make(tmp_path)
+    assert findings_by_group(tree, tmp_path) == []
+    # two files can be subtracted: texts are labels
+    assert texts_among_data(tree) == []
+    assert isinstance(tree - tree, xr.DataTree)
 
 
 @NEEDS_CHECKER

@@ -119,7 +119,7 @@ def test_a_file_a_study_and_modes(solved: dict[str, latin_fmu.Solution], tmp_pat
     record = PointSolver(Plan(grid, histories=False)).solve((0,))
     study = dataset_of(grid, grid.scene(), {(0,): record}, histories=False)
     assert study["energy"].attrs["units"] == "mJ"
-    assert study["load.press.pressure"].attrs["units"] == "MPa"
+    assert study["load_press_pressure"].attrs["units"] == "MPa"
     modes = vibration_modes(latin_fmu.scene_from_dict(data, tmp_path), "sticking", 1)
     assert modes.groups()["/modes"].variables["modal_mass"].attrs["units"] == "t"
     assert any(" t " in line for line in modes.lines())

@@ -133,10 +133,11 @@ def test_csv_files(tmp_path: Path, text: str) -> None:
         (b"0,1\n1,nan\n", "line 2"),
         (b"0,1\n1,inf\n", "line 2"),
         (b"nan,1\n1,2\n", "line 1"),
-        (b"a,b\nc,d\n0,1\n1,2", "line 2"),
-        (b"0,1,2\n1,2,3\n", "line 2"),
+        (b"a,b\nc,d\n", "no numbers in the first column of 2 lines"),
+        (b"0,1,2\n1,2,3\n", "the file has 3 columns"),
         (b"0,1\n0,2\n", "do not increase"),
-        (b"0,5;1\n1,5;2\n", "line 2"),
+        (b"0,5;1\n1.5;2\n", "decimal points and decimal commas are mixed .line 2"),
+        (b"0.5;1\n1.5;2,000.5\n", "line 2"),
         (b"\xff\xfe\x00", "not a text file"),
         (b"0,1\n1,1e999\n", "line 2"),
     ],
@@ -232,7 +233,7 @@ def test_only_a_release_at_the_start_changes_a_sample() -> None:
     [
         ("pipe.csv", "not a regular file"),
         ("/dev/zero", "not a regular file"),
-        ("secret.csv", "line 2 is not two finite numbers"),
+        ("secret.csv", "no numbers in the first column of 2 lines"),
         ("inf.csv", "(value: inf)"),
     ],
 )

@@ -280,6 +280,17 @@ def test_nothing_presses_the_joint() -> None:
         latin_fmu.backbone(latin_fmu.scene_from_dict(data), 1, [1e-6])
 
 
+def test_area_of_a_loop_is_the_work_of_friction() -> None:
+    """Force and displacement at the sensor, N and m, do the work of the modal load on its displacement."""
+    made = latin_fmu.backbone(latin_fmu.scene_from_dict(chain()), 1, [5e-5], sensor="tip", increments=10)
+    force, moved = made.sensor_force, made.sensor_displacement
+    # the largest loop is measured the second time; from +alpha to -alpha is half of it
+    first = np.flatnonzero(force > 0.999 * force.max())[1]
+    half = slice(first, first + int(np.argmin(force[first:])) + 1)
+    assert 2 * np.trapezoid(force[half], moved[half]) == pytest.approx(made.loss[0], rel=1e-6)
+    assert np.ptp(moved[half]) / 2 == pytest.approx(made.amplitude[0], rel=1e-6)
+
+
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Table, dataset with units and figure; measured points in um and %."""
     scene, stem, points = tmp_path / "scene.toml", tmp_path / "curve", tmp_path / "test.csv"
@@ -293,7 +304,8 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tree = xr.open_datatree(f"{stem}.nc")
     assert tree["backbone/amplitude"].attrs["units"] == "m"
     assert tree["backbone/frequency"].values[0] == pytest.approx(exact(5e-6)[0], rel=1e-4)
-    assert tree["loops/load"].attrs["units"] == "kg0.5 m s-2"
+    force, moved = tree["loops/sensor_force"], tree["loops/sensor_displacement"]
+    assert (force.attrs["units"], moved.attrs["units"]) == ("N", "m")
     rows = np.loadtxt(f"{stem}.csv", delimiter=",", skiprows=1)
     assert rows[:, 1] == pytest.approx(tree["backbone/frequency"].values)
     tree.close()

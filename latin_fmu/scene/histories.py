@@ -1,0 +1,153 @@
+"""Histories from files in a scene: what each does inside the run, and what speaks against its times."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import Problem
+from .boundaries import Driven
+from .laws import CsvLaw
+from .number_files import QUANTITIES, UNITS, factor, si_unit
+from .records import FEWEST_SAMPLES, inside_run, misfits, peak_of
+from .units import UnitSystem
+
+_INTEGRALS: Final = {
+    "N": "N s",
+    "N m": "N m s",
+    "Pa": "Pa s",
+    "m": "m s",
+    "m s-1": "m",
+    "m s-2": "m s-1",
+    "N m-3": "N s m-3",
+    "K": "K s",
+    "s-1": "1",
+}
+"""Units of integrals over time, by that of the quantity; UDUNITS."""
+_FIRST_SAMPLES: Final = 2  # inside the run, of a record
+
+
+@dataclass(frozen=True)
+class SceneHistory:
+    """A history from a file and what it multiplies.
+
+    Attributes
+    ----------
+    where : place of the law in the scene. law : of the file. unit : UDUNITS, SI, of what the law multiplies.
+    size : of that where the law is 1, in the units of the scene. end : of the run, s.
+    """
+
+    where: str
+    law: CsvLaw
+    unit: str
+    size: float
+    end: float
+
+    def report(self) -> dict[str, Any]:
+        """Plain data: peak (in the units of the scene) and its time, integral, span and samples inside the run."""
+        peak, at = peak_of(self.law, self.end)
+        first, last, count = inside_run(self.law.times, self.end)
+        return {
+            "law": self.where,
+            "file": self.law.file,
+            "read_as": self.law.read_as,
+            "peak": self.size * peak,
+            "peak_time": at,
+            "integral": self.size * self.law.impulse(0.0, self.end),
+            "span": [first, last],
+            "samples": count,
+        }
+
+    def line(self, units: UnitSystem) -> str:
+        """Peak, integral and span inside the run, in words."""
+        found = self.report()
+        peak = f"{found['peak']:.4g} {units[self.unit]}"
+        named = self.law.units[1]
+        if isinstance(named, str) and si_unit(named) == self.unit and factor(named, units) != 1.0:
+            peak = f"{found['peak'] / factor(named, units):.4g} {named} ({peak})"
+        integral = f"{found['integral']:.4g} {units[_INTEGRALS[self.unit]]}"
+        first, last = found["span"]
+        inside = f"from {first:.4g} to {last:.4g} s of 0 to {self.end:.4g} s, {found['samples']} samples"
+        words = f"{self.law.file}, {self.law.read_as}" if self.law.read_as else self.law.file
+        return f"  history {self.where}: {words}; in the run {inside}, peak {peak} at {found['peak_time']:.4g} s, " + (
+            f"integral {integral}"
+        )
+
+    def remarks(self) -> Iterator[str]:
+        """What speaks against its times."""
+        return (f"{self.where}: {text}" for text in misfits(self.law, self.end))
+
+    def problems(self) -> Iterator[Problem]:
+        """A record without content in the run, or of another quantity than the law multiplies."""
+        law, end = self.law, self.end
+        unit = law.units[1]
+        name = si_unit(unit) if isinstance(unit, str) else None
+        if name not in (None, "1", self.unit):
+            what = f"the header says {QUANTITIES[str(name)]}, but the law multiplies {QUANTITIES.get(self.unit, '')}"
+            allowed = ", ".join(UNITS.get(self.unit, ()))
+            yield Problem(f"{self.where}.value_unit", what, str(unit), allowed, "name another column")
+        count = inside_run(law.times, end)[2]
+        outside = law.times[0] >= end or law.times[-1] <= 0.0
+        if outside or (len(law.times) >= FEWEST_SAMPLES and count < _FIRST_SAMPLES):
+            what = f"nothing of the record is inside the run: {count} of {len(law.times)} samples"
+            span = f"{law.times[0]:.6g} to {law.times[-1]:.6g} s"
+            remedy = 'check time_unit and time.end; start = "record" moves t = 0 to the first sample, shift moves all'
+            yield Problem(self.where, what, span, f"samples from 0 to {end:.6g} s", remedy)
+
+
+def histories_of(scene: Any) -> list[SceneHistory]:
+    """Histories from files of a scene."""
+    end = scene.time.end
+    return [SceneHistory(w, law, unit, size, end) for w, law, unit, size in _laws(scene) if isinstance(law, CsvLaw)]
+
+
+def history_problems(scene: Any) -> list[Problem]:
+    """Histories from files that do not fit the run of a scene."""
+    return [problem for history in histories_of(scene) for problem in history.problems()]
+
+
+def _norm(values: Any) -> float:
+    return float(np.linalg.norm(np.atleast_1d(values)))
+
+
+_DRIVEN: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m s-2"}
+
+
+def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
+    """Place of every law, the law, unit and size of what it multiplies."""
+    for name, load in scene.load.items():
+        if load.force is None and load.moment is not None:
+            yield f"load.{name}.law", load.law, "N m", _norm(load.moment)
+        elif load.force is not None:
+            yield f"load.{name}.law", load.law, "N", _norm(load.force)
+        else:
+            yield f"load.{name}.law", load.law, "Pa", _norm(load.traction or load.pressure or 0.0)
+    for name, boundary in scene.boundary.items():
+        if isinstance(boundary, Driven):
+            yield f"boundary.{name}.law", boundary.law, _DRIVEN[boundary.type], _norm(boundary.value)
+    for name, port in scene.port.items():
+        moved = port.causality == "motion_in"
+        for component, law in port.laws.items():
+            turns = "r" in component
+            unit = ("s-1" if moved else "N m") if turns else ("m s-1" if moved else "N")
+            yield f"port.{name}.laws.{component}", law, unit, 1.0
+    for name, body in scene.substructure.items():
+        yield f"substructure.{name}.body_force_law", body.body_force_law, "N m-3", _norm(body.body_force)
+    for name, interface in scene.interface.items():
+        if (ground := interface.ground_velocity) is not None:
+            yield f"interface.{name}.ground_velocity.law", ground.law, "m s-1", abs(ground.amplitude)
+    if scene.gravity is not None:
+        yield "gravity.law", scene.gravity.law, "m s-2", _norm(scene.gravity.acceleration)
+    for name, temperature in scene.temperature.items():
+        yield f"temperature.{name}.law", temperature.law, "K", abs(temperature.change)
+
+
+def history_lines(scene: Any) -> list[str]:
+    """A line for every history from a file."""
+    return [history.line(scene.unit_system) for history in histories_of(scene)]
+
+
+def history_remarks(scene: Any) -> list[str]:
+    """What speaks against the times of histories from files."""
+    return [text for history in histories_of(scene) for text in history.remarks()]
