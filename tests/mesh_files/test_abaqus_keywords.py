@@ -14,7 +14,7 @@ from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.fem.mesh_file import mesh_of, refined
 from latin_fmu.mesh_files.content import MeshContent
-from latin_fmu.mesh_files.reading import read_content
+from latin_fmu.mesh_files.reading import included_files, read_content
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.schema import Scene
 
@@ -166,6 +166,8 @@ def test_data_lines_of_other_files(tmp_path: Path) -> None:
         assert text != TWO
         content = content_of(tmp_path, text, rows=row)
         assert volume(content, "high") == pytest.approx(1000.0)
+        # files that an FMU has to take along
+        assert included_files(tmp_path / "deck.inp") == ["rows.txt"]
     nodes = node_rows(NODES)
     content = content_of(tmp_path, LOW.replace(f"*NODE\n{nodes}", "*NODE, INPUT=rows.txt\n"), rows=nodes)
     assert volume(content) == pytest.approx(1000.0)
