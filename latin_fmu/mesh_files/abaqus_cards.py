@@ -179,6 +179,7 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
     none = np.zeros(0, dtype=np.int64), np.zeros((0, count), dtype=np.int64)
     values: list[list[int]] = []
     element: list[int] = []
+    i = 0
     for i, fields in card.tokens():
         try:
             numbers = [int(f) if f else 0 for f in fields]
@@ -195,7 +196,10 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
             values.append(element)
             element = []
     if element:
-        _add_wrong_count(card, count, len(element), problems)
+        kind = card.name("TYPE")
+        what = f"elements of type {kind} take a label and {count} nodes each, every element on lines of its own"
+        # the line after which there are too many of them, or the last one
+        problems.add(what, f"{len(element)} numbers", f"{count + 1} numbers", line=card.row_place(i))
         return none
     table = np.array(values, dtype=np.int64).reshape(-1, count + 1)
     missing = (table[:, : corners + 1] == 0).any(axis=1)
@@ -204,13 +208,3 @@ def elements_of(card: Card, count: int, corners: int, problems: FileProblems) ->
         problems.add("not an element", ", ".join(map(str, values[int(missing.argmax())])), allowed, line=card.place)
         return none
     return table[:, 0], table[:, 1:]
-
-
-def _add_wrong_count(card: Card, count: int, found: int, problems: FileProblems) -> None:
-    """A block of elements with lines that do not fit its type."""
-    problems.add(
-        f"elements of type {card.name('TYPE')} take a label and {count} nodes each, every element on lines of its own",
-        f"{found} numbers",
-        f"{count + 1} numbers",
-        line=card.place,
-    )

@@ -71,18 +71,18 @@ class Scope:
                 found.append(self.labels_in(kind, text, (*path, name.upper())))
         return np.unique(np.concatenate(found))
 
-    def joined(self, own: Scope) -> Scope:
-        """The scope of an instance: what its part has and what it adds, ``own``."""
+    def joined(self, addition: Scope) -> Scope:
+        """The scope of an instance: what its part has, and the ``addition`` of the instance."""
         sets = {key: list(members) for key, members in self.sets.items()}
         # a set of the instance adds to that of the part, a surface replaces it
-        for key, members in own.sets.items():
+        for key, members in addition.sets.items():
             sets.setdefault(key, []).extend(members)
         return Scope(
-            self.nodes + own.nodes,
-            self.elements + own.elements,
+            self.nodes + addition.nodes,
+            self.elements + addition.elements,
             sets,
-            {**self.surfaces, **own.surfaces},
-            self.sections + own.sections,
+            {**self.surfaces, **addition.surfaces},
+            self.sections + addition.sections,
             origin=self,
         )
 

@@ -326,11 +326,11 @@ def pieces(cells: Mapping[str, Index]) -> dict[str, Index]:
     firsts: list[Index] = []
     others: list[Index] = []
     for table in corners.values():
-        own = inverse[start : start + table.size].reshape(-1, table.shape[1])
+        rows = inverse[start : start + table.size].reshape(-1, table.shape[1])
         start += table.size
         # each cell as a star about its first node
-        firsts.append(np.repeat(own[:, 0], table.shape[1]))
-        others.append(own.ravel())
+        firsts.append(np.repeat(rows[:, 0], table.shape[1]))
+        others.append(rows.ravel())
     first, other = np.concatenate(firsts), np.concatenate(others)
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, other)), shape=(len(nodes), len(nodes)))
     label = connected_components(graph, directed=False)[1]

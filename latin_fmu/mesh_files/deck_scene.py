@@ -122,14 +122,14 @@ def _with_materials(
         constants = {key: units[key] * value for key, value in known[1].items()}
         # names of a deck know no case
         name = next((key for key in materials if key.upper() == part_name(known[0]).upper()), part_name(known[0]))
-        own = materials.get(name, {})
-        if not isinstance(own, Mapping):
+        written = materials.get(name, {})
+        if not isinstance(written, Mapping):
             continue
-        if given(own, "orthotropic"):
+        if given(written, "orthotropic"):
             constants = {key: value for key, value in constants.items() if key == "density"}
         # what the scene says of that material counts, the deck gives the rest
-        whole = {**constants, **{key: value for key, value in own.items() if value is not None}}
-        needed = KEYS[2:] if given(own, "orthotropic") else KEYS
+        whole = {**constants, **{key: value for key, value in written.items() if value is not None}}
+        needed = KEYS[2:] if given(written, "orthotropic") else KEYS
         if missing := [key for key in needed if key not in whole]:
             problem = Problem(
                 f"material.{name}",
@@ -182,8 +182,8 @@ def _supports(content: MeshContent, parts: Mapping[str, str]) -> Iterator[tuple[
         for name, table in _tables_of(content, parts, support):
             before = merged.setdefault((table["face"], str(table.get("axes"))), {"name": name, **table})
             # a set that several lines hold is one boundary
-            held = [axis for axis in "xyz" if axis in before["components"] or axis in table["components"]]
-            before["components"] = held
+            either = {*before["components"], *table["components"]}
+            before["components"] = [axis for axis in "xyz" if axis in either]
     for table in merged.values():
         yield str(table.pop("name")), table
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from .attachments import attached_of
-from .content import NO_ROWS, SHELLS, SOLIDS, FileProblems, Include, Index, MeshContent, pieces, rows_of
+from .content import NO_ROWS, SHELLS, SOLIDS, FileLine, FileProblems, Include, Index, MeshContent, pieces, rows_of
 from .middle_nodes import complete, in_vtk_order
 from .nastran_entries import BulkEntry, Entries, label_of
 from .nastran_grids import Grids
@@ -79,7 +79,7 @@ class _BulkData:
         # type -> label, property (0: blank) and nodes of each element, 0 for middle nodes that are not there
         self.solids: dict[str, list[tuple[int, int, list[int]]]] = {}
         self.shells: dict[str, list[tuple[int, int, list[int]]]] = {}
-        self.lines: dict[int, int] = {}  # of the elements
+        self.lines: dict[int, FileLine] = {}  # of the elements
         # nodes of each set of constraints, each range of them by its ends
         self.fixed: dict[int, list[tuple[int, int]]] = {}
         self.skipped: dict[str, list[BulkEntry]] = {}
@@ -117,11 +117,11 @@ class _BulkData:
         if any(not 0 <= n < 2**62 for n in (*nodes, owner)):
             raise ValueError("not a label")
         if label in self.lines:
-            what = f"two elements have the same label: one is on line {self.lines[label]} already"
+            what = f"two elements have the same label: one is on line {self.lines[label].line} already"
             self.problems.add(
                 what, f"{name} {label}", "one element for each label", "renumber one of them", entry.place
             )
-        self.lines[label] = entry.place.line
+        self.lines[label] = entry.place
         if table is self.shells:
             # faces have their corners alone
             nodes, counts = nodes[:corners], (corners,)
@@ -174,14 +174,14 @@ class _BulkData:
         labels = np.array(list(self.grids.entries), dtype=np.int64)
         content = MeshContent(self.grids.points())
         for kind, elements in self.solids.items():
-            cells = self._rows(labels, np.array([nodes for _, _, nodes in elements], dtype=np.int64))
+            cells = self._rows(labels, elements)
             self.problems.stop()
             ordered, order = in_vtk_order(content.points, kind, cells, "Nastran")
             if order != "Nastran":
                 content.said.append(f"the middle nodes of {len(cells)} {kind} cells are in the order of {order}")
             content.add_solids(kind, ordered)
         for kind, elements in self.shells.items():
-            cells = self._rows(labels, np.array([nodes for _, _, nodes in elements], dtype=np.int64))
+            cells = self._rows(labels, elements)
             for owner, rows in _by_owner(elements):
                 content.add_facets(self._name("PSHELL", owner or elements[rows[0]][0]), kind, cells[rows])
         self.problems.stop()
@@ -258,13 +258,15 @@ class _BulkData:
                 rows = np.append(item.legs, item.node) if item.word == "RBE2" else item.legs
                 content.add_nodes(item.name, rows)
 
-    def _rows(self, labels: Index, nodes: Index) -> Index:
-        """Rows of nodes by their labels, -1 for the label 0."""
+    def _rows(self, labels: Index, elements: list[tuple[int, int, list[int]]]) -> Index:
+        """Rows of the nodes of elements, -1 for the label 0."""
+        nodes = np.array([nodes for _, _, nodes in elements], dtype=np.int64)
         rows, there = rows_of(labels, nodes.ravel())
         absent = nodes.ravel() == 0
         if not (there | absent).all():
-            missing = int(nodes.ravel()[(there | absent).argmin()])
-            self.problems.add("an element names a node that no GRID has", missing)
+            at = int((there | absent).argmin())
+            label, what = elements[at // nodes.shape[1]][0], "an element names a node that no GRID has"
+            self.problems.add(what, f"node {nodes.ravel()[at]} of element {label}", line=self.lines[label])
         return np.where(absent, -1, rows).reshape(nodes.shape)
 
 

@@ -14,7 +14,7 @@ from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.fem.mesh_file import mesh_of, refined
 from latin_fmu.mesh_files.content import MeshContent
-from latin_fmu.mesh_files.reading import read_content
+from latin_fmu.mesh_files.reading import included_files, read_content
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.scene.schema import Scene
 
@@ -166,6 +166,8 @@ def test_data_lines_of_other_files(tmp_path: Path) -> None:
         assert text != TWO
         content = content_of(tmp_path, text, rows=row)
         assert volume(content, "high") == pytest.approx(1000.0)
+        # files that an FMU has to take along
+        assert included_files(tmp_path / "deck.inp") == ["rows.txt"]
     nodes = node_rows(NODES)
     content = content_of(tmp_path, LOW.replace(f"*NODE\n{nodes}", "*NODE, INPUT=rows.txt\n"), rows=nodes)
     assert volume(content) == pytest.approx(1000.0)
@@ -270,8 +272,8 @@ def test_an_edge_has_no_area(tmp_path: Path) -> None:
 def test_a_refined_edge_is_held_between_its_nodes(tmp_path: Path) -> None:
     content = content_of(tmp_path, LOW + "*NSET, NSET=edge\n1, 2\n*NSET, NSET=point\n7\n")
     fine = refined(mesh_of(content, "deck.inp"))
-    held = fine.nodes[fine.points["edge"]]
-    np.testing.assert_allclose(held[np.argsort(held[:, 0])], [[0, 0, 0], [5, 0, 0], [10, 0, 0]], atol=1e-12)
+    nodes = fine.nodes[fine.points["edge"]]
+    np.testing.assert_allclose(nodes[np.argsort(nodes[:, 0])], [[0, 0, 0], [5, 0, 0], [10, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(fine.nodes[fine.points["point"]], [[10, 10, 10]])
 
 
@@ -331,8 +333,8 @@ def test_a_clearance_is_the_gap_of_the_interface(tmp_path: Path) -> None:
     text = TWO + "*CLEARANCE, SLAVE=under, MASTER=over, VALUE=0.02\n"
     joint = {"sides": ["low.over", "high.under"], "friction_coefficient": 0.2}
     assert scene_of(tmp_path, text, interface={"joint": joint}).interface["joint"].gap == pytest.approx(2e-5)
-    given = {**joint, "gap": "closed"}
-    assert scene_of(tmp_path, text, interface={"joint": given}).interface["joint"].gap == "closed"
+    closed = {**joint, "gap": "closed"}
+    assert scene_of(tmp_path, text, interface={"joint": closed}).interface["joint"].gap == "closed"
 
 
 def test_a_pair_that_is_adjusted_is_named_with_what_to_write(tmp_path: Path) -> None:

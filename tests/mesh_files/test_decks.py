@@ -225,5 +225,10 @@ def test_nastran_numbers_and_bad_entries(tmp_path: Path) -> None:
         "5",
         "line 1",
     )
-    refused(lambda: read_content(written(tmp_path, grids + "CTETRA,2,1,1,2,3,9\n", "c.bdf")), "no GRID has", "9")
+    refused(
+        lambda: read_content(written(tmp_path, grids + "CTETRA,2,1,1,2,3,9\n", "c.bdf")),
+        "line 6",
+        "no GRID has",
+        "node 9 of element 2",
+    )
     refused(lambda: read_content(written(tmp_path, "CHEXA,1,1,1,2,3\n", "d.bdf")), "CHEXA", "8 or 20")
