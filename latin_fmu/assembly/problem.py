@@ -43,11 +43,13 @@ from .models import (
     ModelClass,
     chosen_scheme,
     contact_layers,
+    landing_choice,
     load_terms,
     store_of,
     unforeseen_landings,
 )
 from .propagator_choice import divided, made_propagators
+from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 
@@ -360,6 +362,8 @@ class DiscretisedProblem:
         unresolved = [] if static else unresolved_sides(assembly)
         warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
+        words, against, unforeseen = _checked_scheme(self, None if static else start)
+        warnings += tuple(remarks_of("scheme", against))
         return SolverReadyProblem(
             assembly,
             settings_of(scene),
@@ -369,7 +373,7 @@ class DiscretisedProblem:
             timeline,
             start,
             self.recovered_of(bolts.shortening),
-            self.scheme_in_words,
+            words,
             scene.unit_system,
             [
                 cut.clamp(self.bodies[cut.table.substructure].mesh.nodes, bolts.shortening.get(n, 0.0))
@@ -377,7 +381,7 @@ class DiscretisedProblem:
             ],
             flexibility(self.bodies, units, layout),
             self.untouched,
-            unforeseen_landings(scene, self.bodies, units, scheme, self.dt),
+            unforeseen,
         )
 
     def output(self, bolts: TightBolts) -> OutputRequest:
@@ -401,6 +405,24 @@ class DiscretisedProblem:
             bolts.places(self.cuts, changes, self.elongation) if self.cuts and not self.ramps else {},
             {} if self.untouched is None else self.untouched.faces,
         )
+
+
+def _checked_scheme(problem: DiscretisedProblem, start: InitialState | None) -> tuple[str, list[str], dict[str, str]]:
+    """The time scheme of a motion in words, remarks where the equilibrium that it starts from speaks against it, and
+    what landings mean that it was not chosen for, by interface (``models.unforeseen_landings``)."""
+    scene, words = problem.scene, problem.scheme_in_words
+    unforeseen = unforeseen_landings(scene, problem.bodies, problem.units, problem.scheme, problem.dt)
+    if start is None:
+        return words, [], unforeseen
+    models = {member.name: member for c in problem.classes for member in c.members}
+    contacts = start_contacts(problem.units, models, start)
+    if problem.scheme_reason and (opened := open_points(contacts, scene.unit_system)):
+        words = f"{words.removesuffix(')')}; {opened})"
+    landing, suited = landing_choice(scene, problem.bodies, problem.units)
+    chosen = problem.scheme.name, suited
+    against = list(scheme_remarks_at_start(contacts, unforeseen, landing, chosen, scene.unit_system))
+    # said of those that are open already
+    return words, against, {name: text for name, text in unforeseen.items() if name not in lifted(contacts)}
 
 
 def _unstrained(
