@@ -27,6 +27,7 @@ from .free_bodies import acting, free_groups, free_remarks, unheld, with_place
 from .inactive_substructures import arrival_times, cut_by_arrival, marched_share
 from .initial_state import InitialState, check_fields, field_remarks, initial_problems, state_arrays, state_of
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
+from .merged_assembly import loop_remarks
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
@@ -250,6 +251,7 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
     return [
         *plausibility_remarks(replace(problem, bodies=bodies, units=units)),
         *remarks_of("redundant", redundancy_remarks(scene)),
+        *remarks_of("redundant", loop_remarks(bodies, [unit for unit in units if unit.name in scene.interface])),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
