@@ -35,6 +35,7 @@ from .initial_state import InitialState, check_fields, field_remarks, initial_pr
 from .interfaces import build_interface, unconnected_remarks, with_behaviours, with_found
 from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
+from .merged_assembly import loop_remarks
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .plausibility import plausibility_remarks
 from .press_fits import carried, fits
@@ -349,6 +350,7 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
         *plausibility_remarks(replace(problem, bodies=bodies, units=units)),
         *remarks_of("size", section_remarks(problem.cuts.values(), scene.unit_system)),
         *remarks_of("redundant", redundancy_remarks(scene)),
+        *remarks_of("redundant", loop_remarks(bodies, [unit for unit in units if unit.name in scene.interface])),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),

@@ -34,6 +34,7 @@ from .initial_state import InitialState
 from .merged_assembly import jump, kept_together
 from .modal_damping import Modes
 from .problem import DiscretisedProblem
+from .start_contacts import start_gap
 
 Joints = Literal["sticking", "open", "bonded"]
 _STIFF: Final = 1e4
@@ -163,23 +164,13 @@ class JoinedAssembly:
         for unit in self.discretised.units:
             if not unit.behaviour.opens:
                 continue
-            gap = unit.geometry.gap + (0.0 if state is None else self._opened(unit, state))
+            gap = start_gap(unit, self.parts.models, {} if state is None else state.displacement)
             closed = pressed.get(unit.name, touching(unit))
             # a point that touches without pressure is open by round-off
             open_by = np.where(closed | (gap > largest), np.nan, np.where(gap > _ROUND_OFF * largest, gap, 0.0))
             if not np.isnan(open_by).all():
                 near[unit.name] = open_by
         return near
-
-    def _opened(self, unit: InterfaceUnit, state: InitialState) -> Array:
-        """Change (n_point,) of the gap of an interface by the displacements of a state, m."""
-        moved = np.zeros(self.parts.n)
-        for name, own in state.displacement.items():
-            moved[self.parts.where[name]] = own
-        # motion of the owner less that of the other, along the normal of side E
-        sign = -1.0 if unit.geometry.owner == 0 else 1.0
-        along: Array = sign * (self.parts.jump(unit, local=True) @ moved)[::3]
-        return along
 
     def frequencies(self, count: int) -> Array:
         """The lowest natural frequencies (count,), Hz, rigid motions among them as 0; NaN where there are fewer."""

@@ -24,16 +24,20 @@ from scipy.sparse.csgraph import connected_components
 
 from ..fem.dissection import nested_dissection
 from ..fem.mesh import Array, CellBlock, Index, Mesh, cell_blocks
+from ..interface import Rods
+from ..interface.laws import bonds as joins
 from ..latin.assembly import InterfaceUnit
 from ..latin.recorder import SubstructureInfo
 from ..propagator import Histories, LoadTerm, SubstructureModel
 from ..propagator.model import is_selection as copies
 from ..scene.fields import split_face
-from .body import consecutive
+from .body import Body, consecutive
 from .problem import Timeline
 
 _NOTHING = 1e-9  # entries below this share of 1 are round-off
 _DENSE: Final = 4_000_000  # entries of dependent rows up to which they are eliminated as a dense matrix
+_MOST_ROWS: Final = 2000  # of bonds around loops, which are searched for dependent ones
+_TAKES_PART = 1e-8  # of a unit combination of rows
 _LARGEST = 1e3  # an entry above it means that two bonds are nearly linearly dependent
 
 
@@ -220,6 +224,47 @@ def jump(
             sign = 1.0 if number == unit.geometry.owner else -1.0
             total = total + sign * placed(trace, where[split_face(side)[0]].start, n)
     return sp.csr_array(total)
+
+
+def loop_remarks(bodies: Mapping[str, Body], units: Sequence[InterfaceUnit]) -> list[str]:
+    """Bonds that close a loop: where three bodies or more meet at a node, each bonded to the next, as many conditions
+    join them as there are bonds, one more than are needed. What goes round in the loop moves nothing: the force of each
+    bond is unknown by it, the sum on every body is not.
+
+    A combination of rows of the bonds that is zero takes every node at least twice: rows with a node of their own are
+    left out, again and again, and the others are searched for dependent ones.
+    """
+    tied = [unit for unit in units if joins(unit.behaviour) and not isinstance(unit.behaviour, Rods)]
+    if len(tied) < 3:
+        return []
+    where, total = consecutive({name: body.mesh.n_node for name, body in bodies.items()})
+    rows = []
+    for unit in tied:
+        # one component stands for all
+        along = [None if trace is None else sp.csr_array(trace[::3, ::3]) for trace in unit.geometry.traces]
+        rows.append(jump(unit, along, where, total))
+    owner = np.repeat(np.arange(len(tied)), [own.shape[0] for own in rows])
+    matrix, numbers = sp.csr_array(sp.vstack(rows)), owner
+    while matrix.shape[0]:
+        present = (abs(matrix) > 0).astype(float)
+        alone = present.sum(axis=0) < 2
+        kept = present @ alone.astype(float) == 0.0
+        if kept.all():
+            break
+        matrix, numbers = sp.csr_array(matrix[np.flatnonzero(kept)]), numbers[kept]
+    if not 2 < matrix.shape[0] <= _MOST_ROWS:
+        return []
+    used = np.flatnonzero(abs(matrix).sum(axis=0))
+    dependent = la.null_space(matrix[:, used].toarray().T)
+    taken = np.abs(dependent).max(axis=1, initial=0.0) > _TAKES_PART
+    if not taken.any():
+        return []
+    names = [tied[i].name for i in np.unique(numbers[taken])]
+    return [
+        f"bonds {', '.join(names)} close a loop of bodies at {dependent.shape[1]} place(s): the force that goes round "
+        "in it is not unique, nor is that of each of these bonds; displacements, stresses and the sum of the forces on "
+        "every body are. Make one body of them, or leave these places out of a bond"
+    ]
 
 
 def placed(rows: sp.csr_array, first: int, n: int) -> sp.csr_array:

@@ -388,6 +388,18 @@ def scheme_remarks(
     return [*fit(courant, landing), *remarks]
 
 
+def landing_choice(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> tuple[list[str], str]:
+    """Interfaces for whose landings the automatic scheme was chosen, none where it was not, and the name of the scheme
+    that is chosen where these are closed."""
+    if not isinstance(scene.time.scheme, AutomaticScheme) or scene.time.quasi_static:
+        return [], ""
+    opening = _opening(units)
+    landing = [unit.name for unit in opening if _lands(bodies, unit)]
+    if not landing or _obstacle(scene, bodies, units)[0]:
+        return [], ""
+    return landing, (GeneralizedAlpha if _front(scene, bodies, opening) else HHT)().name
+
+
 def unforeseen_landings(
     scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit], scheme: TimeScheme, dt: float
 ) -> dict[str, str]:

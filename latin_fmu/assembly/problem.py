@@ -45,6 +45,7 @@ from .models import (
     ModelClass,
     chosen_scheme,
     contact_layers,
+    landing_choice,
     load_terms,
     store_of,
     unforeseen_landings,
@@ -52,6 +53,7 @@ from .models import (
 from .press_fits import fit_pressures, fits
 from .propagator_choice import divided, made_propagators
 from .rigid_landings import rigid_impacts
+from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
 
@@ -370,6 +372,8 @@ class DiscretisedProblem:
         unresolved = [] if static else unresolved_sides(assembly)
         warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
+        words, against, unforeseen = _checked_scheme(self, None if static else start)
+        warnings += tuple(remarks_of("scheme", against))
         return SolverReadyProblem(
             assembly,
             settings_of(scene),
@@ -379,7 +383,7 @@ class DiscretisedProblem:
             timeline,
             start,
             self.recovered_of(bolts.shortening),
-            self.scheme_in_words,
+            words,
             scene.unit_system,
             [
                 cut.clamp(self.bodies[cut.table.substructure].mesh.nodes, bolts.shortening.get(n, 0.0))
@@ -387,7 +391,7 @@ class DiscretisedProblem:
             ],
             flexibility(self.bodies, units, layout),
             self.untouched,
-            unforeseen_landings(scene, self.bodies, units, scheme, self.dt) | rigid_impacts(scene, self.bodies, units),
+            unforeseen | rigid_impacts(scene, self.bodies, units),
         )
 
     def output(self, bolts: TightBolts) -> OutputRequest:
@@ -419,6 +423,24 @@ def _in_step(unit: InterfaceUnit, scheme: TimeScheme, dt: float) -> InterfaceUni
         return unit
     share = joint_weights(scheme, dt, np.array([unit.behaviour.relaxation_time]))[0, 1]
     return replace(unit, behaviour=unit.behaviour.in_step(float(share)))
+
+
+def _checked_scheme(problem: DiscretisedProblem, start: InitialState | None) -> tuple[str, list[str], dict[str, str]]:
+    """The time scheme of a motion in words, remarks where the equilibrium that it starts from speaks against it, and
+    what landings mean that it was not chosen for, by interface (``models.unforeseen_landings``)."""
+    scene, words = problem.scene, problem.scheme_in_words
+    unforeseen = unforeseen_landings(scene, problem.bodies, problem.units, problem.scheme, problem.dt)
+    if start is None:
+        return words, [], unforeseen
+    models = {member.name: member for c in problem.classes for member in c.members}
+    contacts = start_contacts(problem.units, models, start)
+    if problem.scheme_reason and (opened := open_points(contacts, scene.unit_system)):
+        words = f"{words.removesuffix(')')}; {opened})"
+    landing, suited = landing_choice(scene, problem.bodies, problem.units)
+    chosen = problem.scheme.name, suited
+    against = list(scheme_remarks_at_start(contacts, unforeseen, landing, chosen, scene.unit_system))
+    # said of those that are open already
+    return words, against, {name: text for name, text in unforeseen.items() if name not in lifted(contacts)}
 
 
 def _unstrained(

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -29,6 +29,7 @@ from ..errors import InputError, LatinError, Problem, Problems, SceneError, show
 from ..latin.outcome import Array
 from ..reader import load_scene
 from ..scene.schema import Scene
+from ..scene.units import UnitSystem
 from .data import HEADING, MeasuredTable, columns_of, read_measured, size_of
 from .prediction import Predicted, Predictor
 from .report import AT_BOUND, Calibration, FitParameter, calibration_of
@@ -38,6 +39,7 @@ _FIT: Final = re.compile(r"([^=:]+)(?:=([^:]*))?(?::([^:]*):([^:]*))?")
 _RANGE: Final = 10.0  # start over the lower bound, upper bound over the start, where none are given
 MOST_PARAMETERS: Final = 8
 _MOST_RUNS: Final = 1000
+_BEYOND: Final = 1e3  # largest value of a column over that of the first run, up to which they can be compared
 _SETTLED: Final = 1e-3  # change of a parameter over its start, and of the sum of squares over one residual
 _SECANT: Final = 0.05  # change of a parameter over its start, in a Jacobian of secants
 _NOISE: Final = 0.01  # change of parameters over their start below which a secant is one of the tolerance of the runs
@@ -293,7 +295,8 @@ def calibrate(
 
     Raises
     ------
-    InputError : data or parameters, with all problems. LatinError : the first run fails.
+    InputError : data or parameters, with all problems; data far beyond the range of the first run. LatinError : the
+        first run fails.
 
     Examples
     --------
@@ -315,7 +318,12 @@ def calibrate(
     measured = np.concatenate([column.values for _, column, _ in columns_of(tables)])
     search = LeastSquares(predictor, parameters, measured, max_runs, log)
     search.weights = np.concatenate([scatter for table in tables for scatter in table.scatter()])
-    found = search.run(np.array([p.start for p in parameters]) / search.scale)
+    start = np.array([p.start for p in parameters]) / search.scale
+    # the first run of the fit, which keeps it
+    first = search.at(start)
+    if first is not None and (problems := list(_beyond(tables, first.predicted, scene.unit_system))):
+        raise InputError(problems, HEADING)
+    found = search.run(start)
     if _weigh(tables, search, found.best):
         found = search.run(np.array(found.best.values) / search.scale)
     last = found.best, found.slopes, found.converged
@@ -335,6 +343,19 @@ def _check(tables: Sequence[MeasuredTable], parameters: Sequence[FitParameter], 
             problems.append(Problem(option, "out of range", str(count), f"{least} to {_MOST_RUNS}"))
     if problems:
         raise InputError(problems, HEADING)
+
+
+def _beyond(tables: Sequence[MeasuredTable], predicted: Array, units: UnitSystem) -> Iterator[Problem]:
+    """Columns with values far beyond those (n,) of the run with the start values: of another unit, or of another
+    quantity; a fit would end anywhere."""
+    for table, column, place in columns_of(tables):
+        largest, range_of_run = float(np.abs(column.values).max()), float(np.abs(predicted[place]).max())
+        if largest > _BEYOND * range_of_run > 0.0:
+            what = f"{column.name} has values beyond {_BEYOND:g} times those of the run with the start values"
+            unit = units.label(column.unit)
+            allowed = f"up to {_BEYOND * range_of_run:.3g} {unit}".rstrip()
+            remedy = f"check the unit of the column ({column.name} [unit]) and the start values"
+            yield Problem(table.path, what, f"{largest:.6g} {unit}".rstrip(), allowed, remedy)
 
 
 def _weigh(tables: Sequence[MeasuredTable], search: LeastSquares, best: Predicted) -> bool:

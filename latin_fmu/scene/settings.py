@@ -35,7 +35,8 @@ _STEP_ROUND_OFF = 1e-6
 
 class AutomaticScheme(SceneTable):
     """generalized_alpha where bodies land (a gap, or sides that approach each other), all of them elastic and thick
-    enough for a contact layer (at most a quarter of the elements); else hht."""
+    enough for a contact layer (at most a quarter of the elements); else hht. The gaps are those of the meshes; a
+    warning says where a static start opens or closes faces so that the other choice suits."""
 
     type: Literal["automatic"] = "automatic"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +30,7 @@ from latin_fmu.calibration.report import (
     combinations,
 )
 from latin_fmu.calibration.study import LeastSquares, _weigh
-from latin_fmu.errors import SolverError
+from latin_fmu.errors import InputError, SolverError
 from tests.scenes import MODELS
 from tests.verification.test_backbone import chain, exact
 
@@ -95,6 +96,23 @@ def test_exact_data_give_the_truth(tmp_path: Path) -> None:
         for line, predicted in zip(below.lines, (c.before, c.after), strict=False):
             residual = np.asarray(line.get_ydata()) * prefix
             np.testing.assert_allclose(residual, c.column.values - predicted, atol=1e-12 * np.abs(c.after).max())
+
+
+def test_data_of_another_unit_are_refused(tmp_path: Path) -> None:
+    """Forces in mN and displacements in um, read as N and m, after one run; both columns are named."""
+    time, known = histories()
+    data = write(tmp_path / "d.csv", ",".join(("time", *COLUMNS)), np.column_stack([time, known * [1e6, 1.0, 1e6]]))
+    said: list[str] = []
+    start = [f"{FRICTION}=0.2", f"{PRESSURE}=150e6"]
+    with pytest.raises(InputError) as caught:
+        latin_fmu.calibrate(crushing(), data, start, estimate=False, log=said.append)
+    assert len(said) == 1
+    assert len(caught.value.problems) == 2
+    text = str(caught.value)
+    assert "side.displacement.x has values beyond 1000 times those of the run with the start values" in text
+    assert "crush.force.z has values beyond 1000 times" in text
+    allowed = re.findall(r"allowed: up to ([\d.e+-]+) N", text)
+    assert 100.0 < float(allowed[0]) / np.abs(known[:, 2]).max() < 1e4
 
 
 def test_secants_end_where_derivatives_do(tmp_path: Path) -> None:

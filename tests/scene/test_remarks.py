@@ -11,6 +11,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.api import checked
+from latin_fmu.assembly.build import discretise
 from latin_fmu.effects.explanation import explain
 from latin_fmu.fem.mesh import box_mesh
 from latin_fmu.reader import scene_from_dict
@@ -139,3 +140,56 @@ def test_shipped_models_give_no_remark(path: Path) -> None:
         assert [r.code for r in explain(latin_fmu.load_scene(path)).warnings] == expected
     else:
         assert checked(latin_fmu.load_scene(path))[1] == ()
+
+
+# -- bonds around a loop --------------------------------------------------------------------------------------------
+def four_blocks(last: list[int], behaviour: str = "perfect") -> dict[str, Any]:
+    """Four blocks that meet along an edge, each joined to the next; ``last`` : elements of the last one."""
+    bodies, joints = {}, {}
+    for i in range(2):
+        for k in range(2):
+            elements = last if (i, k) == (1, 1) else [3, 3, 3]
+            box = {"origin": [0.1 * i, 0.0, 0.1 * k], "size": [0.1, 0.1, 0.1], "elements": elements}
+            bodies[f"b{i}{k}"] = {"material": "steel", "box": box}
+    for n in range(2):
+        joints[f"x{n}"] = {"sides": [f"b0{n}.xmax", f"b1{n}.xmin"], "behaviour": behaviour}
+        joints[f"z{n}"] = {"sides": [f"b{n}0.zmax", f"b{n}1.zmin"], "behaviour": behaviour}
+    return {
+        "name": "four",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": bodies,
+        "interface": joints,
+        "boundary": {"base": {"type": "fixed", "face": "b00.zmin"}},
+        "load": {"pull": {"face": "b11.zmax", "force": [1e5, 0.0, -1e5]}},
+        "time": {"end": 1e-5, "instants": 10},
+    }
+
+
+def loops(tables: dict[str, Any]) -> list[str]:
+    remarks = discretise(latin_fmu.scene_from_dict(tables)).remarks
+    return [remark for remark in remarks if remark.code == "redundant"]
+
+
+@pytest.mark.parametrize("last", [[3, 3, 3], [2, 2, 2]], ids=["matching", "not matching"])
+def test_bonds_around_a_loop_are_told(last: list[int]) -> None:
+    """One condition too many at each of the four nodes of the edge, which every block has."""
+    (remark,) = loops(four_blocks(last))
+    assert "bonds x0, z0, x1, z1 close a loop of bodies at 4 place(s)" in remark
+    assert "not unique" in remark
+
+
+def test_a_loop_through_the_ground_is_told() -> None:
+    made = four_blocks([3, 3, 3])
+    made["substructure"] = {name: made["substructure"][name] for name in ("b00", "b10")}
+    feet = {name: {"sides": [f"{name}.zmin", "ground"], "behaviour": "perfect"} for name in ("b00", "b10")}
+    made["interface"] = {"x0": made["interface"]["x0"], **feet}
+    made["boundary"], made["load"] = {}, {}
+    (remark,) = loops(made)
+    assert "bonds x0, b00, b10 close a loop of bodies at 4 place(s)" in remark
+
+
+def test_open_chains_and_contacts_are_no_loops() -> None:
+    assert not loops(four_blocks([3, 3, 3], "contact"))
+    made = four_blocks([3, 3, 3])
+    del made["interface"]["z1"]
+    assert not loops(made)
