@@ -210,6 +210,7 @@ class SubstructureModel:
     loads : load terms. displacement, velocity : (n_full,) initial values.
     imposed_pattern : (n_full, n_motion) shapes of prescribed motions.
     imposed_start : (n_motion,) displacement amplitudes at the start, m.
+    imposed_speed : (n_motion,) velocities at the start of the motions given by accelerations, m s-1; None: from rest.
     """
 
     name: str
@@ -224,6 +225,7 @@ class SubstructureModel:
     velocity: Array
     imposed_pattern: Array
     imposed_start: Array
+    imposed_speed: Array | None = field(default=None)
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
     parts: Array | None = field(default=None)
