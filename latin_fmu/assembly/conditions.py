@@ -8,7 +8,7 @@ motions. The motions left free by all of them and one motion per prescribed hist
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,6 +83,10 @@ class Conditions:
         """Displacements of the prescribed motions at t = 0, (n_motion,), m."""
         return np.array([m.start() for m in self.motions])
 
+    def speeds(self) -> Array:
+        """Velocities of the accelerated motions at t = 0, (n_motion,), m s-1, 0 of the others."""
+        return np.array([m.speed for m in self.motions], dtype=float)
+
 
 class _Dofs:
     """Held, driven and tied dofs while the conditions of a body are read."""
@@ -133,7 +137,7 @@ def _nodal_conditions(
         if not _along_axes(boundary, body):
             inclined = inclined_directions(body, boundary)
         if inclined is not None:
-            _incline(name, boundary, nodes, inclined, dofs)
+            _incline(name, boundary, nodes, inclined, body.description.initial_velocity, dofs)
         elif isinstance(boundary, Fixed):
             for component in boundary.components:
                 dofs.held[3 * nodes + AXES.index(component)] = True
@@ -163,12 +167,23 @@ def _along_axes(boundary: Boundary, body: Body) -> bool:
     return not isinstance(boundary, Fixed | Driven) or boundary.axes is None
 
 
-def _incline(name: str, boundary: Boundary, nodes: Index, directions: Array, dofs: _Dofs) -> None:
+def _speed(boundary: Driven, velocity: float) -> float:
+    """Velocity with which a face driven by an acceleration starts: that of its body along the motion, m s-1."""
+    return velocity if boundary.type == "acceleration" else 0.0
+
+
+def _incline(
+    name: str, boundary: Boundary, nodes: Index, directions: Array, velocity: Sequence[float], dofs: _Dofs
+) -> None:
     numbers = [HELD] * len(directions)
     if isinstance(boundary, Driven):
         first = len(dofs.motions)
         numbers = list(range(first, first + len(directions)))
-        dofs.motions += [PrescribedMotion(boundary.law, v, boundary.type, f"boundary.{name}") for v in boundary.value]
+        source, speeds = f"boundary.{name}", directions @ velocity
+        dofs.motions += [
+            PrescribedMotion(boundary.law, v, boundary.type, source, speed=_speed(boundary, s))
+            for v, s in zip(boundary.value, speeds.tolist(), strict=True)
+        ]
     dofs.turned.add(nodes, directions, numbers, name)
 
 
@@ -219,7 +234,8 @@ def _drive(body: Body, name: str, boundary: Driven, nodes: Index, dofs: _Dofs, p
             continue
         dofs.driver[moved] = len(dofs.motions)
         source = f"boundary.{name}"
-        dofs.motions.append(PrescribedMotion(boundary.law, value, boundary.type, source))
+        speed = _speed(boundary, body.description.initial_velocity[AXES.index(component)])
+        dofs.motions.append(PrescribedMotion(boundary.law, value, boundary.type, source, speed=speed))
 
 
 def _move(body: Body, name: str, port: Port, dofs: _Dofs, problems: Problems) -> None:
@@ -456,5 +472,6 @@ def rigid_model(
         ),
         imposed_pattern=held.pattern,
         imposed_start=start,
+        imposed_speed=held.speeds(),
         nodal=nodal,
     )

@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import Problems, SceneError
 from ..fem.mesh import Array
 from ..latin.assembly import InterfaceUnit
+from ..propagator.model import resting
 from ..scene.schema import Scene
 from .body import Body, body_sides
 from .conditions import Conditions, RigidConditions
@@ -109,4 +110,4 @@ def at_rest(problem: DiscretisedProblem) -> DiscretisedProblem:
     """A static problem whose bodies start undisplaced and at rest."""
     if not any(m.displacement.any() or m.velocity.any() for c in problem.classes for m in c.members):
         return problem
-    return replace(problem, classes=[replace(c, members=[m.at_rest() for m in c.members]) for c in problem.classes])
+    return replace(problem, classes=[replace(c, members=[resting(m) for m in c.members]) for c in problem.classes])

@@ -113,6 +113,7 @@ def merge(
         velocity=np.concatenate([models[n].velocity for n in names]),
         imposed_pattern=pattern,
         imposed_start=np.concatenate([models[n].imposed_start for n in names]),
+        imposed_speed=np.concatenate([_speed(models[n]) for n in names]),
         ordering=_rank(names, info, same),
         branches=branches.pop(),
     )
@@ -386,3 +387,8 @@ def _merged(rows: sp.csr_array, expansion: sp.csr_array) -> tuple[sp.csr_array, 
     shape = (n, int(columns.max(initial=-1)) + 1)
     selection = sp.csr_array(sp.coo_array((np.ones(len(free)), (free, columns.ravel())), shape=shape))
     return sp.csr_array(expansion @ selection), _cleaned(rows @ selection)
+
+
+def _speed(model: SubstructureModel) -> Array:
+    """Velocities of the accelerated motions of a body at t = 0, (n_motion,), m s-1."""
+    return np.zeros(len(model.imposed_start)) if model.imposed_speed is None else model.imposed_speed

@@ -32,7 +32,7 @@ from ..scene.settings import AutomaticScheme, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
 
-_OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start"))
+_OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start", "imposed_speed"))
 """Fields of a model that no operator depends on."""
 
 

@@ -536,6 +536,7 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         velocity=body.initial_velocity(),
         imposed_pattern=held.pattern,
         imposed_start=held.start(),
+        imposed_speed=held.speeds(),
         ordering=body.shape.rank[0],
         parts=body.shape.rank[1],
         positions=body.mesh.nodes,

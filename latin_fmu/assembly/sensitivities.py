@@ -571,6 +571,9 @@ def _copy(
         displacement=state.displacement.get(model.name, parameter.of(more.displacement, less.displacement)),
         velocity=parameter.of(more.velocity, less.velocity),
         imposed_start=parameter.of(more.imposed_start, less.imposed_start),
+        imposed_speed=None
+        if more.imposed_speed is None or less.imposed_speed is None
+        else parameter.of(more.imposed_speed, less.imposed_speed),
     )
     motion = parameter.of(driven[0].imposed_velocity, driven[1].imposed_velocity)
     return made, Histories(time, amplitudes, motion, driven[0].accelerated)

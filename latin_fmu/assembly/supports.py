@@ -67,6 +67,7 @@ class PrescribedMotion:
 
     ``kind``: which of the three. ``source``: name of a motion set from outside, ``boundary.NAME`` or an input of a
     port, whose histories are those of ``velocity``. ``arm``: largest displacement of a node per unit of it, m.
+    ``speed``: velocity at t = 0 of one given by accelerations, m s-1.
     """
 
     law: TimeLaw
@@ -74,6 +75,7 @@ class PrescribedMotion:
     kind: Literal["velocity", "displacement", "acceleration"]
     source: str = ""
     arm: float = 1.0
+    speed: float = 0.0
 
     def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING, end: float = np.inf) -> Array:
         """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
@@ -113,9 +115,8 @@ class PrescribedMotion:
         return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "displacement" else 0.0
 
     def start_velocity(self) -> float:
-        """Velocity at t = 0 that the condition gives, m s-1; 0 of displacements, whose path may have a corner there,
-        and of accelerations, which start from rest."""
-        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "velocity" else 0.0
+        """Velocity at t = 0 that the condition gives, m s-1; 0 of displacements, whose path may have a corner there."""
+        return self.value * float(self.law.sample(np.zeros(1))[0]) if self.kind == "velocity" else self.speed
 
     def largest_speed(self, time: Array) -> float:
         """Largest velocity at the instants, m s-1; an input counts as 1 at least, its displacement as if it took the
@@ -124,10 +125,12 @@ class PrescribedMotion:
         if isinstance(self.law, InputLaw):
             size *= max(abs(self.law.start_value), 1.0)
             end = float(time[-1])
-            return {"velocity": size, "displacement": size / end, "acceleration": size * end}[self.kind]
+            return {"velocity": size, "displacement": size / end, "acceleration": abs(self.speed) + size * end}[
+                self.kind
+            ]
         given = self.arm * self.velocity(time)
         if self.kind == "acceleration":
-            given = np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
+            given = self.arm * self.speed + np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
         return float(np.abs(given).max())
 
 

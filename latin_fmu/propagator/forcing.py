@@ -231,6 +231,7 @@ class _Motion:
         self.branches = member.branches.marched(scheme)
         self.start: MotionState | None = None
         self._initial = member.imposed_start
+        self._speed = np.zeros(len(self._initial)) if member.imposed_speed is None else member.imposed_speed
         reduce = member.expansion.T
         self._mass = None if member.mass is None else reduce @ (member.mass @ self.pattern)
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
@@ -243,7 +244,7 @@ class _Motion:
         u, a = np.zeros_like(v), np.zeros_like(v)
         # a first guess of the acceleration, which only the recursion of the next instant reads
         u[0], a[0] = self._initial, (v[1] - v[0]) / dt
-        v[0, forced], a[0, forced] = 0.0, pushed[0]
+        v[0, forced], a[0, forced] = self._speed[forced], pushed[0]
         if self.start is not None:
             u[0], a[0], v[0, forced] = *self.start[:2], self.start[2][forced]
         for i in range(len(v) - 1):

@@ -211,6 +211,7 @@ class SubstructureModel:
     loads : load terms. displacement, velocity : (n_full,) initial values.
     imposed_pattern : (n_full, n_motion) shapes of prescribed motions.
     imposed_start : (n_motion,) displacement amplitudes at the start, m.
+    imposed_speed : (n_motion,) velocities at the start of the motions given by accelerations, m s-1; None: from rest.
     """
 
     name: str
@@ -225,6 +226,7 @@ class SubstructureModel:
     velocity: Array
     imposed_pattern: Array
     imposed_start: Array
+    imposed_speed: Array | None = field(default=None)
     ordering: Array | None = field(default=None)
     """(n_full,) elimination rank of each full dof (nested dissection of the mesh), or None."""
     parts: Array | None = field(default=None)
@@ -372,11 +374,6 @@ class SubstructureModel:
         """The same model with other initial displacements (n_full,), m; what was reduced already is kept."""
         return _sharing(self, replace(self, displacement=displacement))
 
-    def at_rest(self) -> SubstructureModel:
-        """The same model, undisplaced and at rest at t = 0; what was reduced already is kept."""
-        zero = np.zeros_like(self.displacement)
-        return _sharing(self, replace(self, displacement=zero, velocity=zero))
-
     def with_mass(self, mass: sp.csr_array) -> SubstructureModel:
         """The same model with another mass (n_full, n_full), kg; what was reduced already is kept but for the mass."""
         return _sharing(self, replace(self, mass=mass), _KEPT - _OF_MASS)
@@ -452,6 +449,12 @@ def damping_forces(model: SubstructureModel, velocities: Array) -> Array | None:
         return forces
     modal = model.modal_rows.T @ (model.modal_rows @ velocities)
     return modal if forces is None else forces + modal
+
+
+def resting(model: SubstructureModel) -> SubstructureModel:
+    """The same model, undisplaced and at rest at t = 0; what was reduced already is kept."""
+    zero = np.zeros_like(model.displacement)
+    return _sharing(model, replace(model, displacement=zero, velocity=zero))
 
 
 def with_load(model: SubstructureModel, load: LoadTerm) -> SubstructureModel:

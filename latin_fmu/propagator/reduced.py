@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor, InterfaceFactor
 from ..time_scheme import TimeScheme
 from .base import Propagator, nodal_forces
-from .model import Array, Index, LoadTerm, SubstructureModel, operator_weights
+from .model import Array, Index, LoadTerm, SubstructureModel, closest_reduced, operator_weights
 from .reduction import modal_damping, reduce_model
 
 
@@ -171,7 +171,8 @@ def _same_basis(first: Sequence[SubstructureModel], second: Sequence[Substructur
     """Whether models with equal matrices have equal loads and initial values, which the Ritz vectors depend on."""
 
     def own(model: SubstructureModel) -> list[Array]:
-        return [model.displacement, model.velocity, model.imposed_start, *(load.pattern for load in model.loads)]
+        speed = np.zeros(0) if model.imposed_speed is None else model.imposed_speed
+        return [model.displacement, model.velocity, model.imposed_start, speed, *(load.pattern for load in model.loads)]
 
     names = [[(m.name, [load.name for load in m.loads]) for m in models] for models in (first, second)]
     return names[0] == names[1] and all(
@@ -220,9 +221,10 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
     weighted = model.inertia @ basis
 
     def own(member: SubstructureModel) -> SubstructureModel:
-        free = np.diff(model.expansion.indptr) > 0
-        # q = R^T M u, as R is orthonormal in the mass
-        start = [weighted.T @ np.where(free, field, 0.0) for field in (member.displacement, member.velocity)]
+        # q = R^T M u of what the conditions leave of u, as R is orthonormal in the mass
+        p = model.expansion
+        fields = member.displacement, member.velocity
+        start = [weighted.T @ np.asarray(p @ closest_reduced(p, field[:, None]))[:, 0] for field in fields]
         # prescribed motions enter by ``imposed_start``
         rest = np.zeros(n_motion)
         return replace(
@@ -232,6 +234,7 @@ def reduced_members(members: Sequence[SubstructureModel], n_mode: int) -> tuple[
             displacement=np.concatenate([start[0], rest]),
             velocity=np.concatenate([start[1], rest]),
             imposed_start=member.imposed_start,
+            imposed_speed=member.imposed_speed,
         )
 
     return [own(member) for member in members], reduction.n_mode

@@ -67,8 +67,9 @@ class PrescribedDisplacement(_Prescribed):
 
 
 class PrescribedAcceleration(_Prescribed):
-    """Acceleration history value * law(t) along the components, from rest; the time scheme integrates it as it does the
-    motion of a free body, so that no velocity or path is left over that the history does not hold."""
+    """Acceleration history value * law(t) along the components, from the initial velocity of the body on, which is rest
+    unless the scene gives one; the time scheme integrates it as it does the motion of a free body, so that no velocity
+    or path is left over that the history does not hold."""
 
     type: Literal["acceleration"] = "acceleration"
     value: Annotated[Series, about("one number per component", "m s-2")]

@@ -182,10 +182,10 @@ Static start   time.start = "static" solves the equilibrium under what acts at t
                are left out; [motion] gives one to all, and a tightened assembly starts in its equilibrium with it. A
                substructure that friction cannot hold is an error.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
-               a(t) along the components. A face with an acceleration starts at rest and moves as the time scheme would
-               move a free body: after a pulse its velocity and path are the exact integrals of the straight lines
-               between the instants. In the frame of that face the same motion is [gravity] with the opposite
-               acceleration. With axes, components and values are along these. One condition per face and
+               a(t) along the components. A face with an acceleration starts as fast as its body and moves as the
+               time scheme would move a free body: after a pulse its velocity and path are the exact integrals of the
+               straight lines between the instants. In the frame of that face the same motion is [gravity] with the
+               opposite acceleration. With axes, components and values are along these. One condition per face and
                component; nodes of a common edge follow all conditions on them. Loads on one face add up.
 Absorbing      Half of a traction on an absorbing face goes into its dashpots: a traction 2 t launches a
                wave t."""
