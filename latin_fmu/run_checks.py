@@ -377,7 +377,7 @@ def resultants(
                 if assembly.instant > 0:  # they come with the first increment
                     loads += amplitude[assembly.instant] * load.pattern
                     so_far = float(np.abs(amplitude[: assembly.instant + 1]).max())
-                    course = max(course, so_far * float(np.linalg.norm(load.pattern.reshape(-1, 3).sum(axis=0))))
+                    course = max(course, so_far * _size_of_load(load.pattern))
             faces = member.trace.T @ (member.channel_area * tractions[channels[:, j]])
             # K u - f - faces: what the supports have to give
             rest = member.stiffness @ full_displacement(propagator, j).ravel() - loads - faces
@@ -388,6 +388,13 @@ def resultants(
             loose = _round_off(member, full_displacement(propagator, j))
             made[member.name] = Resultants(wrenches[0], wrenches[1], wrenches[2], wrenches[3], tension, loose, course)
     return made
+
+
+def _size_of_load(pattern: Array) -> float:
+    """Force, N, of the nodal forces of a load (n_full,): their resultant, or half of their sizes added up where they
+    are in balance by themselves, as those of a temperature."""
+    nodal = pattern.reshape(-1, 3)
+    return max(float(np.linalg.norm(nodal.sum(axis=0))), 0.5 * float(np.linalg.norm(nodal, axis=1).sum()))
 
 
 def _largest_forces(histories: Mapping[str, InterfaceHistory]) -> dict[str, float]:

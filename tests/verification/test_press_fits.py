@@ -328,6 +328,12 @@ def _without_friction(keys: dict[str, Any] | None = None) -> dict[str, Any]:
     return {"interface": {"c": {"sides": ["low.zmax", "high.zmin"], **(keys or {"behaviour": "perfect"})}}}
 
 
+def test_a_body_that_expands_freely_is_in_balance(tmp_path: Path) -> None:
+    """The forces of a temperature cancel: what is left over of them is compared with their sizes."""
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(heated(fitted(tmp_path, -50e-6), 100.0)))
+    assert not [w for w in solution.warnings if "out of balance" in w]
+
+
 def test_a_heated_scene_without_inertia_can_be_changed(tmp_path: Path) -> None:
     """Temperatures come in its increments: it has no start of its own, which it would refuse."""
     scene = latin_fmu.scene_from_dict(heated(fitted(tmp_path, 0.0), 100.0))
