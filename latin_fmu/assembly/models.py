@@ -29,11 +29,13 @@ from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
 from ..scene.settings import AutomaticScheme, ReducedPropagatorTable
-from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, QuasiStatic, TimeScheme
+from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
 
 _OWN: Final = frozenset(("name", "store", "loads", "displacement", "velocity", "imposed_start", "imposed_speed"))
 """Fields of a model that no operator depends on."""
+_COMPARED: Final = (str, int, float, tuple, dict, BaseModel, MaxwellBranches)
+"""Types of objects whose == tells whether they are equal."""
 
 
 Made = TypeVar("Made")
@@ -113,7 +115,7 @@ def _same(a: Any, b: Any) -> bool:
         return a.shape == b.shape and all(np.array_equal(x, y) for x, y in parts)
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.dtype == b.dtype and np.array_equal(a, b)
-    return type(a) is type(b) and isinstance(a, str | int | float | tuple | dict | BaseModel) and bool(a == b)
+    return type(a) is type(b) and isinstance(a, _COMPARED) and bool(a == b)
 
 
 _RESOLVED = 0.7  # Courant number from which the force of a landing is resolved with mass on the contact nodes

@@ -161,8 +161,9 @@ def test_inputs_set_in_initialization_mode_count(made, fmi, mode, tmp_path):
 
 @COMPILED
 def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
-    """A face moved through a port, at rest at t = 0, with a rate from then on: as the session."""
-    model = load_scene(Path(__file__).parents[2] / "models" / "impact_bar" / "scene.toml")
+    """A face moved through a port, at rest at t = 0 as its bar, with a rate from then on: as the session."""
+    file = Path(__file__).parents[2] / "models" / "impact_bar" / "scene.toml"
+    model = load_scene(file, ["substructure.bar.initial_velocity=[0.0,0.0,0.0]"])
     port = {"tool": {"face": "bar.zmax", "causality": "motion_in", "components": ["x", "y", "z"]}}
     scene = type(model).model_validate(model.model_dump(exclude_unset=True) | {"port": port})
     session, dt = Session(scene), scene.time.time_step

@@ -127,7 +127,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
         "interface.meet.behaviour",
         "contct",
         "interface.meet.behaviour",
-        ["contact, elastic_layer, no_slip, perfect", "did you mean 'contact'"],
+        ["contact, elastic_layer, maxwell_joint, no_slip, perfect", "did you mean 'contact'"],
     ),
     ("interface.meet.behaviour", 1, "interface.meet.behaviour", ["must be text"]),
     ("interface.meet.sides", GONE, "interface.meet.sides", ["missing"]),

@@ -407,7 +407,7 @@ def test_the_scheme_is_chosen_by_the_bodies() -> None:
 
     assert "generalized_alpha (bodies land: meet)" in chosen(Bars(20).scene())
     assert "hht (substructure bar is thin" in chosen(Bars(3).scene())
-    assert "hht (substructure bar is rigid)" in chosen(Bars(20, keys=(("rigid", True),)).scene())
+    assert "hht (substructure bar is rigid)" in chosen(Bars(20, other=(20, 1.0, 1.0), keys=(("rigid", True),)).scene())
     closed = Bars(20, phase=0.0, other=(20, 1.0, 1.0), keys=(("initial_velocity", [0.0, 0.0, 0.0]),)).scene()
     assert "generalized_alpha" in chosen(closed)  # the lower bar moves up
     closed["substructure"]["low"]["initial_velocity"] = [0.0, 0.0, -1.0]
