@@ -59,7 +59,7 @@ class Run:
         mean = self.tension.mean(axis=1)
         late = mean[len(mean) // 2 :]
         end = np.average(late, weights=np.hanning(len(late)))
-        return None if share_lost(mean) is None else float(1.0 - end / mean[0])
+        return share_lost(mean, float(end))
 
 
 def solved(settings: Sequence[str]) -> Run:

@@ -11,7 +11,7 @@ REMARKS: Final = MappingProxyType(
         "accuracy": "the basis or the histories leave something out",
         "area": "faces that hardly have a part in common",
         "balance": "forces on a body out of balance",
-        "damping": "the band in which a damping ratio holds",
+        "damping": "the band in which a damping ratio holds, or whose modes have it",
         "deck": "content of a mesh file that is not used",
         "drift": "bonded sides that have come apart",
         "friction": "a friction coefficient that no dry pair has",

@@ -23,7 +23,14 @@ from ..scene.settings import GivenStart, HHTTable, ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of, section_remarks
-from .checks import check_faces, locking_remarks, lumping_remarks, redundancy_remarks, sampling_remarks
+from .checks import (
+    check_faces,
+    locking_remarks,
+    lumping_remarks,
+    modal_damping_remarks,
+    redundancy_remarks,
+    sampling_remarks,
+)
 from .conditions import Conditions, conditions_on
 from .damping_band import DampingBand, band_of
 from .displaced_starts import displaced_start
@@ -351,6 +358,7 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
         *remarks_of("size", section_remarks(problem.cuts.values(), scene.unit_system)),
         *remarks_of("redundant", redundancy_remarks(scene)),
         *remarks_of("redundant", loop_remarks(bodies, [unit for unit in units if unit.name in scene.interface])),
+        *remarks_of("damping", modal_damping_remarks(bodies, units)),
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),

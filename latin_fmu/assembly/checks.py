@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from ..errors import Problems
 from ..fem.elements import BENDING_CELLS
 from ..fem.mesh import Array, FacetSet, Mesh
+from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark
 from ..scene.attachments import places_of
 from ..scene.boundaries import (
@@ -37,7 +38,7 @@ from ..scene.boundaries import (
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
 from ..scene.laws import HalfSineLaw, sampled_impulse_error
 from ..scene.schema import Scene, faces_of
-from .body import Body
+from .body import Body, body_sides
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
 _REFINE = "refine the mesh there (a smaller step alone does not help)"
@@ -116,6 +117,24 @@ def redundancy_remarks(scene: Scene) -> list[str]:
                 "its distribution between them is not"
             )
     return remarks
+
+
+def modal_damping_remarks(bodies: Mapping[str, Body], units: Iterable[InterfaceUnit]) -> list[str]:
+    """Bodies with damping of their own modes that an interface joins to others or to the ground from the start.
+
+    Their modes are those with free interfaces. A mode of the assembly moves them in part as a whole, which is not
+    damped: of 2 % in both halves of a bar 0.8 % are left, of 3 % in three pressed blocks 0.2 %.
+    """
+    damped = {name for name, body in bodies.items() if body.description.modal_damping is not None}
+    closed = [unit for unit in units if not unit.behaviour.opens or unit.geometry.gap.min(initial=np.inf) <= 0.0]
+    joined = sorted(damped & {name for _, _, name in body_sides(closed)})
+    if not joined:
+        return []
+    return [
+        f"substructure {', '.join(joined)}: modal_damping is that of the modes of a body with free interfaces; a mode "
+        "of the assembly has another ratio, often a smaller one, which latin-fmu modes prints; for a ratio of the "
+        "assembly give damping_ratios to the material, or [damping] ratio"
+    ]
 
 
 def lumping_remarks(bodies: dict[str, Body]) -> list[str]:

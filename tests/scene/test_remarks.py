@@ -193,3 +193,15 @@ def test_open_chains_and_contacts_are_no_loops() -> None:
     made = four_blocks([3, 3, 3])
     del made["interface"]["z1"]
     assert not loops(made)
+
+
+@pytest.mark.parametrize("behaviour", ["perfect", "contact"])
+def test_modal_damping_of_joined_bodies_is_told_before_a_run(behaviour: str) -> None:
+    made = four_blocks([3, 3, 3], behaviour)
+    names = list(made["substructure"])[:2]
+    for name in names:
+        made["substructure"][name]["modal_damping"] = {"ratio": 0.02, "below": 1e5}
+    told = [r for r in discretise(latin_fmu.scene_from_dict(made)).remarks if r.code == "damping"]
+    assert [r.split(":")[0] for r in told] == [f"substructure {', '.join(sorted(names))}"]
+    made["interface"] = {}
+    assert not [r for r in discretise(latin_fmu.scene_from_dict(made)).remarks if r.code == "damping"]
