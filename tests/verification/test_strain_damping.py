@@ -18,6 +18,7 @@ from latin_fmu.time_scheme import HHT, CentralDifference, MaxwellBranches, Newma
 Tables = dict[str, Any]
 STEP = 1e-5
 BAND = (100.0, 2000.0)
+BANDED = {"frequencies": list(BAND), "ratios": [0.02, 0.02]}
 
 
 def material(ratio: float = 0.02, band: tuple[float, float] = BAND, modulus: float = 70e9) -> Tables:
@@ -199,19 +200,60 @@ def test_six_momenta_and_energy_in_flight() -> None:
     assert solution.energy["damping_dissipation"][-1] > 1e-5 * total[0]
 
 
-def test_a_moving_frame_changes_nothing() -> None:
+PLAIN = {k: v for k, v in material().items() if k != "damping_ratios"}
+SPRING = {"k": {"ends": [{"face": "b1.xmin"}, {"face": "b1.xmax"}], "stiffness": 1e6, "damping_ratios": BANDED}}
+LAYER = {"behaviour": "elastic_layer", "normal_stiffness": 1e12, "tangential_stiffness": 5e11}
+DAMPINGS: dict[str, Tables] = {
+    "ratios": {},
+    "every material": {"materials": (PLAIN,), "damping": {"ratio": 0.02, "band": BAND}},
+    "loss factor": {"materials": (PLAIN | {"loss_factor": 0.04, "at_frequency": 500.0},)},
+    "stiffness": {"materials": (PLAIN | {"rayleigh_stiffness": 1e-6},)},
+    "layer": {"materials": (PLAIN,), "layer": LAYER | {"damping_ratios": BANDED}},
+    "spring": {"materials": (PLAIN,), "spring": SPRING},
+    "modal": {"materials": (PLAIN,), "modal": {"ratio": 0.02, "below": 2e4}},
+}
+
+
+def damped(kind: str, drive: Tables | None = None, **tables: Any) -> Tables:
+    """A beam of two parts on a base, with one kind of damping."""
+    keys = DAMPINGS[kind]
+    made = beam(2, drive is None, keys.get("materials", ()), **tables)
+    made |= {key: keys[key] for key in ("damping", "spring") if key in keys}
+    made["interface"]["i1"] |= keys.get("layer", {})
+    if "modal" in keys:
+        made["substructure"]["b0"]["modal_damping"] = keys["modal"]
+    if drive is not None:
+        made["boundary"] = {"foot": {"face": "b0.xmin", "components": ["x", "y", "z"]} | drive}
+    made["time"]["end"] = 5e-3
+    return made
+
+
+@pytest.mark.parametrize("kind", DAMPINGS)
+def test_a_moving_frame_changes_nothing(kind: str) -> None:
     """A beam on a base that moves at constant speed is the beam on a base at rest (Galilei)."""
-    still = beam(load=TAP)
-    moving = beam(load=TAP)
-    drive = {"type": "velocity", "face": "b0.xmin", "components": ["x", "y", "z"], "value": [0.01, -0.02, 0.03]}
-    moving["boundary"]["foot"] = drive
-    moving["substructure"]["b0"]["initial_velocity"] = drive["value"]
-    still["time"]["end"] = moving["time"]["end"] = 5e-3
+    speed = [0.01, -0.02, 0.03]
+    still, moving = damped(kind, load=TAP), damped(kind, {"type": "velocity", "value": speed}, load=TAP)
+    for body in moving["substructure"].values():
+        body["initial_velocity"] = speed
     at_rest, carried = run(still), run(moving)
-    travel = at_rest.time[:, None] * np.array(drive["value"])
+    travel = at_rest.time[:, None] * np.array(speed)
     relative = carried.sensors["tip"].displacement - travel
     size = np.abs(at_rest.sensors["tip"].displacement).max()
     assert np.abs(relative - at_rest.sensors["tip"].displacement).max() < 1e-8 * size
+
+
+@pytest.mark.parametrize("kind", DAMPINGS)
+def test_an_accelerated_base_is_gravity_in_its_frame(kind: str) -> None:
+    """On a base with the acceleration a the motion relative to it is that under the gravity -a."""
+    gain, law = np.array([500.0, -300.0, 800.0]), {"type": "half_sine", "duration": 2e-3}
+    places = {"sensor": {"tip": {"face": "b1.xmax"}, "foot": {"face": "b0.xmin"}}}
+    driven = run(damped(kind, {"type": "acceleration", "value": gain.tolist(), "law": law}, **places))
+    under = run(damped(kind, gravity={"acceleration": (-gain).tolist(), "law": law}, **places))
+    base = driven.sensors["foot"].displacement
+    relative = driven.sensors["tip"].displacement - base
+    size = np.abs(under.sensors["tip"].displacement).max()
+    assert np.abs(base).max() > 3.0 * size
+    assert np.abs(relative - under.sensors["tip"].displacement).max() < 1e-8 * size
 
 
 # -- the ratio of a mode ----------------------------------------------------------------------------------------------
