@@ -200,3 +200,33 @@ def test_a_session_ends_there_without_a_corner_too() -> None:
         assert session.step(i * 4e-5, 4e-5)
     names = ["sensor.foot.displacement[3]", "sensor.foot.velocity[3]"]
     assert session.values(names) == pytest.approx([OFFSET, OFFSET / 6e-4], rel=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["newmark", "hht", "generalized_alpha"])
+@pytest.mark.parametrize("step", [5e-6, 1e-5])
+def test_a_corner_that_the_face_misses_is_told_with_its_size(scheme: str, step: float) -> None:
+    """dt / 4 times the change of the slope, at that instant alone; a path without corners inside the run has none."""
+    corners = [0.0, 1e-4, 2e-4, 4e-4]
+    path = {"type": "table", "times": corners, "values": [0.0, 0.0, 1.0, 1.0]}
+    tables = {
+        "name": "corners",
+        "material": {"m": {"young_modulus": 70e9, "poisson_ratio": 0.3, "density": 2700.0}},
+        "substructure": {"b": {"material": "m", "box": {"size": [0.01] * 3, "elements": [2, 2, 2]}}},
+        "boundary": {
+            "base": {"type": "displacement", "face": "b.zmin", "components": ["z"], "value": [1e-4], "law": path}
+        },
+        "sensor": {"face": {"face": "b.zmin"}},
+        "time": {"end": 4e-4, "step": step, "scheme": scheme},
+    }
+    solution = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+    away = np.abs(
+        solution.sensors["face"].displacement[:, 2] - 1e-4 * np.interp(solution.time, corners, path["values"])
+    )
+    at = np.isclose(solution.time[:, None], corners[1:3]).any(axis=1)
+    assert away[at] == pytest.approx(0.25 * step * np.ones(2), rel=0.02)
+    assert away[~at].max() < 0.01 * away[at].max()
+    (told,) = [str(w) for w in solution.warnings if "corner" in w]
+    assert f"by {0.25 * step:.2g} m ({100 * 0.25 * step / 1e-4:.2g} % of the stroke)" in told
+    path["times"], path["values"] = [0.0, 4e-4], [0.0, 1.0]
+    still = latin_fmu.solve(latin_fmu.scene_from_dict(tables))
+    assert not [w for w in still.warnings if "corner" in w]
