@@ -187,8 +187,7 @@ def corner_remarks(scene: Scene, time: Array) -> list[str]:
     the slope: the march has the velocity in the middle of both slopes there and reaches the path with the next one."""
     remarks = []
     for name, boundary in scene.boundary.items():
-        law = boundary.law if isinstance(boundary, PrescribedDisplacement) else None
-        if not isinstance(law, TableLaw | CsvLaw):
+        if not isinstance(boundary, PrescribedDisplacement) or not isinstance(law := boundary.law, TableLaw | CsvLaw):
             continue
         # held at both ends
         slopes = np.concatenate([[0.0], np.diff(law.values) / np.diff(law.times), [0.0]])
