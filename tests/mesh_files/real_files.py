@@ -1,9 +1,9 @@
-"""Decks of strangers read one by one, a table of what became of each: ``python -m tests.mesh_files.real_files FOLDER``.
+"""Files of strangers read one by one, a table of what became of each: ``python -m tests.mesh_files.real_files FOLDER``.
 
 No file may end in a traceback: each is read, or refused with its line. Volumes are compared with the integral of det J
 by scikit-fem over the coordinates as the file holds them, and of tetrahedra with pyNastran, which reads the deck by
 itself, where it is installed (its volumes of other cells hold for right prisms only). Folders to try: ``test`` of the
-repository of CalculiX, ``models`` of pyNastran.
+repository of CalculiX, ``models`` of pyNastran, the archives of mapdl-archive, the Exodus meshes of Norma.jl.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from latin_fmu.mesh_files.content import MeshContent
 from latin_fmu.mesh_files.reading import read_content
 from latin_fmu.mesh_files.unused import unused_content
 
-SUFFIXES = (".inp", ".bdf", ".dat", ".nas", ".fem")
+SUFFIXES = (".inp", ".bdf", ".dat", ".nas", ".fem", ".cdb", ".g", ".e", ".exo", ".gen")
 CLOSE = 1e-9  # relative difference of volumes
 ELEMENTS = {
     "tetra": skfem.ElementTetP1,
