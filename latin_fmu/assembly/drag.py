@@ -16,9 +16,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from ..errors import Problem
-from ..latin.assembly import Array, InterfaceUnit
+from ..latin.assembly import InterfaceUnit
 from ..scene.boundaries import Driven
 from ..scene.laws import InputLaw
 from ..scene.schema import Scene
@@ -73,7 +74,7 @@ def _driven(
         along = max(boundary.value, key=abs)
         speed = PrescribedMotion(boundary.law, along, boundary.type).velocity(time)
         if boundary.type == "acceleration":
-            rate, speed = speed, _integral(speed, time)
+            rate, speed = speed, cumulative_trapezoid(speed, time, initial=0)
         else:
             rate = np.gradient(speed, time)
         name = boundary.face.partition(".")[0]
@@ -91,13 +92,6 @@ def _driven(
                 f"at most {100 * LARGEST:g} %",
                 _REMEDY.format(material),
             )
-
-
-def _integral(rate: Array, time: Array) -> Array:
-    """Integral over time by the trapezoidal rule, from 0."""
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
-    integral: Array = np.concatenate([[0.0], np.cumsum(steps)])
-    return integral
 
 
 def _moving_with(name: str, bodies: Mapping[str, Body], units: Sequence[InterfaceUnit]) -> list[str]:

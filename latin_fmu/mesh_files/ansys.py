@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import MeshError
 from .content import CORNERS, FLAT, Array, Index, MeshContent, rows_of
+from .library import missing_library
 from .node_orders import EDGES
 
 _LINEAR: Final = frozenset({5, 45, 62, 64, 65, 69, 70, 96, 97, 164, 185, 190, 278})
@@ -54,8 +55,7 @@ def read_ansys(path: Path) -> MeshContent:
     try:
         library = importlib.import_module("mapdl_archive")
     except ModuleNotFoundError:
-        what = f"files of this format ({path.suffix}) need the library mapdl_archive"
-        raise MeshError.of("unreadable mesh", path.name, what, remedy="pip install mapdl-archive") from None
+        raise missing_library(path, "mapdl-archive") from None
     try:
         labels, points = _nodes(path)
         archive = library.Archive(str(path), parse_vtk=False)

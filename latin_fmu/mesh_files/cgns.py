@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import MeshError
 from .content import CORNERS, FLAT, Index, MeshContent, upper_edges_last
+from .library import missing_library
 from .node_orders import to_vtk
 
 _TYPES: Final = {
@@ -65,8 +66,7 @@ def read_cgns(path: Path) -> MeshContent:
     try:
         import h5py
     except ModuleNotFoundError:
-        what = f"files of this format ({path.suffix}) need the library h5py"
-        raise MeshError.of("unreadable mesh", path.name, what, remedy="pip install h5py") from None
+        raise missing_library(path, "h5py") from None
     if not h5py.is_hdf5(path):
         what, remedy = "not a CGNS file in HDF5 (in ADF, the elder form?)", "convert it with adf2hdf"
         raise MeshError.of("unreadable mesh", path.name, what, remedy=remedy)

@@ -21,8 +21,13 @@ from .content import CORNERS, FLAT, NO_ROWS, Index, MeshContent
 LIBRARIES: Final = ("meshlane", "meshio")
 """The libraries, the one that is taken where both are there first."""
 
-_NEEDS: Final = {"h5py": "pip install h5py", "lxml": "pip install lxml"}
 _NO_CELLS: Final = ("vertex", "line", "line3")  # of no body, and of no face
+
+
+def missing_library(path: Path, name: str, remedy: str = "") -> MeshError:
+    """The error where a library is not installed that files like this one need."""
+    what = f"files of this format ({path.suffix}) need the library {name}"
+    return MeshError.of("unreadable mesh", path.name, what, remedy=remedy or f"pip install {name}")
 
 
 def mesh_library() -> Any:
@@ -90,13 +95,7 @@ def _load(path: Path) -> Any:
         with contextlib.redirect_stdout(noise), contextlib.redirect_stderr(noise):
             return library.read(path)
     except ModuleNotFoundError as error:
-        name = str(error.name).split(".")[0]
-        raise MeshError.of(
-            "unreadable mesh",
-            path.name,
-            f"files of this format ({path.suffix}) need the library {name}",
-            remedy=_NEEDS.get(name, f"pip install {name}"),
-        ) from None
+        raise missing_library(path, str(error.name).split(".")[0]) from None
     except (Exception, SystemExit) as error:  # many kinds, and calls of sys.exit, on bad input
         raise MeshError([_unreadable(path, noise.getvalue(), error)], "unreadable mesh") from None
 

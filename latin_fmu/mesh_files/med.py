@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import MeshError, listed
 from .content import CORNERS, FLAT, Array, Index, MeshContent
+from .library import missing_library
 from .node_orders import EDGES, to_vtk
 
 _TYPES: Final = {
@@ -52,8 +53,7 @@ def read_med(path: Path) -> MeshContent:
     try:
         import h5py
     except ModuleNotFoundError:
-        what = f"files of this format ({path.suffix}) need the library h5py"
-        raise MeshError.of("unreadable mesh", path.name, what, remedy="pip install h5py") from None
+        raise missing_library(path, "h5py") from None
     try:
         with h5py.File(path) as file:
             return _content(file, path)

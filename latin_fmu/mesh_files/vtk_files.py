@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import MeshError, Problem
 from .cell_groups import groups_of_data
 from .content import CORNERS, FLAT, Index, MeshContent
-from .library import read_with_library
+from .library import missing_library, read_with_library
 from .node_orders import n_node_of
 
 _READERS: Final = {
@@ -99,10 +99,8 @@ def read_vtk(path: Path) -> MeshContent:
 
 def _without_vtk(path: Path) -> MeshContent:
     remedy = "pip install vtk, which reads all files of VTK"
-    suffix = path.suffix.lower()
-    if suffix[1:] not in ("vtu", "vtk"):
-        what = f"files of this format ({suffix}) need the library vtk"
-        raise MeshError.of("unreadable mesh", path.name, what, remedy=remedy)
+    if path.suffix.lower()[1:] not in ("vtu", "vtk"):
+        raise missing_library(path, "vtk", remedy)
     try:
         return read_with_library(path)
     except MeshError as error:
