@@ -68,6 +68,11 @@ def elasticity_of(material: MaterialTable) -> Elasticity:
     return Orthotropic(material.density, *constants, *axes, expansions=alphas)
 
 
+def fast_elasticity_of(material: MaterialTable) -> Elasticity:
+    """Elasticity that fronts of waves meet, of a material of the scene: that of its branches before they relax."""
+    return elasticity_of(material).stiffened(material.damping.instantaneous)
+
+
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
@@ -84,6 +89,11 @@ class Shape:
     def elasticity(self) -> Elasticity:
         """Elasticity of the material."""
         return elasticity_of(self.material)
+
+    @cached_property
+    def fast_elasticity(self) -> Elasticity:
+        """Elasticity that fronts of waves meet."""
+        return fast_elasticity_of(self.material)
 
     @cached_property
     def elements(self) -> Elements:
@@ -136,7 +146,7 @@ class Shape:
     @property
     def impedances(self) -> tuple[float, float]:
         """(rho c_p, rho c_s), Pa s m-1, of the fastest and of the slowest wave."""
-        c_p, c_s = self.elasticity.wave_speeds
+        c_p, c_s = self.fast_elasticity.wave_speeds
         return self.material.density * c_p, self.material.density * c_s
 
 
@@ -327,7 +337,7 @@ def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
             channels = layout.channels(i, side)
-            along, across = bodies[name].shape.elasticity.impedances(units[i].geometry.frames[:, 0])
+            along, across = bodies[name].shape.fast_elasticity.impedances(units[i].geometry.frames[:, 0])
             impedance[channels[:, 0]], impedance[channels[:, 1:]] = along, across[:, None]
     return impedance
 

@@ -25,7 +25,6 @@ from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of, section_remarks
 from .checks import (
     check_faces,
-    corner_remarks,
     locking_remarks,
     lumping_remarks,
     modal_damping_remarks,
@@ -363,6 +362,5 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *remarks_of("sampling", [] if scene.time.quasi_static else corner_remarks(scene, problem.time)),
         *remarks_of("scheme", scheme_remarks(scene, problem.bodies, problem.units, scheme, problem.dt, problem.layers)),
     ]

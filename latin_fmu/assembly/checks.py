@@ -32,17 +32,15 @@ from ..scene.boundaries import (
     Fixed,
     Periodic,
     PrescribedAcceleration,
-    PrescribedDisplacement,
     PrescribedVelocity,
     Symmetry,
 )
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.laws import CsvLaw, HalfSineLaw, TableLaw, sampled_impulse_error
+from ..scene.laws import HalfSineLaw, sampled_impulse_error
 from ..scene.schema import Scene, faces_of
 from .body import Body, body_sides
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
-_CORNER = 5e-3  # share of a stroke by which a corner of a path may be missed without a remark
 _REFINE = "refine the mesh there (a smaller step alone does not help)"
 _NAMED = 2  # sides that are named before "and so many more"
 LARGEST, SMALLEST = 10.0, 1e-6
@@ -178,27 +176,6 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
                     if smooth
                     else "(jumps between instants): place the jumps on instants, or use smaller steps"
                 )
-            )
-    return remarks
-
-
-def corner_remarks(scene: Scene, time: Array) -> list[str]:
-    """Corners of displacement tables inside a run, which the face misses at their instant by dt / 4 times the change of
-    the slope: the march has the velocity in the middle of both slopes there and reaches the path with the next one."""
-    remarks = []
-    for name, boundary in scene.boundary.items():
-        if not isinstance(boundary, PrescribedDisplacement) or not isinstance(law := boundary.law, TableLaw | CsvLaw):
-            continue
-        # held at both ends
-        slopes = np.concatenate([[0.0], np.diff(law.values) / np.diff(law.times), [0.0]])
-        inside = (np.array(law.times) > 0.0) & (np.array(law.times) < time[-1])
-        missed = 0.25 * (time[1] - time[0]) * np.abs(np.diff(slopes)) * inside
-        worst, stroke = int(missed.argmax()), float(np.ptp(law.values))
-        if missed[worst] > _CORNER * stroke:
-            size = missed[worst] * np.abs(boundary.value).max()
-            remarks.append(
-                f"boundary {name}: its path has a corner at {law.times[worst]:g} s, which the face misses then "
-                f"by {size:.2g} m ({100 * missed[worst] / stroke:.2g} % of the stroke): use smaller steps, or round it"
             )
     return remarks
 

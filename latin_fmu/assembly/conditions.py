@@ -66,18 +66,17 @@ class Conditions:
         never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
         return never
 
-    def velocity(
+    def driving(
         self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
     ) -> Array:
-        """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
-        there. given, end : see ``PrescribedMotion.velocity``."""
-        columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given, end) for m in self.motions]
+        """What drives the prescribed motions, (n_time, n_motion), see ``PrescribedMotion.driving``."""
+        columns = [m.driving(time, over_steps, given, end) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
     @property
-    def accelerated(self) -> NDArray[np.bool_]:
-        """(n_motion,) motions that ``velocity`` gives the accelerations of."""
-        return np.array([m.kind == "acceleration" for m in self.motions], dtype=bool)
+    def motion_kinds(self) -> tuple[str, ...]:
+        """Kind of each prescribed motion."""
+        return tuple(m.kind for m in self.motions)
 
     def start(self) -> Array:
         """Displacements of the prescribed motions at t = 0, (n_motion,), m."""

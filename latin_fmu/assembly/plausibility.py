@@ -202,7 +202,7 @@ def _step_remarks(problem: DiscretisedProblem) -> Iterator[Remark]:
         if not body.rigid:
             volume = float(body.rigid_motions.mass[0, 0]) / body.shape.material.density
             edge = (volume / max(body.mesh.n_cell, 1)) ** (1 / 3)
-            courant[name] = problem.dt * body.shape.elasticity.bar_speed / edge
+            courant[name] = problem.dt * body.shape.fast_elasticity.bar_speed / edge
     if not courant:
         return
     low, high = min(courant, key=courant.__getitem__), max(courant, key=courant.__getitem__)

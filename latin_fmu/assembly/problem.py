@@ -113,8 +113,9 @@ class Timeline:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
         clock = self._scene.time
-        motion = self._conditions[model.name].velocity(time, clock.quasi_static, given or {}, clock.end)
-        return Histories(time, amplitudes, motion, self._conditions[model.name].accelerated)
+        conditions = self._conditions[model.name]
+        motion = conditions.driving(time, clock.quasi_static, given or {}, clock.end)
+        return Histories(time, amplitudes, motion, conditions.motion_kinds)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
@@ -747,8 +748,10 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     for body in bodies.values():
         sizes += _body_tractions(scene, body, time)
         for motion in _motions(scene, body):
-            steps = motion.step_velocity(time)[1:] * np.diff(time)
-            travels.append(float(np.abs(np.cumsum(steps)).max()))
+            driving = motion.driving(time, over_steps=True)
+            # a displacement has the rates of the steps that begin, others means of those that end
+            steps = driving[:-1] if motion.kind == "displacement" else driving[1:]
+            travels.append(float(np.abs(np.cumsum(steps * np.diff(time))).max()))
             # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):
                 travels.append(motion.largest_speed(time) * float(time[-1]))

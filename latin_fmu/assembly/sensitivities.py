@@ -575,8 +575,8 @@ def _copy(
         if more.imposed_speed is None or less.imposed_speed is None
         else parameter.of(more.imposed_speed, less.imposed_speed),
     )
-    motion = parameter.of(driven[0].imposed_velocity, driven[1].imposed_velocity)
-    return made, Histories(time, amplitudes, motion, driven[0].accelerated)
+    motion = parameter.of(driven[0].imposed, driven[1].imposed)
+    return made, Histories(time, amplitudes, motion, driven[0].motion_kinds)
 
 
 def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:

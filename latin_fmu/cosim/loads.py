@@ -14,12 +14,14 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from inspect import unwrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..assembly.supports import rates_of_steps
 from ..errors import InputError, Problem
 from ..file_digest import is_damaged
 from ..kernels import inputs
@@ -70,7 +72,6 @@ class GivenLoads:
         self._start = {source.name: source.start for source in given}
         self.kinds = np.array([source.drives for source in given], dtype=np.int64)
         self._displacements = {source.name for source in given if source.drives == inputs.DISPLACEMENT}
-        self._static = scene.time.quasi_static
         self.reset()
 
     def reset(self) -> None:
@@ -142,8 +143,8 @@ class GivenLoads:
         return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
 
     def over(self, instants: Array) -> dict[str, Array]:
-        """What drives a run at given instants: histories, else the present values; of displacements their rates, by
-        central differences (without inertia: over the steps)."""
+        """What drives a run at given instants, to its end: histories, else the present values; of displacements their
+        rates over the steps that begin there."""
 
         def at(name: str, times: Array) -> Array:
             if name not in self.histories:
@@ -153,10 +154,7 @@ class GivenLoads:
 
         driving = {name: at(name, instants) for name in self._start}
         for name in self._displacements:
-            dt = float(instants[1] - instants[0])
-            before, after = np.maximum(instants - dt, 0.0), instants + (0.0 if self._static else dt)
-            span = np.where(after > before, after - before, dt)
-            driving[name] = (at(name, after) - at(name, before)) / span
+            driving[name] = rates_of_steps(partial(at, name), instants, float(instants[-1]))
         return driving
 
 
@@ -180,8 +178,7 @@ class Loads(GivenLoads):
     # -- over a simulation ----------------------------------------------------------------------------------------
     def begin(self) -> None:
         """Start a simulation with the present values."""
-        self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
-        self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
+        self.memory[[inputs.REACHED, inputs.DRIVEN]] = self._given()[0]
         self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
         self._initial = {name: self.get(name) for name in self._start}
 

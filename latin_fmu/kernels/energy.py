@@ -13,9 +13,10 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
 nodes as marched, v_m the mean velocity of the step, d = ``inertia_drift``, lambda with own weights. K y is K u and the
 forces of Maxwell branches, whose energies and losses are among V and those of C (``maxwell``). The part of C
 that is the viscosity of the contact layer has a term of its own. x = ``inertia_dissipation``; f loads, lambda tractions
-of the interfaces; reactions work where the motion is prescribed and are counted with the loads. The sums hold up to
-round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v follows the
-recursion that the scheme has for v.
+of the interfaces; reactions work where the motion is prescribed and are counted with the loads. That of inertia works
+on the step that the recursion of the scheme makes of v and a: a displacement law departs from it at a corner. The sums
+hold up to round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v
+follows the recursion that the scheme has for v.
 """
 
 from __future__ import annotations
@@ -170,7 +171,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
         # u and v, which stand in the first half of the scratch, have been read
         account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])
     if row.kind != STATIC and row.n_motion > 0:
-        _account_moved_inertia(pools, c, instant, step, of_loads, of_scheme)
+        _account_moved_inertia(pools, c, instant, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
     # (K y)_w - mean K y
     add_work(m, (before, old - 0.5, now - 0.5), step, earlier[:wide], then[:wide], new[:wide], of_scheme)
@@ -250,7 +251,7 @@ def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
 
 
 @kernel
-def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loads: Array, of_scheme: Array) -> None:
+def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of_scheme: Array) -> None:
     """What prescribed motions add to x a_w.M Da, and their reactions M a_w."""
     row, run = pools.classes[c], pools.run[0]
     m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
@@ -268,7 +269,13 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loa
         _add_drift(pools, c, instant, a, kept, image, of_scheme)
     image[:] = 0.0
     add_borders(pools, c, MASS, mean, image)
-    add_dot(m, 1.0, step[size:], image[size:], of_loads)
+    # M a_w works on the step of the recursion, with which the kinetic energy of the whole motion closes
+    followed, before = mean[size:], row.motions + (run.n_time + instant - 1) * (wide - size)
+    for i in range(wide - size):
+        a_new = a[size + i]
+        a_old = a_new - kept[size + i]
+        followed[i] = run.u_v * pools.moving[before + i] + run.u_a * a_old + run.displacement_gain * a_new
+    add_dot(m, 1.0, followed, image[size:], of_loads)
     copied(a, kept)
 
 
@@ -372,9 +379,16 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
         moved, k_v_old = step[size:], past[_K_V * wide + size : (_K_V + 1) * wide]
         mass_v_old = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide]
         k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
-        # of M Dv / dt and C v, then of K u + dt/2 K v
-        add_work(m, (-1 / dt, 1 / dt, 1.0), moved, mass_v_old, mass_v[size:], damping[size:], of_loads)
-        add_work(m, (0.0, 1.0, 0.5 * dt), moved, k_u_old, k_u_old, k_v_old, of_loads)
+        # of C v and K u + dt/2 K v
+        add_work(m, (1.0, 1.0, 0.5 * dt), moved, damping[size:], k_u_old, k_v_old, of_loads)
+        # of M Dv / dt, which works on dt v_m; the rest e = Du - dt v_m of the step adds e.(K Du / 2 + dt/4 K Dv)
+        followed, rest = scratch[2 * wide : 2 * wide + wide - size], scratch[3 * wide : 4 * wide - size]
+        for i in range(wide - size):
+            followed[i] = 0.5 * dt * (v_old[size + i] + v[size + i])
+            rest[i] = moved[i] - followed[i]
+        add_work(m, (-1 / dt, 1 / dt, 0.0), followed, mass_v_old, mass_v[size:], mass_v_old, of_loads)
+        add_work(m, (-0.5, 0.5, 0.0), rest, k_u_old, new[size:wide], k_u_old, of_loads)
+        add_work(m, (-0.25 * dt, 0.25 * dt, 0.0), rest, k_v_old, k_v[size:], k_v_old, of_loads)
     if row.n_branch > 0:
         _account_strains(pools, c, instant, past, new[:wide])
     copied(u, past[:wide])
