@@ -318,11 +318,14 @@ def test_decays_of_many_beams(ratio: float, width: float, parts: int, joint: str
     scene = latin_fmu.scene_from_dict(tables)
     modes = latin_fmu.vibration_modes(scene, count=2)
     shares = np.zeros(2)
+    # along z, the way of the tap: bolts above and below make bending along y another mode
+    along = [np.abs(modes.shapes[f"b{parts - 1}"][modes.n_rigid + k, :, 2]).max() for k in (0, 1)]
+    first = modes.n_rigid + int(np.argmax(along))
     models = {m.name: m for c in discretise(scene).classes for m in c.members}
     for name, shape in modes.shapes.items():
-        u = shape[modes.n_rigid].ravel()
+        u = shape[first].ravel()
         shares[int(scene.substructure[name].material[1:])] += u @ (models[name].stiffness @ u)
-    f = np.array([modes.frequency[modes.n_rigid]])
+    f = np.array([modes.frequency[first]])
     curves = [float(scene.material[f"m{i}"].damping.ratio(f)[0]) for i in (0, 1)]
     assert measured == pytest.approx(shares @ curves / shares.sum(), rel=0.1)
     assert frequency == pytest.approx(f[0], rel=1e-3 + 0.6 * ratio**2)
