@@ -375,20 +375,8 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     add_dot(m, 1.0, inner, new[3 * wide : 3 * wide + inner_size], totals[INTERFACE_WORK * m : (INTERFACE_WORK + 1) * m])
     load_old, load = past[_LOAD * wide : _LOAD * wide + size], new[2 * wide : 2 * wide + size]
     add_work(m, (0.0, 0.5, 0.5), step[:size], load_old, load_old, load, of_loads)
-    if row.n_motion > 0:  # reactions
-        moved, k_v_old = step[size:], past[_K_V * wide + size : (_K_V + 1) * wide]
-        mass_v_old = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide]
-        k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
-        # of C v and K u + dt/2 K v
-        add_work(m, (1.0, 1.0, 0.5 * dt), moved, damping[size:], k_u_old, k_v_old, of_loads)
-        # of M Dv / dt, which works on dt v_m; the rest e = Du - dt v_m of the step adds e.(K Du / 2 + dt/4 K Dv)
-        followed, rest = scratch[2 * wide : 2 * wide + wide - size], scratch[3 * wide : 4 * wide - size]
-        for i in range(wide - size):
-            followed[i] = 0.5 * dt * (v_old[size + i] + v[size + i])
-            rest[i] = moved[i] - followed[i]
-        add_work(m, (-1 / dt, 1 / dt, 0.0), followed, mass_v_old, mass_v[size:], mass_v_old, of_loads)
-        add_work(m, (-0.5, 0.5, 0.0), rest, k_u_old, new[size:wide], k_u_old, of_loads)
-        add_work(m, (-0.25 * dt, 0.25 * dt, 0.0), rest, k_v_old, k_v[size:], k_v_old, of_loads)
+    if row.n_motion > 0:
+        _account_explicit_reactions(pools, c, u, v, new[:wide], damping, of_loads)
     if row.n_branch > 0:
         _account_strains(pools, c, instant, past, new[:wide])
     copied(u, past[:wide])
@@ -397,6 +385,33 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     copied(new[2 * wide : 3 * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
     copied(new[:wide], past[_K_U * wide : (_K_U + 1) * wide])
     copied(mass_v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
+
+
+@kernel
+def _account_explicit_reactions(
+    pools: Any, c: int, u: Array, v: Array, k_u: Array, damping: Array, of_loads: Array
+) -> None:
+    """Work of the reactions of an EXPLICIT class; ``u`` and ``v`` head the scratch, ``k_u`` K u and ``damping`` C v of
+    the step (n + n_motion, m)."""
+    row, dt = pools.classes[c], pools.run[0].dt
+    size, wide = row.n * row.m, len(u)
+    past = pools.moving[row.past : row.past + FIELDS * wide]
+    scratch = pools.moving[row.extended + 2 * wide : row.extended + 4 * wide]
+    # Du stands in the place of the old displacements
+    moved, v_old = past[size:wide], past[_V * wide + size : (_V + 1) * wide]
+    k_v_old, k_v = past[_K_V * wide + size : (_K_V + 1) * wide], past[7 * wide + size : 8 * wide]
+    mass_v_old, mass_v = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide], past[8 * wide + size : 9 * wide]
+    k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
+    # of C v and K u + dt/2 K v
+    add_work(row.m, (1.0, 1.0, 0.5 * dt), moved, damping[size:], k_u_old, k_v_old, of_loads)
+    # of M Dv / dt, which works on dt v_m; the rest e = Du - dt v_m of the step adds e.(K Du / 2 + dt/4 K Dv)
+    followed, rest = scratch[: wide - size], scratch[wide : 2 * wide - size]
+    for i in range(wide - size):
+        followed[i] = 0.5 * dt * (v_old[i] + v[size + i])
+        rest[i] = moved[i] - followed[i]
+    add_work(row.m, (-1 / dt, 1 / dt, 0.0), followed, mass_v_old, mass_v, mass_v_old, of_loads)
+    add_work(row.m, (-0.5, 0.5, 0.0), rest, k_u_old, k_u[size:], k_u_old, of_loads)
+    add_work(row.m, (-0.25 * dt, 0.25 * dt, 0.0), rest, k_v_old, k_v, k_v_old, of_loads)
 
 
 @kernel

@@ -371,9 +371,7 @@ def resumes(tractions: Callable[..., Array]) -> Callable[..., None]:
         whole = on(propagator)
         alone_of(propagator).restore(kept)
         np.testing.assert_array_equal(on(propagator), whole)
-        rest = type(m.histories)(
-            m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed[4:]
-        )
+        rest = type(m.histories)(m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed[4:])
         other.begin([rest], dt)
         np.testing.assert_array_equal(on(other), whole)
 

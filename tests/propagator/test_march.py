@@ -217,12 +217,7 @@ def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
     h = driven.histories
     cut = slice(start, stop + 1)
     return changed(
-        driven,
-        histories={
-            "time": h.time[cut],
-            "amplitudes": [x[cut] for x in h.amplitudes],
-            "imposed": h.imposed[cut],
-        },
+        driven, histories={"time": h.time[cut], "amplitudes": [x[cut] for x in h.amplitudes], "imposed": h.imposed[cut]}
     ).histories
 
 
