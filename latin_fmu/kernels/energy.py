@@ -376,7 +376,7 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     load_old, load = past[_LOAD * wide : _LOAD * wide + size], new[2 * wide : 2 * wide + size]
     add_work(m, (0.0, 0.5, 0.5), step[:size], load_old, load_old, load, of_loads)
     if row.n_motion > 0:
-        _account_explicit_reactions(pools, c, u, v, new[:wide], damping, of_loads)
+        _account_explicit_reactions(pools, c, v, new[:wide], damping, of_loads)
     if row.n_branch > 0:
         _account_strains(pools, c, instant, past, new[:wide])
     copied(u, past[:wide])
@@ -388,14 +388,12 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
 
 
 @kernel
-def _account_explicit_reactions(
-    pools: Any, c: int, u: Array, v: Array, k_u: Array, damping: Array, of_loads: Array
-) -> None:
-    """Work of the reactions of an EXPLICIT class; ``u`` and ``v`` head the scratch, ``k_u`` K u and ``damping`` C v of
-    the step (n + n_motion, m)."""
+def _account_explicit_reactions(pools: Any, c: int, v: Array, k_u: Array, damping: Array, of_loads: Array) -> None:
+    """Work of the reactions of an EXPLICIT class; ``k_u`` K u and ``damping`` C v of the step (n + n_motion, m)."""
     row, dt = pools.classes[c], pools.run[0].dt
-    size, wide = row.n * row.m, len(u)
+    size, wide = row.n * row.m, len(v)
     past = pools.moving[row.past : row.past + FIELDS * wide]
+    # behind u and v
     scratch = pools.moving[row.extended + 2 * wide : row.extended + 4 * wide]
     # Du stands in the place of the old displacements
     moved, v_old = past[size:wide], past[_V * wide + size : (_V + 1) * wide]
