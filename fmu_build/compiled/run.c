@@ -249,13 +249,14 @@ static int can_start(const Instance *c)
     return 0;
 }
 
-/* Outputs at the start, under the inputs that the kernels were given. */
-static int present(Instance *c)
+/* Outputs at the start, under the inputs that the kernels were given, which go on by a rule. */
+static int present(Instance *c, int64_t rule)
 {
     struct Object *o = c->fmu;
     int64_t n_field = has_arrays(c) ? 1 : 0;
     o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
-    int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
+    int64_t result = act(o, M_PRESENT, 0, 0, 0, 0); /* the simulation begins ... */
+    if (result >= 0) result = act(o, M_PRESENT, rule, 1, 0, 0); /* ... as with a first step of one time step */
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
     no_records(o);
@@ -281,6 +282,19 @@ static void sums_over_rows(Instance *c)
     }
 }
 
+/* What an input is set to at the end of a time step of prescribed mode, of n, from what it was at its start. The kernels
+   drive a displacement by its rate over the time step, which has to be the velocity at its end: as in the run of a law,
+   PrescribedMotion.velocity in latin_fmu/assembly/supports.py. */
+static double history_value(const Instance *c, int64_t input, double before, int64_t step, int64_t n)
+{
+    const Word *table = table_of(c);
+    const History *h = c->fmu->histories + input;
+    double dt = c->fmu->image->dt, now = history_at(h, (double)step * dt);
+    if (!table[table[T_INPUTS].i + IN_ROW * input + IN_CENTRAL].i) return now;
+    double first = history_at(h, (double)(step - 1) * dt);
+    return before + (step < n ? 0.5 * (history_at(h, (double)(step + 1) * dt) - first) : now - first);
+}
+
 /* Prescribed mode: the whole interval, one instant after the other. */
 int solve_histories(Instance *c)
 {
@@ -300,18 +314,23 @@ int solve_histories(Instance *c)
         /* over the first time step */
         o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
     }
-    int status = present(c);
+    int status = present(c, BY_RATE);
     if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
         for (int64_t i = 0; i < n_input; i++)
-            if (o->histories[i].n && (value[i] = history_at(o->histories + i, (double)step * dt)) != 0.0) o->acted = 1;
+            if (o->histories[i].n && (value[i] = history_value(c, i, value[i], step, n)) != 0.0) o->acted = 1;
         int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
         if (made == 0) made = relaxed(o, LINE, 0, 1);
-        if (made != 1)
+        if (made != 1) {
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
-        else
-            keep(c, 1, step, step, arrays ? step : -1);
+            continue;
+        }
+        if (step == 1) { /* the acceleration at the start is known with the velocity at the next instant */
+            no_records(o);
+            keep(c, 0, 0, 0, arrays - 1);
+        }
+        keep(c, 1, step, step, arrays ? step : -1);
     }
     if (status != OK) return status;
     o->n_row = n + 1;
@@ -333,7 +352,8 @@ int initialize(Instance *c)
     c->time = o->start;
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
-    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
+    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c)
+                                                       : present(c, (int64_t)parameter(c, T_RULE, CAUSAL));
     o->opened = status == OK;
     if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
         msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
@@ -529,12 +549,15 @@ static int advanced(Instance *c, double t, double h)
     struct Object *o = c->fmu;
     double dt = o->image->dt;
     if (!isfinite(t) || !isfinite(h)) return msg(c, ERROR, "time %g or step size %g is not a finite number", t, h);
-    if (h <= SHORTEST * dt || t + h <= t)
-        return msg(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+    if (h <= 0.0) return msg(c, ERROR, "the step size %g s must be greater than 0", h);
     /* hosts add up steps: the time they give is off by round-off */
-    if (fabs(t - c->time) > EARLY * h)
+    if (fabs(t - c->time) > fmax(EARLY * h, SHORTEST * dt))
         return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
+    if (h <= SHORTEST * dt || t + h <= t) { /* below the last digit of t late in a simulation */
+        c->time = t + h;                    /* the clock alone */
+        return OK;
+    }
     int bad = not_finite(c);
     if (bad)
         return msg(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),

@@ -292,21 +292,37 @@ class Propagator(ABC):
         self.begun = True
 
     @abstractmethod
-    def initial_unbalance(self, traction: Array) -> Array:
-        """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the present state, (n_dof, n_member), N."""
+
+    def balance(self, traction: Array) -> Array:
+        """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but
+        for round-off in an equilibrium; (n_dof, n_member), N."""
+        balance = self.forcing.elastic(0) - self.internal_forces()[0]
+        return balance + nodal_forces(self, traction) if traction.any() else balance
+
+    def forces_of_motion(self) -> tuple[Array, Array]:
+        """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member)."""
+        viscous = self.internal_forces()[1] + self.forcing.viscous(0)
+        # a lumped mass of driven dofs does not couple with others
+        inertia = None if self.scheme.explicit else self.forcing.inertia(0)
+        return viscous, np.zeros_like(viscous) if inertia is None else inertia
 
     @abstractmethod
     def mass_factor(self) -> MassFactor:
         """Solver with the mass matrix, for the accelerations at t = 0."""
 
-    def start(self, traction: Array, factor: MassFactor | None) -> None:
-        """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium."""
-        unbalance = self.initial_unbalance(traction)
+    def start(self, traction: Array, factor: MassFactor | None, round_off: Array | float = 0.0) -> None:
+        """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium.
+
+        round_off : part of the balance that accelerates nothing (``balance`` of an equilibrium), N.
+        """
+        unbalance = self.balance(traction) - sum(self.forces_of_motion())
         # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
-        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
+        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance - round_off)
         mass_old, force_old = self.scheme.old_weights
         # as ``substructure.keep_memory`` leaves it
         if force_old:

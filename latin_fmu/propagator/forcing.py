@@ -132,11 +132,22 @@ class Forcing:
 
         Prescribed motions act through C and K here; their inertia (``inertia``) is not a force of the scheme.
         """
+        return self.elastic(instant) - self.viscous(instant)
+
+    def elastic(self, instant: int) -> Array:
+        """Loads less what K of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
         force = self.loads(instant)
         for column, motion in enumerate(self._motion):
             if motion is not None:
-                # what K and C of the motion exert on the free dofs, on the right-hand side
-                force[:, column] -= motion.reduced_force(instant)
+                force[:, column] -= motion.reduced_elastic(instant)
+        return force
+
+    def viscous(self, instant: int) -> Array:
+        """What C of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
+        force = np.zeros((self._n, len(self.members)))
+        for column, motion in enumerate(self._motion):
+            if motion is not None:
+                force[:, column] = motion.reduced_viscous(instant)
         return force
 
     def inertia(self, instant: int) -> Array | None:
@@ -302,12 +313,12 @@ class _Motion:
         force: Array = self._mass @ self.histories[2][instant]
         return force
 
-    def reduced_force(self, instant: int) -> Array:
-        v = self.histories[1][instant]
+    def reduced_elastic(self, instant: int) -> Array:
         force: Array = self._stiffness @ self._strained[instant]
-        if self._damping is not None:
-            force += self._damping @ v
         return force
+
+    def reduced_viscous(self, instant: int) -> Array | float:
+        return 0.0 if self._damping is None else self._damping @ self.histories[1][instant]
 
     def add_to(
         self, sums: dict[str, Sum], at_channels: Array, of: tuple[int, int], lumped: Array | None, always: bool

@@ -23,7 +23,7 @@ from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
-from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
+from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
 from .spread import Distribution, SpreadTable, spread_problems
 from .substructures import (
     Bolt,
@@ -54,7 +54,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("gravity", "damping", "motion", "initial_state", "time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "damping", "motion", "initial_state", "time", "solver", "output", "accuracy", "fmu")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -242,6 +242,7 @@ class Scene(SceneTable):
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
+    fmu: Annotated[Fmu, about("author, version, copyright and licence of an FMU of the scene")] = Fmu()
     spread: Annotated[
         SpreadTable,
         about(

@@ -227,6 +227,17 @@ class Output(SceneTable):
         return self.strain or self.nodal_stress or self.principal_stress
 
 
+class Fmu(SceneTable):
+    """Who made an FMU of the scene, and its terms of use; what is left out is absent from the FMU. `generationTool`
+    names this package; the licences of the software inside are in `documentation/licenses` of the FMU."""
+
+    author: Annotated[Text, about("author of the model, a person or an organisation")] = ""
+    version: Annotated[Text, about("version of the model")] = ""
+    copyright: Annotated[Text, about("copyright of the model")] = ""
+    licence: Annotated[Text, about("licence of the model, attribute `license` of the FMI")] = ""
+    description: Annotated[Text, about("what the model is; that of the scene where left out")] = ""
+
+
 QUANTITY_OWNERS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "impulse": "interface",
