@@ -9,7 +9,7 @@ words of 8 bytes   content (numbers little-endian; places count words from the s
 =================  ================================================================================================
 0                  ``LATINVAR``
 1 to ``HEADER``    ``HEADER`` in its order: checksum of all that follows, length, token, checksum of the image, ...
-then               a row of words for each variable, of 5 for each input, of 3 for each whole number of the state,
+then               a row of words for each variable, of 4 for each input, of 3 for each whole number of the state,
                    of 4 for each part of a record of the results file (``RecordPart``)
 then               texts, each with a zero behind it; rows refer to them by bytes from their start
 =================  ================================================================================================
@@ -34,13 +34,12 @@ import latin_fmu
 from latin_fmu.aot import linking
 from latin_fmu.compiled import library
 from latin_fmu.cosim.communication import CommunicationRun, write
-from latin_fmu.cosim.input_table import acting_of, given_of
+from latin_fmu.cosim.input_table import acting_of, inputs_of
 from latin_fmu.cosim.output_table import AT_POINTS
 from latin_fmu.cosim.variable import Variable, input_of, input_variable
 from latin_fmu.cosim.variable import Variable as FmiVariable
 from latin_fmu.cosim.variables import table_of
 from latin_fmu.errors import NeedsPythonError, Problem
-from latin_fmu.kernels.inputs import DISPLACEMENT
 from latin_fmu.latin.interface_rows import InterfaceRows
 from latin_fmu.results.dataset import interface_group
 from latin_fmu.results.groups import SCHEMA_VERSION, StoredGroup, StoredVariable, in_units
@@ -228,16 +227,15 @@ def _table(
 ) -> bytes:
     """The file of the variables; ``files``: image and beginning of the results."""
     texts, references = _Texts(), {v.name: i for i, v in enumerate(table)}
-    inputs = [source.name for source in given_of(scene)]
+    inputs = list(inputs_of(scene))
     words: list[int | float] = [0] * len(HEADER)
     begins = dict.fromkeys(HEADER, 0) | {"variables": len(words)}
     for variable in table:
         words += _row(variable, _role(variable, places, inputs), texts, references)
     begins["inputs"] = len(words)
-    central = {source.name: source.drives == DISPLACEMENT and not scene.time.quasi_static for source in given_of(scene)}
     for name in inputs:
         value, rate = (input_variable(name, what) for what in ("value", "rate"))
-        words += texts.place(name), texts.place(value), texts.place(rate), references[value], int(central[name])
+        words += texts.place(name), texts.place(value), texts.place(rate), references[value]
     begins["wholes"] = len(words)
     wholes = list(_whole_numbers(run))
     words += [number for row in wholes for number in row]

@@ -36,11 +36,10 @@ enum {
     TIME, CONSTANT, PARAMETER, VALUE, RATE, OUTPUT, TEXT, HISTORY_TIME, HISTORY, WINDOW_COUNT, WINDOW_TIME, WINDOW,
     POINT_FIELD
 };
-/* Name in a table of histories, names of value and rate, reference of the value; IN_CENTRAL: 1 for a displacement whose
-   history drives a run by its central differences. */
-enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_CENTRAL, IN_ROW };
+/* Name in a table of histories, names of value and rate, reference of the value. */
+enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_ROW };
 enum { WINDOWED, PRESCRIBED };
-enum { HOLD, BY_RATE, LINE, CAUSAL };
+enum { HOLD, BY_RATE, LINE, CAUSAL, PATH };
 
 /* The image of the run: its header, in the order of latin_fmu/cosim/communication.py. */
 enum {

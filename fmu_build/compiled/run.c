@@ -249,13 +249,31 @@ static int can_start(const Instance *c)
     return 0;
 }
 
-/* Outputs at the start, under the inputs that the kernels were given, which go on by a rule. */
-static int present(Instance *c, int64_t rule)
+/* Inputs of a time step of prescribed mode, of n: their values at its end, and their rates over the next one, which give
+   a displacement its velocity there; after the last one as over it. */
+static void set_step(Instance *c, int64_t step, int64_t n)
+{
+    struct Object *o = c->fmu;
+    double dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i, *rate = o->moving + o->image->head[M_RATE].i;
+    double first = (double)(step < n ? step : step - 1) * dt;
+    for (int64_t i = 0; i < table_of(c)[T_N_INPUT].i; i++) {
+        const History *h = o->histories + i;
+        if (h->n == 0) continue;
+        value[i] = history_at(h, (double)step * dt);
+        rate[i] = (history_at(h, first + dt) - history_at(h, first)) / dt;
+        if (value[i] != 0.0) o->acted = 1;
+    }
+}
+
+/* Outputs at the start, under the inputs that the kernels were given, which go on by a rule; n: time steps of a whole
+   history, or 0. */
+static int present(Instance *c, int64_t rule, int64_t n)
 {
     struct Object *o = c->fmu;
     int64_t n_field = has_arrays(c) ? 1 : 0;
     o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
     int64_t result = act(o, M_PRESENT, 0, 0, 0, 0); /* the simulation begins ... */
+    if (n > 0) set_step(c, 1, n);
     if (result >= 0) result = act(o, M_PRESENT, rule, 1, 0, 0); /* ... as with a first step of one time step */
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
@@ -282,19 +300,6 @@ static void sums_over_rows(Instance *c)
     }
 }
 
-/* What an input is set to at the end of a time step of prescribed mode, of n, from what it was at its start. The kernels
-   drive a displacement by its rate over the time step, which has to be the velocity at its end: as in the run of a law,
-   PrescribedMotion.velocity in latin_fmu/assembly/supports.py. */
-static double history_value(const Instance *c, int64_t input, double before, int64_t step, int64_t n)
-{
-    const Word *table = table_of(c);
-    const History *h = c->fmu->histories + input;
-    double dt = c->fmu->image->dt, now = history_at(h, (double)step * dt);
-    if (!table[table[T_INPUTS].i + IN_ROW * input + IN_CENTRAL].i) return now;
-    double first = history_at(h, (double)(step - 1) * dt);
-    return before + (step < n ? 0.5 * (history_at(h, (double)(step + 1) * dt) - first) : now - first);
-}
-
 /* Prescribed mode: the whole interval, one instant after the other. */
 int solve_histories(Instance *c)
 {
@@ -311,17 +316,15 @@ int solve_histories(Instance *c)
         const History *h = o->histories + i;
         value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
         if (value[i] != 0.0) o->acted = 1;
-        /* over the first time step */
-        o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
+        o->moving[o->image->head[M_RATE].i + i] = 0.0;
     }
-    int status = present(c, BY_RATE);
+    int status = present(c, PATH, n);
     if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
-        for (int64_t i = 0; i < n_input; i++)
-            if (o->histories[i].n && (value[i] = history_value(c, i, value[i], step, n)) != 0.0) o->acted = 1;
-        int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
-        if (made == 0) made = relaxed(o, LINE, 0, 1);
+        set_step(c, step, n);
+        int64_t made = act(o, M_COMMUNICATE, 1, PATH, 0, 1);
+        if (made == 0) made = relaxed(o, PATH, 0, 1);
         if (made != 1) {
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
             continue;
@@ -353,7 +356,7 @@ int initialize(Instance *c)
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
     status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c)
-                                                       : present(c, (int64_t)parameter(c, T_RULE, CAUSAL));
+                                                       : present(c, (int64_t)parameter(c, T_RULE, CAUSAL), 0);
     o->opened = status == OK;
     if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
         msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "

@@ -2,10 +2,11 @@
 
 Over a communication step of ``total`` time steps from value V, rate r and the amplitude p reached before, at x time
 steps from its start: HOLD V; RATE V + r x dt; LINE p + (V - p) x / total; CAUSAL as RATE, with the rate of the causal
-line (``cosim.loads``) where none was ever set. A motion starts at p by every rule, a displacement drives by its rate
-over the time step that begins at an instant, at the end of a communication step by that over the last one. A wave
-without a rate is the straight line from p, as if it had travelled for the step: a wave that is held gains energy, and
-so does one that is extrapolated.
+line (``cosim.loads``) where none was ever set; PATH as LINE, with the rate r of a displacement after the step, where
+the whole history is known. A motion starts at p by every rule, a displacement drives by its rate over the time step
+that begins at an instant, at the end of a communication step by that over the last one. A wave without a rate is the
+straight line from p, as if it had travelled for the step: a wave that is held gains energy, and so does one that is
+extrapolated.
 
 A communication step may begin and end inside a time step. The run stands at the last instant of its grid, and the
 integral of the input since that instant is carried along. In the time step in which it began, a fraction f after its
@@ -32,7 +33,7 @@ from typing import Any, Final
 
 from ..compiled import entry, kernel
 
-HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
+HOLD, RATE, LINE, CAUSAL, PATH = 0, 1, 2, 3, 4
 """Rules of interpolation."""
 LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
 """Kinds of inputs."""
@@ -65,7 +66,7 @@ def amplitude(
         rule = LINE
     if rule == HOLD:
         return float(value)
-    if rule == LINE:
+    if rule in (LINE, PATH):
         # the value itself at the end, whatever the round-off
         return float(value if x == total else x * ((value - reached) / total) + reached)
     return float(value + rate_over(given, memory, kinds, e, span, rule) * (x * dt))
@@ -107,6 +108,8 @@ def drive(
     total = (whole + rest) - begin
     if kinds[e] != DISPLACEMENT:
         return float(at_instant(given, memory, kinds, e, span, j, begin, total, rule, dt))
+    if rule == PATH and j == whole:
+        return float(given[1][e])
     first = max(min(j, whole - 1), 0)
     old = at_instant(given, memory, kinds, e, span, first, begin, total, rule, dt)
     return float((at_instant(given, memory, kinds, e, span, first + 1, begin, total, rule, dt) - old) / dt)

@@ -224,10 +224,6 @@ class Forcing:
         """Part of the channel velocities that prescribed motions bring; None when there are none."""
         return self.members[0].trace @ self.imposed_v(instant) if self.moves else None
 
-    def channel_acceleration(self, instant: int) -> Array | None:
-        """Part of the channel accelerations that prescribed motions bring; None when there are none."""
-        return self.members[0].trace @ self.imposed_a(instant) if self.moves else None
-
 
 def _mean_over_steps(amplitude: Array) -> Array:
     """Mean over the step that ends at each instant."""
