@@ -212,7 +212,7 @@ class DiscretisedProblem:
     untouched: Untouched | None = None
     """Bodies of the scene that are left out of this problem, None where none are."""
     elongation: Mapping[str, Array] = field(default_factory=dict)
-    """Plastic elongation (n_time,) of the bolts that may yield, m (``bolts.Yielding``)."""
+    """Plastic elongation (n_time,) of the bolts that may yield, m (``yielding_bolts.Yielding``)."""
     histories: Mapping[str, Array] = field(default_factory=dict)
     """(n_time,) of load terms of the classes that no law of the scene has."""
 

@@ -599,9 +599,10 @@ def test_what_leaves_no_section_is_named() -> None:
 
 
 def test_force_that_is_not_reached() -> None:
-    """A shank that only touches the beam cannot pull at it: which bolt, the force reached and the target."""
+    """A shank that is pressed to the beam by 100 N cannot pull at it with more: which bolt, the force reached and the
+    target."""
     data = frame({"left": {"force": 4000.0}})
-    data["interface"]["left_top"] = {"sides": ["left.zmax", "upper.zmin"], "friction_coefficient": 0.0}
+    data["interface"]["left_top"] = {"sides": ["left.zmax", "upper.zmin"], "preload_force": 100.0}
     with pytest.raises(SceneError) as error:
         solve(scene_from_dict(data))
     for word in ("bolt.left", "bolts of order 1 cannot be tightened", "left 0 of 4000 N"):
