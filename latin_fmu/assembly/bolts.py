@@ -40,13 +40,17 @@ from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
 from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm
+from ..scene.bolts import LARGEST_STRESS, NUT_FACTOR, Bolt
 from ..scene.schema import Scene
-from ..scene.substructures import NUT_FACTOR, Bolt
 from ..scene.units import UnitSystem
 from .body import Body, Shape, body_sides
 from .bolt_shares import fraction, share_of
 from .conditions import Conditions
 
+FITTING: Final = 0.75, 1.2
+"""Diameter of the meshed shank over the nominal one, from core to nominal, with some play for sections not round."""
+WAISTED: Final = 0.5
+"""The same of a shank whose thread has no size, from."""
 SECTION: Final = 0.9, 1.4
 """Meshed section over the stress area of the thread, of the modelled part, from and up to which the two agree."""
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
@@ -64,7 +68,8 @@ class BoltCut:
     pattern : (n_full,) g, N m-1. stiffness : k, N m-1. heated : tension per change of temperature where u = 0, N K-1.
     loose : whether F is given and delta is not, while tightened.
     thread_area : tensile stress area of the whole thread, m2; None where the bolt names none.
-    share : of the whole screw that is modelled.
+    share : of the whole screw that is modelled. note : what ``check`` says of its thread.
+    scaled : whether the modulus of the free shank is scaled to the core of its thread.
     """
 
     name: str
@@ -81,6 +86,8 @@ class BoltCut:
     loose: bool = False
     thread_area: float | None = None
     share: float = 1.0
+    note: str = ""
+    scaled: bool = False
 
     @property
     def tension(self) -> float | None:
@@ -125,14 +132,15 @@ class BoltCut:
                 f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
-        return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}"
+        note = f"; {self.note}" if self.note else ""
+        return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}{note}"
 
     def _thread(self, units: UnitSystem) -> str:
         """The section that the stress is of, where it is not the meshed one, in words."""
         if self.thread_area is None:
             return ""
         part = "" if self.share == 1.0 else f"{fraction(self.share)} of "
-        return f" over {part}the stress area of {self.table.thread}, {self.thread_area:.4g} {units['m2']}"
+        return f" over {part}the stress area of {self.table.size}, {self.thread_area:.4g} {units['m2']}"
 
     def _whole(self, force: float, units: UnitSystem) -> str:
         """The force of the whole screw, where a part of it is modelled, in words."""
@@ -210,31 +218,68 @@ def load_name(bolt: str) -> str:
 
 
 def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, problems: Problems) -> None:
-    """Refuse a tension whose mean stress is above the yield stress of the material."""
-    limit, units = body.shape.material.yield_stress, body.units
+    """Refuse a tension whose mean stress is above the yield stress of the material or of the property class; above
+    ``LARGEST_STRESS`` where neither is given."""
+    units = body.units
     part = "" if cut.share == 1.0 else f" ({fraction(cut.share)} of the screw is modelled)"
+    limit, of = _limit(cut.table, body)
     if force is None or limit is None or force <= limit * cut.stress_area:
         return
     problems.add(
         f"bolt.{name}",
-        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.thread}'}, "
-        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above the yield stress of the "
-        "material",
+        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.size}'}, "
+        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above {of}",
         f"{force / cut.stress_area:.4g} {units['Pa']}",
         f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.stress_area:.4g} {units['N']}",
-        "tighten the bolt less, or choose a larger section or another material",
+        "tighten the bolt less, or choose a larger section or another material; are the units of force, torque and "
+        "diameter right?",
+    )
+
+
+def _limit(table: Bolt, body: Body) -> tuple[float | None, str]:
+    """Largest mean stress of a bolt, Pa, and what it is of, in words; None of numbers without units."""
+    own, of_class = body.shape.material.yield_stress, table.class_stress(body.units)
+    known = [(own, "the yield stress of the material")] if own is not None else []
+    known += [(of_class, f"the yield stress of class {table.property_class}")] if of_class is not None else []
+    if known:
+        return min(known)
+    if not body.units.measurable:
+        return None, ""
+    return LARGEST_STRESS / body.units.size("Pa"), "that of any screw: no property_class and no yield_stress is given"
+
+
+def check_diameter(name: str, cut: BoltCut, body: Body, problems: Problems) -> None:
+    """Refuse a nominal diameter that is not that of the meshed shank."""
+    nominal, units = cut.table.nominal(body.units), body.units["m"]
+    if nominal is None:
+        return
+    # of a round section of this area
+    drawn = 2.0 * float(np.sqrt(cut.area / (cut.share * np.pi)))
+    # a waisted shank is thinner than its core, and is no thread
+    least = FITTING[0] if cut.table.size is not None else WAISTED
+    if least <= drawn / nominal <= FITTING[1]:
+        return
+    key = "thread" if cut.table.size is not None else "diameter"
+    problems.add(
+        f"bolt.{name}.{key}",
+        f"the section of the cut of {body.name} is that of a diameter of {drawn:.4g} {units}"
+        + ("" if cut.share == 1.0 else f" ({fraction(cut.share)} of it is modelled)"),
+        f"{nominal:.4g} {units}" + ("" if cut.table.size is None else f", {cut.table.size}"),
+        f"a shank of {least:g} to {FITTING[1]:g} of the nominal diameter",
+        "check thread, diameter, share and the scale of the mesh; of a waisted shank give the diameter without thread",
     )
 
 
 def section_remarks(cuts: Iterable[BoltCut], units: UnitSystem) -> Iterator[str]:
     """Remarks on meshed sections that are not those of the threads."""
     for cut in cuts:
-        if cut.thread_area is None or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
+        # where the moduli of the free shank are scaled its section does not count
+        if cut.thread_area is None or cut.scaled or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
             continue
         part = "" if cut.share == 1.0 else f" times the share {fraction(cut.share)} that is modelled"
         yield (
             f"bolt {cut.name}: its meshed section, {cut.area:.4g} {units['m2']}, is {ratio:.3g} of the stress area of "
-            f"{cut.table.thread}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
+            f"{cut.table.size}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
             "screw; are the thread, the share and the length unit right?"
         )
 
@@ -271,7 +316,7 @@ class OpenedMesh:
 
     def recovery(self, shape: Shape) -> Recovery:
         """Strains of the elements and stresses at the nodes."""
-        return _OpenedRecovery(Elements(self.mesh), shape.elasticity, shape.bending_modes, self)
+        return _OpenedRecovery(Elements(self.mesh, shape.moduli), shape.elasticity, shape.bending_modes, self)
 
     def closed(self, values: Array) -> Array:
         """Values at the nodes (..., n_node, k), on the cuts means of both sides, from those of the opened mesh."""
@@ -288,9 +333,9 @@ class OpenedMesh:
 class OpenedStress:
     """Mean stress of the elements of a body with bolts (as ``MeanStress``)."""
 
-    def __init__(self, opened: OpenedMesh, material: Elasticity) -> None:
+    def __init__(self, opened: OpenedMesh, shape: Shape) -> None:
         self._opened = opened
-        self._mean = MeanStress(Elements(opened.mesh), material)
+        self._mean = MeanStress(Elements(opened.mesh, shape.moduli), shape.elasticity)
 
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
@@ -326,18 +371,23 @@ def cuts_of(
     conditions: Mapping[str, Conditions],
     units: Sequence[InterfaceUnit],
     problems: Problems,
+    notes: Mapping[str, str],
 ) -> dict[str, BoltCut]:
-    """Cuts of all bolts of a scene; shanks that cannot be cut are added to ``problems``."""
+    """Cuts of all bolts of a scene, with ``notes`` on their threads; shanks that cannot be cut are added to
+    ``problems``."""
     cuts = {}
     for name, bolt in scene.bolt.items():
         body = bodies[bolt.substructure]
         joined = _joined_nodes(body, units)
-        axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()  # squares of any direction are numbers
+        axis = np.asarray(bolt.axis, dtype=float)
+        axis /= np.abs(axis).max()  # squares of any direction are numbers
         axis /= np.linalg.norm(axis)
         held = held_nodes(conditions[body.name], axis, body.mesh.n_node)
         cut = _Section(name, bolt, body, axis).cut(held, joined, problems)
         if cut is not None:
-            cuts[name] = cut = replace(cut, share=share_of(name, scene, body, axis, cut.nodes, problems))
+            share = share_of(name, scene, body, axis, cut.nodes, problems)
+            cuts[name] = cut = replace(cut, share=share, note=notes.get(name, ""), scaled=body.shape.moduli is not None)
+            check_diameter(name, cut, body, problems)
             check_yield(name, cut.tension, cut, body, problems)
     return cuts
 
@@ -580,7 +630,9 @@ class _Section:
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
-        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}))
+        moduli = body.shape.moduli
+        moduli = None if moduli is None else moduli[beyond]
+        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}), moduli)
         own = stiffness(part, body.shape.elasticity, body.shape.bending_modes)
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
