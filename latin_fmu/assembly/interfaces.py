@@ -80,6 +80,9 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
+                # a free shank that fills its hole: it touches, on faces that take no part
+                if any(bodies[n].touching != ALL_OF_IT for n in pair) and _touch(bodies, pair, table.search):
+                    continue
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
@@ -148,6 +151,12 @@ def _common(first: Surface, second: Surface, search: float) -> tuple[float, floa
     area = sum(float(c.areas[np.abs(c.distance) <= search].sum()) for c in cells)
     deepest = max((-float(c.distance.min()) for c in cells if len(c)), default=0.0)
     return area, deepest if deepest > search else 0.0
+
+
+def _touch(bodies: Mapping[str, Body], pair: frozenset[str], search: float) -> bool:
+    """Whether bodies are within ``search`` of each other anywhere on their surfaces."""
+    one, other = (bodies[name].surface(ALL_OF_IT) for name in sorted(pair))
+    return _common(one, other, search)[0] > _LEAST * min(one.facet_area, other.facet_area)
 
 
 def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> float:

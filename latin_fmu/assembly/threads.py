@@ -261,7 +261,9 @@ class Engagement:
         # facets that begin above the mouth are covered below it alone
         share = np.clip(most[rows], 0.0, None) / np.maximum(most[rows] - least[rows], 1e-300)
         reached = np.cumsum(area[rows] * np.minimum(share, 1.0)) / per_length
-        count = int(np.abs(reached - length).argmin()) + 1
+        # facets of one height together: a part of a ring would hold the screw on one side
+        last = np.append(np.diff(mean[rows]) > _EXACT * self.overlap, True)
+        count = int(np.where(last, np.abs(reached - length), np.inf).argmin()) + 1
         chosen = np.zeros_like(faces)
         chosen[rows[:count]] = True
         edge = _EXACT * self.overlap
