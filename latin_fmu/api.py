@@ -12,7 +12,6 @@ from typing import Any, BinaryIO, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from .assembly.bolts import Yielding
 from .assembly.build import discretise, solver_ready
 from .assembly.checks import body_lines
 from .assembly.copies import Marched, marched_beside
@@ -24,6 +23,7 @@ from .assembly.sensitivities import Tangents
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
 from .assembly.untouched import touched
+from .assembly.yielding_bolts import Yielding
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
 from .errors import InputError, LatinError, Problems, ResultsError, SolverError
 from .interface import Behaviour

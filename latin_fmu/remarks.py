@@ -36,6 +36,7 @@ REMARKS: Final = MappingProxyType(
         "size": "bodies of doubtful size",
         "start": "a static start that has not converged far enough",
         "step": "a step of doubtful length",
+        "thread": "a thread whose length is not the one asked for",
         "torn": "a part in several pieces",
         "unjoined": "bodies, or faces that touch, without an interface",
         "yield": "bodies beyond their yield stress",

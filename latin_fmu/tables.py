@@ -9,6 +9,8 @@ The keys of a table are its arguments, checked as those of a file are; see the s
 
 from .scene.attachments import CouplingTable as Coupling
 from .scene.attachments import End, Place, PointMass, Spring
+from .scene.bolts import Bolt
+from .scene.bolts import ThreadTable as Thread
 from .scene.boundaries import (
     Absorbing,
     Fixed,
@@ -58,8 +60,8 @@ from .scene.settings import MasslessContactTable as MasslessContact
 from .scene.settings import NewmarkTable as Newmark
 from .scene.settings import ReducedPropagatorTable as ReducedPropagator
 from .scene.settings import RowTable as Row
-from .scene.substructures import Bolt, Gravity, Load, MeshFile, MeshParts, Motion, Substructure, Temperature
 from .scene.substructures import BoxTable as Box
+from .scene.substructures import Gravity, Load, MeshFile, MeshParts, Motion, Substructure, Temperature
 from .scene.substructures import ModalDampingTable as ModalDamping
 
 __all__ = [
@@ -135,6 +137,7 @@ __all__ = [
     "Symmetry",
     "TableLaw",
     "Temperature",
+    "Thread",
     "Time",
     "Uniform",
     "VelocityFile",

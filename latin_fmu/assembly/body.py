@@ -76,12 +76,16 @@ def fast_elasticity_of(material: MaterialTable) -> Elasticity:
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
-    def __init__(self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False) -> None:
+    def __init__(
+        self, mesh: Mesh, material: MaterialTable, bending_modes: bool = False, moduli: Array | None = None
+    ) -> None:
         self.mesh, self.material, self.bending_modes = mesh, material, bending_modes
+        self.moduli = moduli
+        """Moduli (n_cell,) over that of the material; None where all are 1."""
 
     def of(self, material: MaterialTable) -> Shape:
         """The shape with another material; what the mesh alone gives is shared."""
-        made = Shape(self.mesh, material, self.bending_modes)
+        made = Shape(self.mesh, material, self.bending_modes, self.moduli)
         made.__dict__.update(elements=self.elements, rank=self.rank)
         return made
 
@@ -98,7 +102,7 @@ class Shape:
     @cached_property
     def elements(self) -> Elements:
         """Elements of the mesh."""
-        return Elements(self.mesh)
+        return Elements(self.mesh, self.moduli)
 
     @cached_property
     def mass(self) -> sp.csr_array:
@@ -177,6 +181,8 @@ class Body:
     rigid_faces: tuple[str, ...] = ()
     units: UnitSystem = SI
     """Of the scene, for messages."""
+    touching: str = ALL_OF_IT
+    """Face that takes part in searches for contacts: all of it, but for the free shanks of screws."""
 
     @cached_property
     def mass(self) -> sp.csr_array:

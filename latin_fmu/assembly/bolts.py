@@ -14,19 +14,8 @@ While a bolt is tightened F is given and delta is not. Eliminated,
 
     (K - g g^T / k) u = f + F g / k,      delta = (F + g . u) / k.
 
-A change of temperature T strains a free body by alpha T, so that u is u - alpha x T in F.
-
-A shank that yields has a plastic elongation q, and the shortening delta - q. With kinematic hardening the tension is
-within F_y of H q,
-
-    |F - H q| <= F_y,    dq/dt (F - H q) = F_y |dq/dt|
-
-q is a history of the whole run, found by repeated runs (``Yielding``). The joint loses at the instant i the tension
-kappa_i q_i + sum_(j < i) h_(i-j) q_j; the tension of a run and its loss give the tension without q, and the law gives
-the next q. In statics h = 0, and kappa is the tension over the shortening of the tightening, then the slope between two
-runs at every instant. In motion both are differences of the response to a step, for which one run is made. A run after
-which the elongations would still change is not trustworthy.
-Runs that do not yield are not repeated.
+A change of temperature T strains a free body by alpha T, so that u is u - alpha x T in F. A shank that yields has a
+plastic elongation q, and the shortening delta - q (``yielding_bolts``).
 
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
 both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
@@ -43,22 +32,25 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import Problems, SceneError, listed, shown
+from ..errors import Problems, listed, shown
 from ..fem.elasticity import Elasticity
 from ..fem.elements import Elements, MeanStress, Recovery, stiffness
 from ..fem.faces import face_of
 from ..fem.mesh import Array, CellBlock, FacetSet, Index, Mesh
 from ..fem.reference_cells import CELL_FACES, FACET_CORNERS, FACET_KIND, N_CORNER
 from ..latin.assembly import InterfaceUnit
-from ..latin.outcome import BoltHistory
 from ..propagator import LoadTerm
+from ..scene.bolts import LARGEST_STRESS, NUT_FACTOR, Bolt
 from ..scene.schema import Scene
-from ..scene.substructures import NUT_FACTOR, Bolt
 from ..scene.units import UnitSystem
 from .body import Body, Shape, body_sides
 from .bolt_shares import fraction, share_of
 from .conditions import Conditions
 
+FITTING: Final = 0.75, 1.2
+"""Diameter of the meshed shank over the nominal one, from core to nominal, with some play for sections not round."""
+WAISTED: Final = 0.5
+"""The same of a shank whose thread has no size, from."""
 SECTION: Final = 0.9, 1.4
 """Meshed section over the stress area of the thread, of the modelled part, from and up to which the two agree."""
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
@@ -76,7 +68,8 @@ class BoltCut:
     pattern : (n_full,) g, N m-1. stiffness : k, N m-1. heated : tension per change of temperature where u = 0, N K-1.
     loose : whether F is given and delta is not, while tightened.
     thread_area : tensile stress area of the whole thread, m2; None where the bolt names none.
-    share : of the whole screw that is modelled.
+    share : of the whole screw that is modelled. note : what ``check`` says of its thread.
+    scaled : whether the modulus of the free shank is scaled to the core of its thread.
     """
 
     name: str
@@ -93,6 +86,8 @@ class BoltCut:
     loose: bool = False
     thread_area: float | None = None
     share: float = 1.0
+    note: str = ""
+    scaled: bool = False
 
     @property
     def tension(self) -> float | None:
@@ -137,14 +132,15 @@ class BoltCut:
                 f"{units['Pa']}{self._thread(units)}, "
             )
         section = f"{self.area:.6g} {units['m2']} of {self.table.substructure}"
-        return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}"
+        note = f"; {self.note}" if self.note else ""
+        return f"  bolt {self.name}: section {section} at [{at}], {target}order {self.table.order}{note}"
 
     def _thread(self, units: UnitSystem) -> str:
         """The section that the stress is of, where it is not the meshed one, in words."""
         if self.thread_area is None:
             return ""
         part = "" if self.share == 1.0 else f"{fraction(self.share)} of "
-        return f" over {part}the stress area of {self.table.thread}, {self.thread_area:.4g} {units['m2']}"
+        return f" over {part}the stress area of {self.table.size}, {self.thread_area:.4g} {units['m2']}"
 
     def _whole(self, force: float, units: UnitSystem) -> str:
         """The force of the whole screw, where a part of it is modelled, in words."""
@@ -222,31 +218,68 @@ def load_name(bolt: str) -> str:
 
 
 def check_yield(name: str, force: float | None, cut: BoltCut, body: Body, problems: Problems) -> None:
-    """Refuse a tension whose mean stress is above the yield stress of the material."""
-    limit, units = body.shape.material.yield_stress, body.units
+    """Refuse a tension whose mean stress is above the yield stress of the material or of the property class; above
+    ``LARGEST_STRESS`` where neither is given."""
+    units = body.units
     part = "" if cut.share == 1.0 else f" ({fraction(cut.share)} of the screw is modelled)"
+    limit, of = _limit(cut.table, body)
     if force is None or limit is None or force <= limit * cut.stress_area:
         return
     problems.add(
         f"bolt.{name}",
-        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.thread}'}, "
-        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above the yield stress of the "
-        "material",
+        f"the mean stress of the {'shank' if cut.thread_area is None else f'thread {cut.table.size}'}, "
+        f"{force:.6g} {units['N']} / {cut.stress_area:.6g} {units['m2']}{part}, is above {of}",
         f"{force / cut.stress_area:.4g} {units['Pa']}",
         f"at most {limit:.4g} {units['Pa']}, a force of {limit * cut.stress_area:.4g} {units['N']}",
-        "tighten the bolt less, or choose a larger section or another material",
+        "tighten the bolt less, or choose a larger section or another material; are the units of force, torque and "
+        "diameter right?",
+    )
+
+
+def _limit(table: Bolt, body: Body) -> tuple[float | None, str]:
+    """Largest mean stress of a bolt, Pa, and what it is of, in words; None of numbers without units."""
+    own, of_class = body.shape.material.yield_stress, table.class_stress(body.units)
+    known = [(own, "the yield stress of the material")] if own is not None else []
+    known += [(of_class, f"the yield stress of class {table.property_class}")] if of_class is not None else []
+    if known:
+        return min(known)
+    if not body.units.measurable:
+        return None, ""
+    return LARGEST_STRESS / body.units.size("Pa"), "that of any screw: no property_class and no yield_stress is given"
+
+
+def check_diameter(name: str, cut: BoltCut, body: Body, problems: Problems) -> None:
+    """Refuse a nominal diameter that is not that of the meshed shank."""
+    nominal, units = cut.table.nominal(body.units), body.units["m"]
+    if nominal is None:
+        return
+    # of a round section of this area
+    drawn = 2.0 * float(np.sqrt(cut.area / (cut.share * np.pi)))
+    # a waisted shank is thinner than its core, and is no thread
+    least = FITTING[0] if cut.table.size is not None else WAISTED
+    if least <= drawn / nominal <= FITTING[1]:
+        return
+    key = "thread" if cut.table.size is not None else "diameter"
+    problems.add(
+        f"bolt.{name}.{key}",
+        f"the section of the cut of {body.name} is that of a diameter of {drawn:.4g} {units}"
+        + ("" if cut.share == 1.0 else f" ({fraction(cut.share)} of it is modelled)"),
+        f"{nominal:.4g} {units}" + ("" if cut.table.size is None else f", {cut.table.size}"),
+        f"a shank of {least:g} to {FITTING[1]:g} of the nominal diameter",
+        "check thread, diameter, share and the scale of the mesh; of a waisted shank give the diameter without thread",
     )
 
 
 def section_remarks(cuts: Iterable[BoltCut], units: UnitSystem) -> Iterator[str]:
     """Remarks on meshed sections that are not those of the threads."""
     for cut in cuts:
-        if cut.thread_area is None or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
+        # where the moduli of the free shank are scaled its section does not count
+        if cut.thread_area is None or cut.scaled or SECTION[0] <= (ratio := cut.area / cut.stress_area) <= SECTION[1]:
             continue
         part = "" if cut.share == 1.0 else f" times the share {fraction(cut.share)} that is modelled"
         yield (
             f"bolt {cut.name}: its meshed section, {cut.area:.4g} {units['m2']}, is {ratio:.3g} of the stress area of "
-            f"{cut.table.thread}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
+            f"{cut.table.size}{part} ({SECTION[0]:g} to {SECTION[1]:g} are usual): its stiffness is that of another "
             "screw; are the thread, the share and the length unit right?"
         )
 
@@ -283,7 +316,7 @@ class OpenedMesh:
 
     def recovery(self, shape: Shape) -> Recovery:
         """Strains of the elements and stresses at the nodes."""
-        return _OpenedRecovery(Elements(self.mesh), shape.elasticity, shape.bending_modes, self)
+        return _OpenedRecovery(Elements(self.mesh, shape.moduli), shape.elasticity, shape.bending_modes, self)
 
     def closed(self, values: Array) -> Array:
         """Values at the nodes (..., n_node, k), on the cuts means of both sides, from those of the opened mesh."""
@@ -300,9 +333,9 @@ class OpenedMesh:
 class OpenedStress:
     """Mean stress of the elements of a body with bolts (as ``MeanStress``)."""
 
-    def __init__(self, opened: OpenedMesh, material: Elasticity) -> None:
+    def __init__(self, opened: OpenedMesh, shape: Shape) -> None:
         self._opened = opened
-        self._mean = MeanStress(Elements(opened.mesh), material)
+        self._mean = MeanStress(Elements(opened.mesh, shape.moduli), shape.elasticity)
 
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
@@ -338,18 +371,23 @@ def cuts_of(
     conditions: Mapping[str, Conditions],
     units: Sequence[InterfaceUnit],
     problems: Problems,
+    notes: Mapping[str, str],
 ) -> dict[str, BoltCut]:
-    """Cuts of all bolts of a scene; shanks that cannot be cut are added to ``problems``."""
+    """Cuts of all bolts of a scene, with ``notes`` on their threads; shanks that cannot be cut are added to
+    ``problems``."""
     cuts = {}
     for name, bolt in scene.bolt.items():
         body = bodies[bolt.substructure]
         joined = _joined_nodes(body, units)
-        axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()  # squares of any direction are numbers
+        axis = np.asarray(bolt.axis, dtype=float)
+        axis /= np.abs(axis).max()  # squares of any direction are numbers
         axis /= np.linalg.norm(axis)
-        held = _held_nodes(conditions[body.name], axis, body.mesh.n_node)
+        held = held_nodes(conditions[body.name], axis, body.mesh.n_node)
         cut = _Section(name, bolt, body, axis).cut(held, joined, problems)
         if cut is not None:
-            cuts[name] = cut = replace(cut, share=share_of(name, scene, body, axis, cut.nodes, problems))
+            share = share_of(name, scene, body, axis, cut.nodes, problems)
+            cuts[name] = cut = replace(cut, share=share, note=notes.get(name, ""), scaled=body.shape.moduli is not None)
+            check_diameter(name, cut, body, problems)
             check_yield(name, cut.tension, cut, body, problems)
     return cuts
 
@@ -365,7 +403,7 @@ def _joined_nodes(body: Body, units: Sequence[InterfaceUnit]) -> dict[str, np.nd
     return joined
 
 
-def _held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
+def held_nodes(held: Conditions, axis: Array, n_node: int) -> np.ndarray:
     """(n_node,) nodes that a boundary condition holds, drives or ties along the axis."""
     columns = sp.csc_array(held.expansion)
     used = columns.data != 0.0
@@ -592,7 +630,9 @@ class _Section:
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
-        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}))
+        moduli = body.shape.moduli
+        moduli = None if moduli is None else moduli[beyond]
+        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}), moduli)
         own = stiffness(part, body.shape.elasticity, body.shape.bending_modes)
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
@@ -663,133 +703,3 @@ def _width(places: Array, axis: Array) -> float:
     flat = _across(places, axis)
     middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
     return float(2.0 * np.linalg.norm(flat - middle, axis=1).max())
-
-
-# -- shanks that yield ------------------------------------------------------------------------------------------------
-_LEAST: Final = 1e-3  # of the largest change of an elongation: smaller ones give no slope
-_BOUNDS: Final = 1e-4, 1e2  # of kappa over that of the tightening: an open joint loses next to nothing
-_RUNS: Final = 20  # most runs until the plastic elongations stay
-_STAYS: Final = 1e-8  # of the yield force: change of a tension by that of the elongation between two runs
-_OF_TOLERANCE: Final = 0.1  # the same as a share of the tolerance of the runs
-
-
-@dataclass
-class TensionLoss:
-    """What the tension of a bolt loses by its plastic elongation (module docstring).
-
-    Attributes
-    ----------
-    kappa : (n_time,) at the same instant, N m-1. memory : (n,) h_1, h_2, ... at later ones, N m-1.
-    """
-
-    kappa: Array
-    memory: Array
-
-    def of(self, q: Array) -> Array:
-        """Loss (n_time,), N, by q (n_time,), m."""
-        past = np.convolve(self.memory, q)[: len(q) - 1] if len(self.memory) else np.zeros(len(q) - 1)
-        return np.asarray(self.kappa * q + np.concatenate([[0.0], past]))
-
-    def elongation(self, trial: Array, yield_force: float, hardening: float) -> Array:
-        """Plastic elongation q (n_time,), m, where the tension without it is ``trial`` (n_time,), N; ``hardening`` H,
-        N m-1. The law is rate-independent: q changes where F - H q = +-F_y only."""
-        made, q = np.zeros(len(trial)), 0.0
-        for i, force in enumerate(trial):
-            n = min(i, len(self.memory))
-            past = float(self.memory[:n] @ made[i - n : i][::-1])
-            slope = self.kappa[i] + hardening
-            over = force - past - slope * q
-            if abs(over) > yield_force:
-                q = (force - past - np.copysign(yield_force, over)) / slope
-            made[i] = q
-        return made
-
-
-class Yielding:
-    """Plastic elongations of the bolts of a scene, from run to run.
-
-    Attributes
-    ----------
-    tables : of the bolts that may yield. elongation : (n_time,) of each of them, m, at the instants of the next run;
-        empty before the first one.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self.tables = {n: b for n, b in scene.bolt.items() if b.hardening is not None}
-        materials = {n: scene.material[scene.substructure[b.substructure].material] for n, b in self.tables.items()}
-        self._stress = {n: m.yield_stress or 0.0 for n, m in materials.items()}
-        self._stays = max(_STAYS, _OF_TOLERANCE * scene.solver.tolerance)
-        self._units, self._still = scene.unit_system, scene.time.quasi_static
-        self.elongation: dict[str, Array] = {}
-        self._before: dict[str, tuple[Array, Array]] = {}  # elongation and tension of the run before
-        self._losses: dict[str, TensionLoss] = {}
-        self._runs, self._change = 0, 0.0
-
-    def goes_on(self, bolts: Mapping[str, BoltHistory]) -> bool:
-        """Take the tensions of a run; whether another one with the new ``elongation`` is needed.
-
-        Raises
-        ------
-        SceneError : a bolt yields before the motion begins.
-        """
-        self._runs, self._change = self._runs + 1, 0.0
-        new = {}
-        for name, table in self.tables.items():
-            force, limit = bolts[name].force, self._stress[name] * bolts[name].stress_area
-            q, hardening = self.elongation.get(name, np.zeros(len(force))), table.hardening or 0.0
-            if not self._still and force[0] > limit:
-                raise self._yields_at_once(name, float(force[0]), limit)
-            lost = self._loss_of(bolts[name], q)
-            new[name] = lost.elongation(force + lost.of(q), limit, hardening)
-            self._change = max(self._change, float((lost.kappa * np.abs(new[name] - q)).max() / limit))
-            if not self._still and name not in self._before and (yields := np.flatnonzero(new[name])).size:
-                # a step, for its loss
-                new[name] = np.where(np.arange(len(q)) < yields[0], 0.0, np.abs(new[name]).max())
-            self._before[name] = q, force
-        if self._change <= self._stays or self._runs == _RUNS:
-            return False
-        self.elongation = new
-        return True
-
-    def _loss_of(self, bolt: BoltHistory, q: Array) -> TensionLoss:
-        """The loss by q as far as the runs so far give it."""
-        first = bolt.tight / bolt.shortening
-        if bolt.name not in self._before:
-            return self._losses.setdefault(bolt.name, TensionLoss(np.full(len(q), first), np.zeros(0)))
-        step, loss = q - self._before[bolt.name][0], self._before[bolt.name][1] - bolt.force
-        lost, low, high = self._losses[bolt.name], _BOUNDS[0] * first, _BOUNDS[1] * first
-        if self._still:
-            changed = np.abs(step) > _LEAST * np.abs(step).max()
-            lost.kappa[changed] = np.clip(loss[changed] / step[changed], low, high)
-        elif not len(lost.memory) and step.any():
-            begin = int(np.flatnonzero(step)[0])
-            to_step = loss[begin:] / step[begin]
-            lost.kappa[:], lost.memory = max(to_step[0], low), np.diff(to_step)
-        return lost
-
-    def _yields_at_once(self, name: str, force: float, limit: float) -> SceneError:
-        n = self._units["N"]
-        return SceneError.of(
-            "the scene cannot be solved",
-            f"bolt.{name}",
-            "the shank yields in the static start, before the run follows its plastic elongation",
-            f"{force:.6g} {n}",
-            f"at most {limit:.6g} {n}",
-            "tighten the bolt less, or let loads and temperatures grow from zero in the run",
-        )
-
-    def words(self) -> dict[str, str]:
-        """Plastic elongations at the end and the number of runs, for the choices of a run; empty where none yielded."""
-        parts = [
-            f"{name} by {q[-1]:.4g} {self._units['m']}" for name, q in self.elongation.items() if np.abs(q).max() > 0.0
-        ]
-        return {"bolts that yield": f"{', '.join(parts)}; {self._runs} runs"} if parts else {}
-
-    def faults(self) -> tuple[str, ...]:
-        """Why the end of the last run is not trustworthy: the elongations still changed in it."""
-        if self._change <= self._stays:
-            return ()
-        return (
-            f"plastic elongations of bolts change their tension by {self._change:.2g} of the yield force in the last "
-            f"of {self._runs} runs (allowed: {self._stays:.2g})",
-        )

@@ -51,6 +51,7 @@ from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
 from .statics import Stage, fitted, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
 from .supports import port_places
+from .threads import with_threads
 from .untouched import never_touched
 
 _LARGE: Final = 5000  # nodes from which on what a static start leaves behind is looked for, which takes 0.1 s
@@ -151,6 +152,10 @@ def discretise(
     store_of(scene).recount()
     scene = _damped(scene, remarks)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks, files)
+    notes: dict[str, str] = {}
+    if scene.bolt and not problems:
+        # before the faces are checked: threads make their own
+        scene, bodies, notes = with_threads(scene, bodies, problems, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
     _stop_at(problems)
@@ -196,7 +201,7 @@ def discretise(
             remarks += remarks_of("free", start_remarks(scene, bodies, conditions, units))
     if not problems:
         problems += _damping_problems(scene, bodies, conditions, units)
-    cuts = cuts_of(scene, bodies, conditions, units, problems) if scene.bolt else {}
+    cuts = cuts_of(scene, bodies, conditions, units, problems, notes) if scene.bolt else {}
     if cuts and not problems:
         problems += loose_bolts(scene, bodies, conditions, units, cuts)
     _stop_at(problems)

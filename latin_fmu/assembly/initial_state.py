@@ -274,7 +274,7 @@ class TightBolts:
                 self.orders,
                 forces,
                 elongation.get(name),
-                table.thread,
+                table.size,
                 cut.thread_area,
                 cut.share,
             )

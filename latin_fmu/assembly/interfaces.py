@@ -30,6 +30,7 @@ from .clearances import TOUCHING, initial_opening
 from .conditions import Conditions
 from .face_pairs import MATCHING, FacePair, Side, by_mortar, node_by_node, on_plane
 from .models import KeptOperators
+from .threads import with_threads
 
 _LEAST = 1e-3  # a common area below this share of a facet is a touch of edges, no interface
 _MOST_MIDDLES = 30  # at which bodies without a common face are searched for an overlap
@@ -43,11 +44,14 @@ def completed(scene: Scene) -> Scene:
     ------
     SceneError : meshes that cannot be read; bodies that overlap.
     """
-    if not scene.contact:
+    if not scene.contact and not scene.bolt:
         return scene
     problems = Problems()
     bodies = build_bodies(scene, problems)
-    whole = scene if problems else with_found(scene, bodies, problems)
+    whole = scene
+    if not problems:
+        whole, bodies, _ = with_threads(scene, bodies, problems)
+    whole = whole if problems else with_found(whole, bodies, problems)
     if problems:
         raise SceneError(problems, "the scene cannot be built")
     return whole
@@ -61,7 +65,7 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
     edges: list[str] = []
     # pairs joined by hand are left alone
     by_hand = {frozenset(split_face(side)[0] for side in i.sides) for i in scene.interface.values()}
-    surfaces = {name: body.surface(ALL_OF_IT) for name, body in bodies.items()}
+    surfaces = {name: body.surface(body.touching) for name, body in bodies.items()}
     interfaces: dict[str, Interface] = {}
     taken = set(by_hand)
     for name, table in scene.contact.items():
@@ -76,12 +80,16 @@ def with_found(scene: Scene, bodies: dict[str, Body], problems: Problems, remark
             # twice the search: an overlap beyond it is told apart from faces far away
             area, depth = _common(one, other, table.search)
             if area <= _LEAST * min(one.facet_area, other.facet_area) and depth == 0.0:
+                # a free shank that fills its hole: it touches, on faces that take no part
+                if any(bodies[n].touching != ALL_OF_IT for n in pair) and _touch(bodies, pair, table.search):
+                    continue
                 depth = _sunk((bodies[first], one), (bodies[second], other), table.search)
             if area > _LEAST * min(one.facet_area, other.facet_area):
                 taken.add(pair)
                 # names of interfaces found before count, too
                 free = _free_name(f"{first}_{second}", {*scene.joints, *interfaces})
-                interfaces[free] = table.interface(first, second)
+                sides = (f"{n}.{bodies[n].touching}" for n in (first, second))
+                interfaces[free] = table.interface(*sides)
             elif depth > 0.0:
                 problems.add(
                     f"contact.{name}.search",
@@ -143,6 +151,12 @@ def _common(first: Surface, second: Surface, search: float) -> tuple[float, floa
     area = sum(float(c.areas[np.abs(c.distance) <= search].sum()) for c in cells)
     deepest = max((-float(c.distance.min()) for c in cells if len(c)), default=0.0)
     return area, deepest if deepest > search else 0.0
+
+
+def _touch(bodies: Mapping[str, Body], pair: frozenset[str], search: float) -> bool:
+    """Whether bodies are within ``search`` of each other anywhere on their surfaces."""
+    one, other = (bodies[name].surface(ALL_OF_IT) for name in sorted(pair))
+    return _common(one, other, search)[0] > _LEAST * min(one.facet_area, other.facet_area)
 
 
 def _sunk(first: tuple[Body, Surface], second: tuple[Body, Surface], search: float) -> float:

@@ -213,7 +213,7 @@ class DiscretisedProblem:
     untouched: Untouched | None = None
     """Bodies of the scene that are left out of this problem, None where none are."""
     elongation: Mapping[str, Array] = field(default_factory=dict)
-    """Plastic elongation (n_time,) of the bolts that may yield, m (``bolts.Yielding``)."""
+    """Plastic elongation (n_time,) of the bolts that may yield, m (``yielding_bolts.Yielding``)."""
     histories: Mapping[str, Array] = field(default_factory=dict)
     """(n_time,) of load terms of the classes that no law of the scene has."""
 
@@ -272,7 +272,7 @@ class DiscretisedProblem:
             limit = None if b.rigid else b.shape.material.yield_stress
             wanted = stress or limit is not None
             opened = self.opened(n, shortening) if wanted else None
-            recover = None if opened is None else OpenedStress(opened, b.shape.elasticity)
+            recover = None if opened is None else OpenedStress(opened, b.shape)
             plain = b.shape.stress if wanted and not b.rigid else None
             cells, types = padded_cells(b.mesh.blocks), " ".join(b.mesh.cell_types)
             unstrained = self._unstrained(b, wanted)
@@ -287,11 +287,13 @@ class DiscretisedProblem:
             if self.cuts[name].table.substructure == body.name:
                 opened = self.opened(body.name, {name: 1.0})
                 assert opened is not None
-                one = OpenedStress(opened, body.shape.elasticity)(np.zeros((body.mesh.n_node, 3)))
+                one = OpenedStress(opened, body.shape)(np.zeros((body.mesh.n_node, 3)))
                 elongated.append((q, one))
         if not (acting or elongated):
             return None
-        return partial(_unstrained, body.shape.elasticity.thermal_stress, acting, self.time, elongated)
+        thermal, moduli = body.shape.elasticity.thermal_stress, body.shape.moduli
+        thermal = thermal if moduli is None else moduli[:, None] * thermal
+        return partial(_unstrained, thermal, acting, self.time, elongated)
 
     def recovered_of(self, shortening: Mapping[str, float]) -> dict[str, Recovered]:
         """Recovery of further fields of the elastic substructures, where the scene requests them; ``shortening`` of the
@@ -607,6 +609,8 @@ def _signature(model: SubstructureModel, body: Body) -> bytes:
     digest.update(np.round((body.mesh.nodes - body.mesh.nodes[0]) / size, 9).astype("f8").tobytes())
     for block in body.mesh.blocks:
         digest.update(block.cells.tobytes())
+    if body.shape.moduli is not None:
+        digest.update(body.shape.moduli.tobytes())
     for matrix in (model.expansion, model.trace):
         matrix.sort_indices()
         index = (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64))

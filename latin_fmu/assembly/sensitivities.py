@@ -29,13 +29,14 @@ from ..scene.overrides import no_number, number_at
 from ..scene.schema import Scene
 from ..time_scheme import QuasiStatic
 from .body import body_sides
-from .bolts import Yielding, load_name
+from .bolts import load_name
 from .build import discretise
 from .copies import MARK, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
 from .displaced_starts import displaced_bodies
 from .models import Kept, KeptOperators
 from .problem import DiscretisedProblem, SolverReadyProblem
 from .statics import Stage
+from .yielding_bolts import Yielding
 
 _STEP: Final = 1e-4
 """Change of a parameter over its value in the differences of data; of one that is 0 the change itself."""

@@ -43,6 +43,7 @@ from ..scene.settings import StaticStart
 from ..scene.substructures import ALL
 from ..scene.units import UnitSystem
 from .body import Body, body_sides
+from .bolt_ends import unheld_ends
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
@@ -301,10 +302,15 @@ def loose_bolts(
     units: list[InterfaceUnit],
     cuts: Mapping[str, BoltCut],
 ) -> Problems:
-    """A problem for every bolt whose tension nothing resists while the bolts of its order are tightened: it could pull
-    bodies without relative motion at any interface, open or closed."""
+    """A problem for every end of a bolt that nothing holds (``bolt_ends``), else for every bolt whose tension nothing
+    resists while the bolts of its order are tightened: it could pull bodies without relative motion at any interface,
+    open or closed."""
     still, kept = resting(scene), static_interfaces(scene)
-    units, problems = [unit for unit in units if unit.name in kept], Problems()
+    units = [unit for unit in units if unit.name in kept]
+    # the ends of the bolts first: what they lean on counts where they are held
+    problems = Problems(unheld_ends(cuts.values(), bodies, conditions, units))
+    if problems:
+        return problems
     pulled = [cut for cut in cuts.values() if cut.tension is not None and cut.moving.any()]
     for order in sorted({cut.table.order for cut in pulled}):
         group = [cut for cut in pulled if cut.table.order == order]

@@ -83,10 +83,13 @@ def is_curved(nodes: Array, block: CellBlock) -> bool:
 
 
 class Elements:
-    """Elements of one mesh; what all sums over them share is made once."""
+    """Elements of one mesh; what all sums over them share is made once.
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
+    moduli : (n_cell,) of the elements over that of their material; None where all are 1.
+    """
+
+    def __init__(self, mesh: Mesh, moduli: Array | None = None) -> None:
+        self.mesh, self.moduli = mesh, moduli
 
     def points(self, of_products: bool = False) -> Iterator[tuple[CellBlock, CellPoints]]:
         """Integration points of all cells, block by block in pieces that fit into memory (see ``cell_rule``)."""
@@ -299,8 +302,12 @@ def stiffness(elements: Elements, material: Elasticity, bending_modes: bool = Fa
     """
 
     def parts() -> Iterator[tuple[Array, Index]]:
+        done = 0
         for cell_type, points, of_cell in elements.distinct():
             matrices = element_stiffness(points, material, bending_modes and cell_type in BENDING_CELLS)
+            if elements.moduli is not None:
+                own, done = elements.moduli[done : done + len(of_cell)], done + len(of_cell)
+                matrices, of_cell = own[:, None, None, None, None] * matrices[of_cell], np.arange(len(of_cell))
             yield matrices.transpose(0, 1, 3, 2, 4), of_cell
 
     return elements.matrix(parts())
@@ -374,12 +381,13 @@ class MeanStress:
 
     def __init__(self, elements: Elements, material: Elasticity) -> None:
         self._means = [(b.cells, _mean_gradients(p)) for b, p in elements.points()]
-        self._material = material
+        self._material, self._moduli = material, elements.moduli
 
     def __call__(self, displacement: Array) -> Array:
         """Mean stress (n_cell, 6), Pa, of displacements (n_node, 3), m."""
         slopes = [np.swapaxes(mean, 1, 2) @ displacement[cells] for cells, mean in self._means]
-        return self._material.stress(_symmetric(np.concatenate(slopes)))
+        stress = self._material.stress(_symmetric(np.concatenate(slopes)))
+        return stress if self._moduli is None else self._moduli[:, None] * stress
 
 
 class Recovery:
@@ -404,13 +412,16 @@ class Recovery:
     def nodal_stress(self, displacement: Array) -> Array:
         """Stress at the nodes (n_time, n_node, 6), Pa, of displacements (n_time, n_node, 3), m."""
         n_time, n_node, _ = displacement.shape
-        total, weight = np.zeros((n_node, n_time * 6)), np.zeros(n_node)
+        total, weight, done = np.zeros((n_node, n_time * 6)), np.zeros(n_node), 0
         for block, rule, to_nodes in self._pieces(n_time):
             points = points_in(self._elements.mesh.nodes, block, rule)
             slopes = np.einsum("cpaj,tcai->tcpij", points.gradients, displacement[:, block.cells], optimize=True)
             if self._bending and block.cell_type in BENDING_CELLS:
                 slopes += self._mode_slopes(points, displacement)
             stress = self._material.stress(_symmetric(slopes))
+            if self._elements.moduli is not None:
+                stress *= self._elements.moduli[None, done : done + len(block.cells), None, None]
+                done += len(block.cells)
             at_nodes = np.einsum("ap,tcpk->catk", to_nodes, stress, optimize=True)
             volumes = np.repeat(points.volumes.sum(axis=1), block.cells.shape[1])
             where = (volumes, (block.cells.ravel(), np.arange(block.cells.size)))

@@ -314,11 +314,11 @@ class _ContactKeys(SceneTable):
         return frozenset(frozenset(pair) for pair in getattr(self, "except"))
 
     def interface(self, first: str, second: str) -> Interface:
-        """The interface between the boundaries of two substructures."""
+        """The interface between two faces."""
         taken = TAKES[self.behaviour]
         keys = [k for k in ("gap", "overlap", "form", *PARAMETERS) if k in taken and getattr(self, k) is not None]
         values: dict[str, Any] = {key: getattr(self, key) for key in keys}
-        return Interface(sides=(f"{first}.*", f"{second}.*"), behaviour=self.behaviour, search=self.search, **values)
+        return Interface(sides=(first, second), behaviour=self.behaviour, search=self.search, **values)
 
 
 _SEARCH = (

@@ -85,8 +85,17 @@ Temperature    A change of temperature strains a free body by alpha times it. Th
                tightened before it acts: their tension follows from the unlike expansions of bolt and parts. Stresses
                are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
                free expansion does the work. Moduli do not depend on temperature.
-Thread         A perfect interface on faces of bolt and nut, matching or not, bonds a thread; in a tapped hole, on the
-               threaded part of the shank and the wall of the hole. A part of the shank stays free for the cut.
+Thread         thread = {size = "M5", part = "base", length = 8e-3} bonds shank and hole of a screw from the mouth
+               of the hole, chamfers left out, over length and at most over their overlap; up to whole facets where the
+               mesh has no edge there, which check prints. The rest of the shank touches nothing unless
+               shank = "contact"; the modulus of the free shank is scaled to the area of the core (VDI 2230) unless
+               modulus = "drawn".
+               With faces of its own a perfect interface of bolt and nut, matching or not, bonds a thread; in a tapped
+               hole, on the threaded part of the shank and the wall of the hole. A part of the shank stays free for the
+               cut.
+Ends of bolts  Each end of a bolt with a tension is held by a bond, a thread, a spring, a coupling, a face held along
+               the axis, a contact on facets within 60 degrees of the axis turned the way of the pull, or a contact that
+               is pressed before (a press fit, a preload) with friction or along the axis; else it is refused by name.
 Behaviours     perfect: one velocity. contact: unilateral, Coulomb friction. no_slip: unilateral, never slides:
                points that are closed at the start of an instant are held along the face in it, at zero pressure too,
                and contact_status is stick wherever there is a traction.

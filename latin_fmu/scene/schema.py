@@ -9,6 +9,7 @@ from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationEr
 
 from ..errors import Problem, SceneError, shown
 from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
+from .bolts import Bolt, bolt_problems, with_screws
 from .boundaries import Boundary, Periodic, boundary_problems
 from .damping import DampingTable
 from .describe import is_named, path_text, validation_problems
@@ -26,14 +27,12 @@ from .sensors import Sensor, sensor_problems
 from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
 from .spread import Distribution, SpreadTable, spread_problems
 from .substructures import (
-    Bolt,
     Gravity,
     Load,
     MeshParts,
     Motion,
     Substructure,
     Temperature,
-    bolt_problems,
     load_problems,
     substructure_problems,
     temperature_problems,
@@ -266,7 +265,8 @@ class Scene(SceneTable):
             raise SceneError(oversized, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
         written, unreadable = _with_parts(raw, base_dir, info.context)
-        unreadable += _in_unknown_units(raw, info.context)
+        written, unmatched = with_screws(written)
+        unreadable += [*_in_unknown_units(raw, info.context), *unmatched]
         try:
             completed = with_defaults(written)
             scene = handler(data if completed is raw else completed)

@@ -1,4 +1,4 @@
-"""Tables [substructure], [mesh], [bolt], [load], by name, and [gravity]: bodies and what acts on them."""
+"""Tables [substructure], [mesh], [load], by name, and [gravity]: bodies and what acts on them."""
 
 import math
 import re
@@ -13,7 +13,6 @@ from ..errors import Problem, shown
 from .fields import (
     GROUND,
     Count,
-    Direction,
     Face,
     Flag,
     LocalAxes,
@@ -37,13 +36,11 @@ from .raw_scene import (
     face_problems,
     given,
     is_explicit,
-    moves,
     named_tables,
     reference_problems,
     single_table,
     text_list,
 )
-from .units import UnitSystem
 
 MAX_ELEMENTS = 20_000_000
 LARGEST_ASPECT = 1e6
@@ -320,122 +317,6 @@ class Load(SceneTable):
         return float(uniform + np.linalg.norm(self.moment or 0.0) / area**1.5)
 
 
-NUT_FACTOR: Final = 0.2
-"""Of dry steel."""
-
-
-_COARSE_PITCHES: Final = {
-    1.6: 0.35, 2: 0.4, 2.5: 0.45, 3: 0.5, 3.5: 0.6, 4: 0.7, 5: 0.8, 6: 1, 7: 1, 8: 1.25, 10: 1.5, 12: 1.75, 14: 2,
-    16: 2, 18: 2.5, 20: 2.5, 22: 2.5, 24: 3, 27: 3, 30: 3.5, 33: 3.5, 36: 4, 39: 4, 42: 4.5, 45: 4.5, 48: 5, 52: 5,
-    56: 5.5, 60: 5.5, 64: 6,
-}  # fmt: skip
-"""Pitch of the coarse metric threads by their nominal diameter (ISO 261), mm."""
-_THREAD: Final = re.compile(r"M(\d{1,3}(?:\.\d+)?)(?:x(\d{1,3}(?:\.\d+)?))?")
-
-
-def thread_sizes(thread: str) -> tuple[float, float] | None:
-    """Nominal diameter and pitch of a metric thread, mm; None where the text is none, or names no pitch of a diameter
-    without a coarse one.
-
-    >>> thread_sizes("M6"), thread_sizes("M10x1"), thread_sizes("M6.1")
-    ((6.0, 1.0), (10.0, 1.0), None)
-    """
-    found = _THREAD.fullmatch(thread)
-    if found is None:
-        return None
-    diameter = float(found[1])
-    pitch = float(found[2] or _COARSE_PITCHES.get(diameter, 0.0))
-    # the core diameter is d - 1.23 P: beyond, there is no core to speak of
-    return (diameter, pitch) if 0.0 < pitch < 0.5 * diameter else None
-
-
-def tensile_stress_area(thread: str) -> float:
-    """A_s of a metric thread, mm2: pi / 4 ((d2 + d3) / 2)^2 (ISO 898-1), with the pitch diameter d2 = d - 3/4 H and the
-    core diameter d3 = d - 17/12 H (ISO 724), H = sqrt(3) / 2 P.
-
-    >>> round(tensile_stress_area("M6"), 1), round(tensile_stress_area("M10x1"), 1)
-    (20.1, 64.5)
-    """
-    sizes = thread_sizes(thread)
-    assert sizes is not None, thread
-    height = 0.5 * math.sqrt(3.0) * sizes[1]
-    return math.pi / 4.0 * (sizes[0] - (3.0 / 4.0 + 17.0 / 12.0) * height / 2.0) ** 2
-
-
-def _check_thread(thread: str) -> str:
-    if thread_sizes(thread) is None:
-        raise refusal(
-            "no metric thread",
-            value=thread,
-            allowed=f'"M6" (coarse: {", ".join(f"M{d:g}" for d in _COARSE_PITCHES)}) or with a pitch, "M10x1"',
-        )
-    return thread
-
-
-Thread = Annotated[Text, AfterValidator(_check_thread)]
-
-
-class Bolt(SceneTable):
-    """A bolt that is tightened before t = 0, to a force, by a torque or a shortening; then the shortening is kept.
-
-    A torque T gives the force T / (K d) with the nut factor K and the nominal diameter d (Bickford, Introduction to the
-    Design and Behavior of Bolted Joints, section 7.1.1). The shank is cut by a plane across the axis. Where the cut is
-    in the shank does not matter. Its stress is its tension over the tensile stress area of `thread` (ISO 898-1), which
-    property classes are about; over the meshed section of the cut where no thread is named (a waisted shank). Of a bolt
-    that planes of symmetry cut along its axis, `force` is that of the modelled part; torque, thread and yield force are
-    those of the whole screw.
-    """
-
-    substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")]
-    axis: Annotated[Direction, about("axis of the shank (its length and sense do not matter)", "1")]
-    force: Annotated[
-        Real | None, about("tension of the shank, as modelled, when the bolt has been tightened", "N", gt=0)
-    ] = None
-    torque: Annotated[
-        Real | None, about("tightening torque of the whole screw; its force follows from the next two", "N m", gt=0)
-    ] = None
-    diameter: Annotated[Real | None, about("nominal diameter d of the thread, with `torque`", "m", gt=0)] = None
-    nut_factor: Annotated[
-        Real | None,
-        about("nut factor K, with `torque`; 0.2 where left out (0.15 oiled, with a scatter of a third)", "1", gt=0),
-    ] = None
-    thread: Annotated[
-        Thread | None,
-        about('metric thread, "M6" or "M10x1": stresses are over its tensile stress area, not the meshed section'),
-    ] = None
-    share: Annotated[
-        Real | None,
-        about(
-            "share of the whole screw that is modelled; 1/2 or 1/4 by the faces of symmetry along the axis where left "
-            "out",
-            "1",
-            gt=0,
-            le=1,
-        ),
-    ] = None
-    shortening: Annotated[Real | None, about("shortening of the shank between head and nut", "m", gt=0)] = None
-    point: Annotated[
-        Vector | None,
-        about("point near the shank on the plane of the cut; the middle of the thinnest stretch where left out", "m"),
-    ] = None
-    hardening: Annotated[
-        Real | None,
-        about("the shank yields: tension per plastic elongation beyond yield_stress times stress area", "N m-1", ge=0),
-    ] = None
-    order: Annotated[Count, about("bolts are tightened in ascending order, those of one order together", "1", ge=1)] = 1
-
-    def tension(self, share: float) -> float | None:
-        """Force that the modelled part of the screw, a ``share`` of it, is tightened to, N; None where its shortening
-        is given."""
-        if self.torque is not None and self.diameter is not None:
-            return share * self.torque / ((self.nut_factor or NUT_FACTOR) * self.diameter)
-        return self.force
-
-    def thread_area(self, units: UnitSystem) -> float | None:
-        """Tensile stress area of its thread in these units, m2; None where it names none."""
-        return None if self.thread is None else 1e-6 * tensile_stress_area(self.thread) / units.size("m2")
-
-
 # -- checks of these tables with each other and with others ---
 def substructure_problems(raw: Any, base_dir: Path) -> Iterator[Problem]:
     """Problems of the substructures of a scene as written; their faces are checked with the meshes."""
@@ -541,65 +422,3 @@ def temperature_problems(raw: Any) -> Iterator[Problem]:
                 "list of 3 numbers [K-1]" if turned else "number [K-1]",
                 "e.g. 11.7e-6 for steel, 23e-6 for aluminium; 0 for a body that does not expand",
             )
-
-
-def _hardening_problems(raw: Any, where: str, bolt: RawTable, body: RawTable) -> Iterator[Problem]:
-    """A bolt that yields needs the stress at which it does; fields that do not follow its plastic elongation."""
-    if not given(bolt, "hardening"):
-        return
-    material = body.get("material")
-    own = named_tables(raw, "material").get(material, {}) if isinstance(material, str) else {}
-    if own and not given(own, "yield_stress"):
-        what = "a shank that yields needs the yield stress of its material"
-        yield Problem(
-            f"material.{material}.yield_stress", what, None, "number, > 0 [Pa]", f"or leave out {where}.hardening"
-        )
-    for key in ("strain", "nodal_stress"):
-        if single_table(raw, "output").get(key) is True:
-            what = "strains and stresses at nodes do not follow the plastic elongation of a bolt"
-            yield Problem(f"output.{key}", what, None, "output.stress", f"leave it out, or {where}.hardening")
-
-
-def bolt_problems(raw: Any) -> Iterator[Problem]:
-    """Problems of the bolts of a scene as written; the cuts of their shanks are checked with the meshes."""
-    substructures = named_tables(raw, "substructure")
-    for name, table in named_tables(raw, "bolt").items():
-        where, body = f"bolt.{name}", table.get("substructure")
-        yield from exactly_one(table, where, "force", "torque", "shortening")
-        for key, need in (("torque", "diameter"), ("diameter", "torque"), ("nut_factor", "torque")):
-            if given(table, key) and not given(table, need):
-                what = f"{key!r} needs {need!r}: force = torque / (nut_factor diameter)"
-                yield Problem(f"{where}.{key}", what, None, "both of them", f"add {need!r}, or leave {key!r} out")
-        if given(table, "thread") and raw.get("units") == "none":
-            what = "a thread has a size in mm, numbers of no unit have none"
-            yield Problem(f"{where}.thread", what, shown(table["thread"]), 'units other than "none"', "leave it out")
-        yield from reference_problems(raw, f"{where}.substructure", "substructure", body)
-        if not isinstance(body, str) or body not in substructures:
-            continue
-        yield from _hardening_problems(raw, where, table, substructures[body])
-        if substructures[body].get("rigid") is True:
-            yield Problem(
-                f"{where}.substructure",
-                "a rigid body cannot be stretched",
-                shown(body),
-                "an elastic substructure",
-                f"leave out substructure.{body}.rigid",
-            )
-        for key in ("initial_velocity", "initial_spin"):
-            if moves(substructures[body].get(key)):
-                yield Problem(
-                    f"{where}.substructure",
-                    f"bolts are tightened at rest, before t = 0, and {body} has the {key} {substructures[body][key]}",
-                    shown(body),
-                    "a substructure that is at rest at t = 0",
-                    f"remove substructure.{body}.{key}, or the bolt; if all bodies move like that, give their velocity "
-                    "as [motion] velocity, with which a tightened assembly starts",
-                )
-    if named_tables(raw, "bolt") and chosen_type(single_table(raw, "time"), "start") == "given":
-        yield Problem(
-            "time.start",
-            "bolts are tightened in the static equilibrium that a scene with bolts starts from",
-            "given",
-            '"static"',
-            "leave time.start out, or remove the bolts",
-        )

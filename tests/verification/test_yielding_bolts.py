@@ -11,7 +11,7 @@ import pytest
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
 from latin_fmu.assembly import bolts
-from latin_fmu.assembly.bolts import TensionLoss
+from latin_fmu.assembly.yielding_bolts import TensionLoss
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import SceneError
 from latin_fmu.stability.scenes import Box, Material, column

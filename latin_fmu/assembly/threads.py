@@ -1,0 +1,517 @@
+"""Screws as CAD draws them: the axis of a shank, its thread in a hole without a face of its own, its free shank.
+
+The round faces of a body about an axis are the facets whose nodes have one distance from it. Those of a screw that look
+outwards, at 0.75 to 1.1 of half the nominal diameter, are its shank; those of the engaged part that look inwards, at
+the same, are the hole. Chamfers are inclined to the axis and belong to neither. Shank and hole overlap along the axis;
+the end of the overlap at which more of the shank stands out is the mouth of the hole. From there the facets of one of
+the two, in the order of their heights, are taken until their area is that of the load-bearing length: exactly where the
+mesh has an edge there, else up to whole facets. They are bonded to the other's facets opposite.
+
+The rest of the shank takes no part in searches for contacts, or does but for a belt of a few facets in the middle of
+its free length, where the cut finds a section.
+
+A shank drawn thicker than the core of its thread is too stiff. In its free length the modulus is scaled to
+
+    E A_3 / A,      A_3 = pi / 4 d_3^2
+
+with the area A of the shank as drawn and the core diameter d_3: the resilience of a free thread by VDI 2230, part 1,
+section 5.1.1.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from ..errors import Problems, listed
+from ..fem.mesh import Array, FacetBlock, FacetSet
+from ..remarks import Remark
+from ..scene.bolts import Bolt, ThreadTable
+from ..scene.fields import ALL_OF_IT
+from ..scene.interfaces import Interface
+from ..scene.schema import Scene
+from .body import Body, Shape
+
+FITS: Final = 0.75, 1.1
+"""Diameter of a hole or a shank over the nominal one, from core to nominal with some play."""
+_SLACK: Final = 0.02  # of these, for chords
+_ROUND: Final = 0.03  # difference of the distances of a facet's nodes from the axis, over the distance
+_STEEP: Final = 0.4  # cosine between a normal and the axis from which on a facet belongs to a chamfer
+_RADIAL: Final = 0.9  # cosine between a normal and the radius
+_ENOUGH: Final = 0.1  # share of the surface of a screw that is round about its axis, at least
+_GLOBAL: Final = 3.5e-3  # angle to a global axis up to which it is meant, rad (0.2 degrees)
+_SEARCH: Final = 0.35  # of the radius: from shank to hole at most
+_OFF: Final = 0.1  # of the length: difference of what was reached that is worth a warning
+_EXACT: Final = 1e-3  # the same that is none
+_BELT: Final = 3.0  # facets around the cut that stay free
+_BESIDE: Final = "beside_the_shank"
+"""Name of the face of a screw that takes part in searches for contacts."""
+_CORE: Final = 0.97  # area of the core over that of the shank from which on the modulus stays
+
+Mask = np.ndarray
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line in space: (3,) unit direction and (3,) point, m."""
+
+    axis: Array
+    point: Array
+
+    def arms(self, places: Array) -> Array:
+        """Vectors (..., 3) from the line to places (..., 3), across it."""
+        arm = places - self.point
+        return np.asarray(arm - (arm @ self.axis)[..., None] * self.axis)
+
+
+class Skin:
+    """Boundary facets of a body one by one.
+
+    Attributes
+    ----------
+    centres, vectors : (n_facet, 3) mean of the corners, m; outward vector areas, m2. areas, normals : of these.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body, self._places = body, [body.mesh.nodes[block.facets] for block in body.outside.blocks]
+        corners = [body.mesh.nodes[block.corners] for block in body.outside.blocks]
+        self.centres = np.concatenate([x.mean(axis=1) for x in corners])
+        # of triangles and quadrilaterals alike: half the product of the diagonals
+        self.vectors = np.concatenate([0.5 * np.cross(x[:, 2] - x[:, 0], x[:, -1] - x[:, 1]) for x in corners])
+        self.areas = np.linalg.norm(self.vectors, axis=1)
+        self.normals = self.vectors / np.maximum(self.areas, 1e-300)[:, None]
+
+    def heights(self, axis: Array) -> tuple[Array, Array]:
+        """Least and largest height (n_facet,) of the nodes of each facet along an axis, m."""
+        along = [x @ axis for x in self._places]
+        return np.concatenate([z.min(axis=1) for z in along]), np.concatenate([z.max(axis=1) for z in along])
+
+    def round_ones(self, line: Line, outwards: bool) -> tuple[Mask, Array]:
+        """Facets (n_facet,) of cylinders about a line that look away from it, or towards it, and the radii (n_facet,)
+        of all, m."""
+        distances = [np.linalg.norm(line.arms(x), axis=2) for x in self._places]
+        least = np.concatenate([r.min(axis=1) for r in distances])
+        most = np.concatenate([r.max(axis=1) for r in distances])
+        arms = line.arms(self.centres)
+        arms /= np.maximum(np.linalg.norm(arms, axis=1), 1e-300)[:, None]
+        radial = np.einsum("fi,fi->f", arms, self.normals) * (1.0 if outwards else -1.0)
+        steep = np.abs(self.normals @ line.axis) >= _STEEP
+        return (most - least <= _ROUND * most) & ~steep & (radial >= _RADIAL), most
+
+    def picked(self, chosen: Mask) -> FacetSet:
+        """Some of the facets (n_facet,)."""
+        blocks, first = [], 0
+        for block in self.body.outside.blocks:
+            own = chosen[first : first + len(block.facets)]
+            first += len(block.facets)
+            if own.any():
+                blocks.append(FacetBlock(block.kind, block.facets[own]))
+        return FacetSet(tuple(blocks))
+
+    def line(self, axis: Array | None) -> Line | None:
+        """The axis of the round faces that look outwards, along ``axis`` where it is given; None where there is no
+        such axis."""
+        if axis is not None:
+            return self._centred(axis, np.ones(len(self.areas), dtype=bool))
+        weight = self.areas / self.areas.sum()
+        off = self.centres - weight @ self.centres
+        found: list[tuple[float, Array]] = []
+        # of a body of revolution, or with three arms or more, one main axis of each is the axis
+        for tensor in ((off * weight[:, None]).T @ off, (self.normals * weight[:, None]).T @ self.normals):
+            for direction in np.linalg.eigh(tensor)[1].T:
+                line = self._centred(direction, np.ones(len(self.areas), dtype=bool))
+                found.append((float(weight[self.round_ones(line, outwards=True)[0]].sum()), line.axis))
+        share, best = max(found, key=lambda pair: pair[0])
+        if share < _ENOUGH:
+            return None
+        faces = self.round_ones(self._centred(best, np.ones(len(self.areas), dtype=bool)), outwards=True)[0]
+        normals = self.normals[faces] * np.sqrt(self.areas[faces])[:, None]
+        best = np.linalg.eigh(normals.T @ normals)[1][:, 0]
+        main = int(np.abs(best).argmax())
+        if np.linalg.norm(np.delete(best, main)) < _GLOBAL:
+            best = np.eye(3)[main]
+        return self._centred(best * np.sign(best[main]), faces)
+
+    def _centred(self, axis: Array, faces: Mask) -> Line:
+        """The line along an axis that the normals of facets meet best."""
+        line = Line(axis, self.areas @ self.centres / self.areas.sum())
+        for _ in range(2):
+            flat = faces & (np.abs(self.normals @ axis) < _STEEP)
+            if not flat.any():
+                break
+            # across the axis and the normal: a line through the centre of the facet along its normal has no part there
+            across = np.cross(axis, self.normals[flat]) * np.sqrt(self.areas[flat])[:, None]
+            target = np.einsum("fi,fi->f", across, self.centres[flat] - line.point)
+            shift = np.linalg.lstsq(across, target, rcond=1e-6)[0]
+            line = Line(axis, line.point + shift)
+            rounds = self.round_ones(line, outwards=True)[0]
+            faces = rounds if rounds.any() else faces
+        return line
+
+
+@dataclass(frozen=True)
+class _Cylinder:
+    """Round facets of a body about a line: which ones, their radius, m, and their ends along the axis, m."""
+
+    skin: Skin
+    faces: Mask
+    line: Line
+
+    @property
+    def radius(self) -> float:
+        """Mean radius of the nodes, m."""
+        nodes = self.skin.picked(self.faces).nodes
+        return float(np.linalg.norm(self.line.arms(self.skin.body.mesh.nodes[nodes]), axis=1).mean())
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Least and largest height along the axis, m."""
+        low, high = self.skin.heights(self.line.axis)
+        return float(low[self.faces].min()), float(high[self.faces].max())
+
+    @property
+    def facet_size(self) -> float:
+        """Root of the mean area of the facets, m."""
+        return float(np.sqrt(self.skin.areas[self.faces].mean()))
+
+
+def _fitting(radii: Array, diameter: float) -> Mask:
+    """Radii that fit a nominal diameter."""
+    share = 2.0 * radii / diameter
+    return np.asarray((share >= FITS[0] - _SLACK) & (share <= FITS[1] + _SLACK))
+
+
+def _shank(skin: Skin, line: Line, diameter: float | None) -> _Cylinder | None:
+    """The shank of a screw; None where no round faces have the nominal diameter."""
+    faces, radii = skin.round_ones(line, outwards=True)
+    if not faces.any():
+        return None
+    if diameter is None:
+        # of all round faces the longest ones
+        low, high = skin.heights(line.axis)
+        lengths = {}
+        for radius in np.unique(np.round(radii[faces] / radii[faces].max(), 2)) * radii[faces].max():
+            near = faces & (np.abs(radii - radius) <= _ROUND * radius)
+            lengths[float(radius)] = float(high[near].max() - low[near].min()) if near.any() else 0.0
+        diameter = 2.0 * max(lengths, key=lambda radius: lengths[radius])
+    faces = faces & _fitting(radii, diameter)
+    return _Cylinder(skin, faces, line) if faces.any() else None
+
+
+# -- engagement -------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Engagement:
+    """Shank and hole of a thread.
+
+    Attributes
+    ----------
+    shank, hole : their round faces. into : 1 where the axis points into the hole, -1 where it points out of it.
+    mouth : height of the mouth of the overlap along the axis, m. overlap : its length, m.
+    """
+
+    shank: _Cylinder
+    hole: _Cylinder
+    into: int
+    mouth: float
+    overlap: float
+
+    @classmethod
+    def of(cls, shank: _Cylinder, hole: _Cylinder) -> Engagement | None:
+        """The engagement of two cylinders; None where they do not overlap along the axis."""
+        low, high = max(shank.ends[0], hole.ends[0]), min(shank.ends[1], hole.ends[1])
+        if high - low <= _EXACT * (hole.ends[1] - hole.ends[0]):
+            return None
+        # the screw comes from where more of its shank stands out
+        below = low - shank.ends[0] > shank.ends[1] - high
+        return cls(shank, hole, 1 if below else -1, low if below else high, high - low)
+
+    def depths(self, cylinder: _Cylinder) -> tuple[Array, Array, Array]:
+        """Least, mean and largest depth (n_facet,) of facets below the mouth, m."""
+        axis = cylinder.line.axis
+        low, high = cylinder.skin.heights(axis)
+        ends = np.stack([self.into * (low - self.mouth), self.into * (high - self.mouth)])
+        return ends.min(axis=0), self.into * (cylinder.skin.centres @ axis - self.mouth), ends.max(axis=0)
+
+    def bonded(self, length: float | None) -> tuple[Mask, Mask, float]:
+        """Facets of the shank and of the hole that are bonded, (n_facet,) each, and the length that they reach, m."""
+        both = []
+        for cylinder in (self.shank, self.hole):
+            least, _, most = self.depths(cylinder)
+            both.append(cylinder.faces & (most > 0.0) & (least < self.overlap))
+        if length is None or length >= (1.0 - _EXACT) * self.overlap:
+            return both[0], both[1], self.overlap
+        chosen = [self._up_to(c, faces, length) for c, faces in zip((self.shank, self.hole), both, strict=True)]
+        # the one with an edge there, else that which comes nearer
+        side = min((0, 1), key=lambda i: (chosen[i][1] > _EXACT, abs(chosen[i][2] - length)))
+        both[side] = chosen[side][0]
+        return both[0], both[1], chosen[side][2]
+
+    def _up_to(self, cylinder: _Cylinder, faces: Mask, length: float) -> tuple[Mask, float, float]:
+        """Facets down to a depth, the share of their area that straddles it, and the length reached, m."""
+        least, mean, most = self.depths(cylinder)
+        rows = np.flatnonzero(faces)
+        rows = rows[np.argsort(mean[rows], kind="stable")]
+        area = cylinder.skin.areas
+        # of the hole, or the shank, per length: half models have half of it
+        per_length = area[cylinder.faces].sum() / (cylinder.ends[1] - cylinder.ends[0])
+        # facets that begin above the mouth are covered below it alone
+        share = np.clip(most[rows], 0.0, None) / np.maximum(most[rows] - least[rows], 1e-300)
+        reached = np.cumsum(area[rows] * np.minimum(share, 1.0)) / per_length
+        # facets of one height together: a part of a ring would hold the screw on one side
+        last = np.append(np.diff(mean[rows]) > _EXACT * self.overlap, True)
+        count = int(np.where(last, np.abs(reached - length), np.inf).argmin()) + 1
+        chosen = np.zeros_like(faces)
+        chosen[rows[:count]] = True
+        edge = _EXACT * self.overlap
+        straddling = faces & (least < length - edge) & (most > length + edge)
+        return chosen, float(area[straddling].sum() / area[faces].sum()), float(reached[count - 1])
+
+
+@dataclass(frozen=True)
+class _Screw:
+    """A bolt of a scene with the bodies around it; see ``with_threads``."""
+
+    name: str
+    bolt: Bolt
+    thread: ThreadTable
+    scene: Scene
+    bodies: dict[str, Body]
+    line: Line
+    problems: Problems
+
+    @cached_property
+    def body(self) -> Body:
+        """Of the screw."""
+        return self.bodies[self.bolt.substructure]
+
+    @property
+    def length_unit(self) -> str:
+        """Unit of length."""
+        return self.scene.unit_system["m"]
+
+    def engagement(self) -> tuple[str, Engagement] | None:
+        """The part around the shank, and the engagement with it; None with a problem."""
+        nominal = self.bolt.nominal(self.scene.unit_system)
+        shank = _shank(Skin(self.body), self.line, nominal)
+        where = f"bolt.{self.name}.thread"
+        if shank is None:
+            wanted = "" if nominal is None else f" of a diameter of {FITS[0] * nominal:.4g} to {FITS[1] * nominal:.4g}"
+            self.problems.add(
+                where,
+                f"{self.body.name} has no round faces{wanted} about its axis",
+                self.bolt.size,
+                None,
+                "check the size of the thread, the axis, and the scale of the mesh",
+            )
+            return None
+        diameter = 2.0 * shank.radius if nominal is None else nominal
+        found: dict[str, Engagement] = {}
+        seen: list[str] = []
+        for name, body in self.bodies.items():
+            if name == self.body.name or not fnmatchcase(name, str(self.thread.part)):
+                continue
+            skin = Skin(body)
+            faces, radii = skin.round_ones(self.line, outwards=False)
+            seen += [f"{name}: {2.0 * r:.4g} {self.length_unit}" for r in np.unique(np.round(radii[faces], 6))[:3]]
+            hole = _Cylinder(skin, faces & _fitting(radii, diameter), self.line)
+            made = Engagement.of(shank, hole) if hole.faces.any() else None
+            if made is not None:
+                found[name] = made
+        if not found:
+            self.problems.add(
+                f"{where}.part",
+                f"no round hole about the shank of {self.body.name} overlaps it along the axis",
+                f"{self.thread.part}; holes about the axis: {listed(seen)}",
+                f"a diameter of {FITS[0] * diameter:.4g} to {FITS[1] * diameter:.4g} {self.length_unit}",
+                "name the part with the threaded hole, and check the size of the thread",
+            )
+            return None
+        part = max(found, key=lambda name: found[name].overlap)
+        return part, found[part]
+
+    def interface(self, part: str) -> Interface:
+        """The bond of the thread."""
+        reach = _SEARCH * 0.5 * (self.bolt.nominal(self.scene.unit_system) or 2.0 * self._drawn)
+        sides = f"{self.body.name}.{face_name(self.name)}", f"{part}.{face_name(self.name)}"
+        return Interface(sides=sides, behaviour="perfect", search=reach, overlap="ignore")
+
+    @cached_property
+    def _drawn(self) -> float:
+        shank = _shank(Skin(self.body), self.line, self.bolt.nominal(self.scene.unit_system))
+        assert shank is not None
+        return shank.radius
+
+    def free_ends(self, engagement: Engagement) -> tuple[float, float]:
+        """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head."""
+        ends = engagement.shank.ends
+        far = ends[0] if engagement.into > 0 else ends[1]
+        return (far, engagement.mouth) if engagement.into > 0 else (engagement.mouth, far)
+
+    def touching(self, engagement: Engagement) -> Mask:
+        """Facets (n_facet,) of the screw that take part in searches for contacts."""
+        shank = engagement.shank
+        if self.bolt.shank == "free":
+            return ~shank.faces
+        low, high = self.free_ends(engagement)
+        width = _BELT * shank.facet_size
+        if width > high - low:
+            self.problems.add(
+                f"bolt.{self.name}.shank",
+                "the free shank is shorter than the belt around its cut that stays free of contacts",
+                f"{high - low:.4g} {self.length_unit}",
+                f"more than {width:.4g} {self.length_unit}, {_BELT:g} facets",
+                'refine the shank, or leave shank = "contact" out',
+            )
+        least, most = shank.skin.heights(shank.line.axis)
+        middle = 0.5 * (low + high)
+        return ~(shank.faces & (most > middle - 0.5 * width) & (least < middle + 0.5 * width))
+
+    def moduli(self, engagement: Engagement) -> tuple[Array | None, str]:
+        """Moduli (n_cell,) of the screw over that of its material, None where all are 1; and what is said of them."""
+        named, units = self.thread.named, self.scene.unit_system
+        if named is None or self.thread.modulus == "drawn":
+            why = "the thread has no size" if named is None else "as asked"
+            return None, f"modulus of the free shank as drawn ({why})"
+        radius = engagement.shank.radius
+        ratio = (0.5e-3 * named.core_diameter / units.size("m") / radius) ** 2
+        if ratio > _CORE:
+            return None, "the free shank is drawn at the core of its thread"
+        low, high = self.free_ends(engagement)
+        # without thread: next to the head
+        low, high = (low + self.thread.plain, high) if engagement.into > 0 else (low, high - self.thread.plain)
+        mesh = self.body.mesh
+        centres = np.concatenate([mesh.nodes[block.cells].mean(axis=1) for block in mesh.blocks])
+        height = centres @ self.line.axis
+        inside = np.linalg.norm(self.line.arms(centres), axis=1) < (1.0 + _ROUND) * radius
+        moduli = np.where(inside & (height > low) & (height < high), ratio, 1.0)
+        return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
+
+
+def face_name(bolt: str) -> str:
+    """Name of the faces that the thread of a bolt is bonded on, on both bodies."""
+    return f"thread_of_{bolt}"
+
+
+def with_threads(
+    scene: Scene, bodies: dict[str, Body], problems: Problems, remarks: list[Remark] | None = None
+) -> tuple[Scene, dict[str, Body], dict[str, str]]:
+    """The scene with the axes of its bolts and the bonds of their threads; the bodies with the faces of these, without
+    the contacts of free shanks, their moduli scaled; and a note on every thread, by bolt.
+
+    Shanks without an axis, parts without a hole are added to ``problems``; lengths that are not reached to ``remarks``.
+    """
+    if not scene.bolt:
+        return scene, bodies, {}
+    made = {name: _plain(body) for name, body in bodies.items()}
+    bolts, interfaces = dict(scene.bolt), dict(scene.interface)
+    notes, shanks = dict[str, str](), dict[str, _Free]()
+    for name, bolt in scene.bolt.items():
+        body = bodies[bolt.substructure]
+        line = _line(name, bolt, body, problems)
+        if line is None:
+            continue
+        if bolt.axis is None:
+            x, y, z = line.axis.tolist()
+            bolts[name] = bolt = bolt.model_copy(update={"axis": (x, y, z)})
+        if bolt.thread is None or bolt.thread.part is None:
+            continue
+        screw = _Screw(name, bolt, bolt.thread, scene, bodies, line, problems)
+        found = screw.engagement()
+        if found is None:
+            continue
+        part, engagement = found
+        shank, hole, reached = engagement.bonded(bolt.thread.length)
+        bond, own = screw.interface(part), f"{name}_thread"
+        if interfaces.get(own, bond) != bond:
+            what = f"the bond of the thread of bolt {name} has this name"
+            problems.add(f"interface.{own}", what, own, None, "rename one of the two")
+        interfaces[own] = bond
+        moduli, said = screw.moduli(engagement)
+        made[body.name] = _with(made[body.name], face_name(name), engagement.shank.skin.picked(shank))
+        touching = screw.touching(engagement)
+        old = shanks.get(body.name)
+        # several threads of one body, as of a bow: what none of them leaves out
+        shanks[body.name] = (
+            _Free(engagement.shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
+        )
+        made[part] = _with(made[part], face_name(name), engagement.hole.skin.picked(hole))
+        notes[name], warning = _words(screw, part, engagement, reached, said)
+        if warning and remarks is not None:
+            remarks.append(Remark("thread", warning))
+    made |= {name: free.of(made[name]) for name, free in shanks.items()}
+    return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), made, notes
+
+
+def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> Line | None:
+    """The axis of a bolt; None with a problem."""
+    if bolt.axis is not None and (bolt.thread is None or bolt.thread.part is None):
+        return Line(np.asarray(bolt.axis), np.zeros(3))
+    axis = None
+    if bolt.axis is not None:
+        axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()
+        axis /= np.linalg.norm(axis)
+    line = Skin(body).line(axis)
+    if line is None:
+        problems.add(
+            f"bolt.{name}.axis",
+            f"{body.name} has no round faces about one axis, so that the axis does not follow from the mesh",
+            None,
+            "a direction [x, y, z]",
+            "give the axis of the shank",
+        )
+    return line
+
+
+def _words(screw: _Screw, part: str, engagement: Engagement, reached: float, said: str) -> tuple[str, str]:
+    """What ``check`` says of a thread, and the warning where its length was not reached, else an empty text."""
+    unit, wanted = screw.length_unit, screw.thread.length
+    text = f"thread bonded to {part} over {reached:.4g} {unit}"
+    target = engagement.overlap if wanted is None else wanted
+    text += f" of {target:.4g} asked for" if wanted is not None and abs(reached / target - 1.0) > _EXACT else ""
+    free = "the free shank has no contact" if screw.bolt.shank == "free" else "the free shank is in contact"
+    free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
+    warning = ""
+    if abs(reached / target - 1.0) > _OFF:
+        why = f"shank and hole overlap over {engagement.overlap:.4g} {unit}"
+        why = why if reached >= engagement.overlap * (1.0 - _EXACT) else "the mesh has no edge there"
+        warning = (
+            f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {target:.4g}: {why}"
+        )
+    return f"{text}; {free}; {said}", warning
+
+
+def _with(body: Body, name: str, facets: FacetSet) -> Body:
+    """The body with one more face."""
+    return replace(body, mesh=replace(body.mesh, faces={**body.mesh.faces, name: facets}))
+
+
+@dataclass(frozen=True)
+class _Free:
+    """The free shank of a screw: facets (n_facet,) that take part in searches, relative moduli (n_cell,) or None."""
+
+    skin: Skin
+    touching: Mask
+    moduli: Array | None
+
+    def also(self, touching: Mask, moduli: Array | None) -> _Free:
+        """With those of another thread of the same body."""
+        both = [m for m in (self.moduli, moduli) if m is not None]
+        return _Free(self.skin, self.touching & touching, np.minimum.reduce(both) if both else None)
+
+    def of(self, body: Body) -> Body:
+        """The body with this shank."""
+        shape = Shape(body.shape.mesh, body.shape.material, body.shape.bending_modes, self.moduli)
+        named = _with(replace(body, shape=shape), _BESIDE, self.skin.picked(self.touching))
+        return replace(named, touching=_BESIDE)
+
+
+def _plain(body: Body) -> Body:
+    """A body without what the threads of a scene solved before left on it."""
+    if body.touching == ALL_OF_IT and body.shape.moduli is None:
+        return body
+    shape = Shape(body.shape.mesh, body.shape.material, body.shape.bending_modes)
+    return replace(body, shape=shape, touching=ALL_OF_IT)

@@ -1,0 +1,308 @@
+"""Threads without a face: beside a thread on CAD faces, beside a screw drawn at its core, holes that fit, slips of the
+keyboard, many screws by one table; needs gmsh for its meshes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from latin_fmu import scene_from_dict, solve
+from latin_fmu.assembly.body import build_bodies
+from latin_fmu.assembly.build import discretise
+from latin_fmu.assembly.threads import Skin, with_threads
+from latin_fmu.errors import Problems, SceneError
+from latin_fmu.fem.elasticity import Isotropic
+from latin_fmu.fem.elements import Elements, MeanStress, stiffness
+from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.results.solution import Solution
+from latin_fmu.scene.threads import tensile_stress_area, thread_named
+from latin_fmu.scene.units import SI
+from latin_fmu.stability.surfaces import turned, write_mesh
+
+from .bolted_meshes import Lattice
+from .screw_meshes import Part, Profile, write
+
+R, HEAD, LENGTH = 2.5, 4.25, 6.0  # radii of shank and head, load-bearing length, mm
+PRELOAD, PULL = 5e3, 2.5e3
+CORE = 0.5 * 4.01855  # radius of the core of M5, mm: d - 17/12 sqrt(3)/2 P by hand
+
+
+def _screw(radius: float = R, edges: bool = False) -> Profile:
+    """A screw whose tip ends 8 mm below the mouth of its hole; with edges around its thread."""
+    middle = ((radius, -LENGTH), (radius, 0.0)) if edges else ()
+    return ((0, -8), (radius, -8), *middle, (radius, 6), (HEAD, 6), (HEAD, 10), (0, 10))
+
+
+def _flat(low: float) -> Any:
+    return lambda _, z, extent: extent < 1e-3 and abs(z - low) < 1e-3
+
+
+def _between(low: float, high: float, radius: float) -> Any:
+    middle, length = 0.5 * (low + high), high - low
+    return lambda r, z, extent: abs(r - radius) < 1e-3 and abs(z - middle) < 1e-3 and abs(extent - length) < 1e-3
+
+
+def parts(radius: float = R, hole: float = R, edges: bool = False) -> dict[str, Part]:
+    """A screw in a block of 12 mm through a plate of 6 mm; faces of the thread where it has ``edges``."""
+    on_screw = {"thread": _between(-LENGTH, 0.0, radius)} if edges else {}
+    in_hole = {"wall": _between(-LENGTH, 0.0, hole)} if edges else {}
+    wall: Profile = ((0, -9), (hole, -9), *(((hole, -LENGTH),) if edges else ()), (hole, 0), (hole, 1), (0, 1))
+    return {
+        "screw": Part(_screw(radius, edges), faces={"top": _flat(10.0), **on_screw}),
+        "base": Part(wall, ((-10, -10, -12), (20, 20, 12)), {"bottom": _flat(-12.0), **in_hole}),
+        "plate": Part(((0, -1), (2.75, -1), (2.75, 7), (0, 7)), ((-10, -10, 0), (20, 20, 6)), {"over": _flat(6.0)}),
+    }
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Meshes without edges around the thread, with them, and of a screw drawn at its core in a tapped hole."""
+    folder = tmp_path_factory.mktemp("threads")
+    kinds = {"plain": parts(), "edges": parts(edges=True), "nominal": parts(hole=2.1), "core": parts(CORE, hole=2.1)}
+    return {name: write(folder / f"{name}.msh", made, 5.0, curvature=12) for name, made in kinds.items()}
+
+
+def scene(file: Path, thread: Any, pull: float = 0.0, **other: Any) -> dict[str, Any]:
+    """The screw tightened, then the plate pulled off."""
+    law = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+    made: dict[str, Any] = {
+        "name": "thread",
+        "material": {"steel": law},
+        "mesh": {"cad": {"file": str(file), "scale": 1e-3, "parts": "*", "material": "steel"}},
+        "contact": {"all": {"search": 0.05e-3, "friction_coefficient": 0.2}},
+        "boundary": {"floor": {"type": "fixed", "face": "base.bottom"}},
+        "bolt": {"m5": {"substructure": "screw", "force": PRELOAD, "thread": thread}},
+        "sensor": {"top": {"face": "screw.top"}},
+        "time": {"quasi_static": True, "end": 1.0, "instants": 1},
+    }
+    if pull:
+        ramp = {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]}
+        made["load"] = {"pull": {"face": "plate.over", "force": [0.0, 0.0, pull], "law": ramp}}
+    return made | other
+
+
+def measures(solution: Solution) -> tuple[float, float, float]:
+    """Stiffness from head to thread, N m-1; change of the tension, N; displacement of the head, m."""
+    bolt = solution.bolts["m5"]
+    moved = np.asarray(solution.sensors["top"].displacement)
+    return PRELOAD / bolt.shortening, float(bolt.force[-1] - PRELOAD), float(moved[-1, 2])
+
+
+def test_a_thread_by_length_beside_one_on_cad_faces(meshes: dict[str, Path]) -> None:
+    """On meshes of their own; the moduli as drawn, since a thread on faces scales none."""
+    by_length = {"size": "M5", "part": "base", "length": LENGTH * 1e-3, "modulus": "drawn"}
+    on_faces = scene(meshes["edges"], "M5", PULL)
+    on_faces["interface"] = {"m5": {"sides": ["screw.thread", "base.wall"], "behaviour": "perfect", "search": 0.1e-3}}
+    one = measures(solve(scene_from_dict(scene(meshes["plain"], by_length, PULL))))
+    two = measures(solve(scene_from_dict(on_faces)))
+    assert one == pytest.approx(two, rel=0.01)
+
+
+def test_a_shank_drawn_at_the_nominal_diameter_takes_the_share_of_its_core(meshes: dict[str, Path]) -> None:
+    """The resilience of a free thread is that of its core (VDI 2230); as drawn the share is far higher."""
+    thread = {"size": "M5", "part": "base", "length": LENGTH * 1e-3}
+    shares = {
+        kind: measures(solve(scene_from_dict(scene(meshes[kind], {**thread, "modulus": modulus}, PULL))))[1] / PULL
+        for kind, modulus in (("nominal", "core"), ("core", "core"))
+    }
+    drawn = measures(solve(scene_from_dict(scene(meshes["nominal"], {**thread, "modulus": "drawn"}, PULL))))[1] / PULL
+    assert shares["nominal"] == pytest.approx(shares["core"], rel=0.03)
+    assert drawn > 1.15 * shares["core"]
+
+
+# -- lengths, holes, axes ---------------------------------------------------------------------------------------------
+def _lattice(folder: Path, hole: float = R, turn: Any = None) -> dict[str, Any]:
+    """A screw and a sleeve of hexahedra in layers of 2 mm, held at the top of the head and the foot of the sleeve."""
+    heights = [1e-3 * z for z in range(-8, 11, 2)]
+    screw = Lattice([R * 1e-3, HEAD * 1e-3], heights, n_core=4).part(
+        lambda r, z: (r < R * 1e-3) | (z > 6e-3), {"top": lambda x, n: (x[:, 2] > 9.9e-3) & (n[:, 2] > 0.9)}
+    )
+    sleeve = Lattice([hole * 1e-3, 7e-3], heights, n_core=4).part(
+        lambda r, z: (r > hole * 1e-3) & (z < 0.0), {"foot": lambda x, n: (x[:, 2] < -7.9e-3) & (n[:, 2] < -0.9)}
+    )
+    for name, mesh in (("screw", screw), ("sleeve", sleeve)):
+        write_mesh(folder / f"{name}.msh", mesh, *([] if turn is None else [lambda x: x @ turn.T]))
+    held = {"top": "screw.top", "foot": "sleeve.foot"}
+    return {
+        "name": "sleeve",
+        "material": {"steel": {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": {
+            n: {"material": "steel", "mesh": {"file": str(folder / f"{n}.msh")}} for n in ("screw", "sleeve")
+        },
+        "boundary": {name: {"type": "fixed", "face": face} for name, face in held.items()},
+        "bolt": {"m5": {"substructure": "screw", "force": PRELOAD, "thread": {"size": "M5", "part": "sl*"}}},
+        "time": {"quasi_static": True, "end": 1.0, "instants": 1},
+    }
+
+
+@pytest.mark.parametrize(
+    ("length", "reached", "words"),
+    [
+        (None, "0.008 m", ""),
+        (6e-3, "0.006 m", ""),
+        (4.5e-3, "0.004 m of 0.0045 asked for", "in the place of 0.0045: the mesh has no edge there"),
+        (12e-3, "0.008 m of 0.012 asked for", "in the place of 0.012: shank and hole overlap over 0.008 m"),
+    ],
+)
+def test_the_length_reached_is_told(length: float | None, reached: str, words: str, tmp_path: Path) -> None:
+    """Exactly where the mesh has an edge, else whole facets; a length that is off by more than a tenth is warned."""
+    data = _lattice(tmp_path)
+    data["bolt"]["m5"]["thread"] |= {} if length is None else {"length": length}
+    problem = discretise(scene_from_dict(data))
+    assert f"thread bonded to sleeve over {reached}" in problem.cuts["m5"].note
+    told = [remark for remark in problem.remarks if remark.code == "thread"]
+    assert len(told) == bool(words)
+    assert all(words in text for text in told)
+    # sixteen chords around
+    around = 32 * R * 1e-3 * np.sin(np.pi / 16)
+    unit = next(unit for unit in problem.units if unit.name == "m5_thread")
+    assert unit.geometry.areas.sum() == pytest.approx(around * float(reached.split()[0]), rel=0.01)
+
+
+@pytest.mark.parametrize(("ratio", "fits"), [(0.7, False), (0.75, True), (0.84, True), (1.1, True), (1.2, False)])
+def test_holes_from_core_to_nominal_fit(ratio: float, fits: bool, tmp_path: Path) -> None:
+    data = _lattice(tmp_path, ratio * R)
+    if fits:
+        assert "m5_thread" in {unit.name for unit in discretise(scene_from_dict(data)).units}
+        return
+    with pytest.raises(SceneError, match=rf"bolt.m5.thread.part: no round hole.*sleeve: {2e-3 * ratio * R:.4g} m"):
+        discretise(scene_from_dict(data))
+
+
+def test_the_axis_is_that_of_the_round_faces(tmp_path: Path) -> None:
+    """Along any direction; and the modulus of the shank between mouth and head is that of the core."""
+    turn = turned(np.array([1.0, 2.0, 3.0]), 40.0)
+    made = discretise(scene_from_dict(_lattice(tmp_path, turn=turn)))
+    assert abs(made.cuts["m5"].axis @ turn[:, 2]) == pytest.approx(1.0, abs=1e-9)
+    body = made.bodies["screw"]
+    height = body.mesh.nodes[body.mesh.blocks[0].cells].mean(axis=1) @ turn[:, 2]
+    free = (height > 0.0) & (height < 6e-3)
+    assert body.shape.moduli == pytest.approx(np.where(free, (CORE / R) ** 2, 1.0), rel=1e-3)
+
+
+def test_chamfers_do_not_count(tmp_path: Path) -> None:
+    """From a chamfer of 0.5 mm down to the chamfer of the tip, of 1 mm."""
+    hole: Profile = ((0, -9), (R, -9), (R, -0.5), (R + 0.5, 0), (R + 0.5, 1), (0, 1))
+    screw: Profile = ((0, -8), (R - 1, -8), (R, -7), (R, 6), (HEAD, 6), (HEAD, 10), (0, 10))
+    file = write(
+        tmp_path / "parts.msh",
+        {"screw": Part(screw), "base": Part(hole, ((-10, -10, -12), (20, 20, 12)), {"bottom": _flat(-12.0)})},
+        8.0,
+        curvature=8,
+    )
+    made = scene_from_dict(scene(file, {"size": "M5", "part": "base"}) | {"sensor": {}})
+    problems = Problems()
+    notes = with_threads(made, build_bodies(made, problems), problems)[2]
+    assert not problems
+    assert "thread bonded to base over 0.0065 m;" in notes["m5"]
+
+
+def test_a_shank_in_contact_leaves_a_belt_for_the_cut(tmp_path: Path) -> None:
+    """Free, the shank takes part in no search; else it does but for facets around the cut."""
+    data = _lattice(tmp_path)
+    areas = []
+    for shank in ("free", "contact"):
+        data["bolt"]["m5"]["shank"] = shank
+        body = discretise(scene_from_dict(data)).bodies["screw"]
+        areas.append(body.surface(body.touching).facet_area)
+    skin = Skin(body)
+    assert areas[0] < areas[1] < skin.areas.sum()
+
+
+# -- sizes and slips --------------------------------------------------------------------------------------------------
+# ASME B1.1-2003, tables 3: tensile stress areas, in2
+UNIFIED = {
+    "1/4-20": 0.0318,
+    "1/4 UNF": 0.0364,
+    "#10-32": 0.0200,
+    "#10 UNC": 0.0175,
+    "3/8-16 UNC": 0.0775,
+    "1/2-13": 0.1419,
+}
+
+
+def test_stress_areas_of_unified_threads() -> None:
+    inch = {name: tensile_stress_area(name) / 25.4**2 for name in UNIFIED}
+    assert inch == pytest.approx(UNIFIED, rel=5e-3)
+    assert [thread_named(text) for text in ("1/4-21", "#10", "1/4-20 UNF", "M6.1")] == [None] * 4
+
+
+def _bar(**bolt: Any) -> dict[str, Any]:
+    """Three bars of 10 x 10 x 50 mm (a section of a diameter of 11.28 mm), bolts by one table."""
+    box = {"size": [0.01, 0.01, 0.05], "elements": [2, 2, 7]}
+    bodies = {f"m12_{i}": {"material": "steel", "box": {**box, "origin": [0.1 * i, 0.0, 0.0]}} for i in range(3)}
+    held = {f"{n}_{end}": {"type": "fixed", "face": f"{n}.{end}"} for n in bodies for end in ("zmin", "zmax")}
+    return {
+        "name": "bars",
+        "material": {"steel": {"young_modulus": 200e9, "poisson_ratio": 0.3, "density": 7800.0}},
+        "substructure": bodies,
+        "boundary": held,
+        "bolt": {"lid": {"parts": "m12_*", "axis": [0.0, 0.0, 1.0], **bolt}},
+        "time": {"quasi_static": True, "end": 1.0, "instants": 1},
+    }
+
+
+def test_one_table_stands_for_many_screws() -> None:
+    """Each has the force T / (K d) with the diameter of its thread; their names are those of table and part."""
+    made = scene_from_dict(_bar(torque=24.0, thread="M12", property_class="8.8"))
+    assert list(made.bolt) == ["lid_m12_0", "lid_m12_1", "lid_m12_2"]
+    assert scene_from_dict(made.tables()) == made
+    solution = solve(made)
+    for bolt in solution.bolts.values():
+        assert bolt.force[-1] == pytest.approx(24.0 / (0.2 * 12e-3), rel=1e-8)
+    assert made.bolt["lid_m12_0"].nominal(SI) == pytest.approx(12e-3)
+
+
+SLIPS = {
+    "no such parts": ({"parts": "m4_*", "force": 1e3}, ("bolt.lid.parts", "no substructure", "m12_0")),
+    "metres for millimetres": (
+        {"torque": 24.0, "thread": "M12", "diameter": 12.0},
+        ("bolt.lid_m12_0.diameter", "not the diameter of the thread M12", "12 m", "0.012 m"),
+    ),
+    "metres without a thread": (
+        {"torque": 24.0, "diameter": 12.0},
+        ("bolt.lid_m12_0.diameter", "that of a diameter of 0.01128 m", "12 m"),
+    ),
+    "a thread of another screw": (
+        {"force": 1e3, "thread": "M16"},
+        ("bolt.lid_m12_1.thread", "0.01128 m", "0.016 m, M16"),
+    ),
+    "above the class": (
+        {"force": 25e3, "thread": "M12", "property_class": "4.6"},
+        ("bolt.lid_m12_2", "above the yield stress of class 4.6", "at most 2.4e+08 Pa"),
+    ),
+    "above any class": ({"force": 90e3, "thread": "M12"}, ("bolt.lid_m12_0", "that of any screw", "at most 1e+09 Pa")),
+    "no class": ({"force": 1e3, "property_class": "8.9"}, ("property_class", "unknown property class", "8.8")),
+    "no part": (
+        {"force": 1e3, "thread": {"size": "M12", "part": "nut_*"}},
+        ("bolt.lid_m12_0.thread.part", "no other substructure", "nut_*"),
+    ),
+    "no torque arm": ({"torque": 24.0}, ("'torque' needs 'diameter'", "add 'thread'")),
+}
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_slips_of_the_keyboard_are_refused(name: str) -> None:
+    bolt, words = SLIPS[name]
+    with pytest.raises(SceneError) as error:
+        discretise(scene_from_dict(_bar(**bolt)))
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_relative_moduli_scale_stiffness_and_stress() -> None:
+    """A bar of two moduli in series under a uniform stress: no force inside, the same stress in both."""
+    mesh = box_mesh(np.zeros(3), np.array([0.01, 0.01, 0.04]), (2, 2, 4))
+    upper = mesh.nodes[mesh.blocks[0].cells].mean(axis=1)[:, 2] > 0.02
+    elements, law = Elements(mesh, np.where(upper, 0.25, 1.0)), Isotropic(7800.0, 200e9, 0.0)
+    z = mesh.nodes[:, 2]
+    moved = np.zeros_like(mesh.nodes)
+    moved[:, 2] = 1e-3 * (np.minimum(z, 0.02) + 4.0 * np.maximum(z - 0.02, 0.0))
+    assert MeanStress(elements, law)(moved)[:, 2] == pytest.approx(200e6, rel=1e-12)
+    force = (stiffness(elements, law) @ moved.ravel()).reshape(-1, 3)
+    inside = (z > 1e-6) & (z < 0.04 - 1e-6)
+    assert np.abs(force[inside]).max() < 1e-9 * 200e6 * 1e-4
+    assert force[z > 0.04 - 1e-6, 2].sum() == pytest.approx(200e6 * 1e-4, rel=1e-12)
