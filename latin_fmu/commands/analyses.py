@@ -5,7 +5,6 @@ the amplitude."""
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
@@ -103,7 +102,6 @@ rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbi
 Writes STEM.csv, STEM.nc and STEM.png.
 """
 _MOST_MODES, _MOST_POINTS = 1000, 200
-_AMPLITUDE = re.compile(r"([-+.0-9eE]*[.0-9])\s*([A-Za-z]*)")
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
@@ -277,16 +275,16 @@ def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
     ------
     InputError : no lengths > 0, in the order of their size.
     """
-    from ..scene.number_files import UNITS, factor
+    from ..scene.unit_texts import names_for, unit_size, value_and_unit
 
     sizes = []
     for part in text.split(":"):
-        found = _AMPLITUDE.fullmatch(part.strip())
-        with suppress(ValueError):
-            if found is not None and found[2] in ("", *UNITS["m"]):
-                sizes.append(float(found[1]) * (factor(found[2], units) if found[2] else 1.0))
+        number, unit = value_and_unit(part) or (0, "")
+        size = unit_size(unit, "m") if unit else units.exact_size("m")
+        with suppress(OverflowError):
+            sizes += [] if size is None else [float(number * size / units.exact_size("m"))]
     if len(sizes) != len(text.split(":")) or len(sizes) > 2 or not 0.0 < sizes[0] <= sizes[-1] < float("inf"):
-        allowed = f"A or A:B, 0 < A <= B, numbers with one of {', '.join(UNITS['m'])} or in the units of the scene"
+        allowed = f"A or A:B, 0 < A <= B, numbers with one of {names_for('m')} or in the units of the scene"
         raise InputError([Problem("--amplitude", "no range of amplitudes", text, allowed)], "bad argument")
     return sizes[0], sizes[-1]
 
@@ -301,15 +299,15 @@ def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
     import numpy as np
     from pydantic_core import PydanticCustomError
 
-    from ..scene.number_files import UNITS, factor, read_columns
+    from ..scene.number_files import factor, read_columns, unit_problem
+    from ..scene.unit_texts import names_for
 
     if arguments.measured is None:
         return None
     length, ratio = arguments.measured_units or ("", "1")
-    for name, known in ((length, ("", *UNITS["m"])), (ratio, UNITS["1"])):
-        if name not in known:
-            listing = ", ".join(filter(None, known))
-            raise InputError([Problem("--measured-units", "unknown unit", name, listing)], "bad argument")
+    for name, unit in ((length, "m"), (ratio, "1")):
+        if name and (what := unit_problem(name, unit)):
+            raise InputError([Problem("--measured-units", what, name, names_for(unit))], "bad argument")
     try:
         table = np.array(read_columns(Path(), str(arguments.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
     except PydanticCustomError as error:
@@ -439,7 +437,7 @@ def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tupl
     from ..results.spectra import BAND, shock_response_spectrum
     from ..scene.describe import validation_problems
     from ..scene.laws import CsvLaw
-    from ..scene.number_files import si_unit
+    from ..scene.unit_texts import names_for, si_unit
 
     heading = "no shock response spectrum"
     try:
@@ -450,9 +448,7 @@ def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tupl
     unit = record.units[1]
     if unit in (None, "1") or (isinstance(unit, str) and si_unit(unit) != "m s-2"):
         what = "the values are no acceleration" if unit else "the unit of the values is not known"
-        raise InputError.of(
-            heading, "--value-unit", what, str(unit or ""), "g, m/s2, mm/s2, in/s2, ft/s2, or the factor"
-        )
+        raise InputError.of(heading, "--value-unit", what, str(unit or ""), f"{names_for('m s-2')}, or the factor")
     times, values = np.array(record.times), np.array(record.values)
     step = float(times[-1] - times[0]) / (len(times) - 1)
     off = float(np.abs(times - times[0] - step * np.arange(len(times))).max())

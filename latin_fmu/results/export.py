@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, Problem
-from ..scene.number_files import GRAVITY
+from ..scene.unit_texts import GRAVITY
 from ..scene.units import UnitSystem
 from .groups import units_of
 from .quantities import AXES

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, ReactionHistory, SensorHistory
+from ..scene.unit_texts import GRAVITY
 from ..scene.units import SI, UnitSystem
 from .estimates import ErrorEstimate, QuantityEstimate, error_text
 from .quantities_of_interest import (
@@ -43,7 +44,6 @@ _LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out
 _APART: Final = 0.1  # of a force: two values are given apart, however large their errors are
 WIDTH: Final = 110
 """Columns of the text."""
-STANDARD_GRAVITY: Final = 9.80665  # m s-2
 
 
 def sentences(
@@ -270,7 +270,7 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
 def _in_g(acceleration: float, units: UnitSystem) -> str:
     if not units.measurable:
         return ""
-    return f" ({acceleration * units.size('m s-2') / STANDARD_GRAVITY:.3g} g)"
+    return f" ({acceleration * units.size('m s-2') / GRAVITY:.3g} g)"
 
 
 def _spectrum(spectrum: ShockSpectrum, error: Array | None, units: UnitSystem) -> str:

@@ -18,7 +18,6 @@ from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
 from .laws import TimeLaw, base_dir_of, units_in
 from .materials import MaterialTable, material_problems
-from .number_files import QUANTITIES, UNITS, si_unit
 from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
@@ -38,6 +37,7 @@ from .substructures import (
     substructure_problems,
     temperature_problems,
 )
+from .unit_texts import names_for, si_unit, words_for
 from .units import SystemName, UnitSystem, system_named
 
 
@@ -129,7 +129,8 @@ _UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m
 def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
     """Place of every law, the law as written, and the unit of what it multiplies."""
     for name, load in named_tables(raw, "load").items():
-        yield f"load.{name}.law", load.get("law"), "N" if given(load, "force") else "Pa"
+        own = "N" if given(load, "force") else "N m" if given(load, "moment") else "Pa"
+        yield f"load.{name}.law", load.get("law"), own
     for name, boundary in named_tables(raw, "boundary").items():
         yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
     yield from port_laws(raw)
@@ -154,8 +155,8 @@ def _unit_problems(raw: Any) -> Iterator[Problem]:
             )
             continue
         if own is not None and unit is not None and own not in (unit, "1"):
-            what = f"{QUANTITIES[own]}, but the law multiplies {QUANTITIES[unit]}"
-            yield Problem(f"{where}.value_unit", what, shown(name), ", ".join((*UNITS[unit], *UNITS["1"])))
+            what = f"{words_for(own)}, but the law multiplies {words_for(unit)}"
+            yield Problem(f"{where}.value_unit", what, shown(name), f"{names_for(unit)}, {names_for('1')}")
 
 
 _CHECKS: Final = (
