@@ -62,6 +62,7 @@ from .point import (
     Quantity,
     Record,
     failed,
+    in_scene_units,
     parameters_of,
     solve_point,
     value_text,
@@ -193,7 +194,8 @@ def sweep(
     >>> study.sizes["interface_wall_gap"]
     2
     """
-    grid = Grid(*tables_of(scene, settings), parameters_of(vary))
+    tables, base_dir = tables_of(scene, settings)
+    grid = Grid(tables, base_dir, in_scene_units(parameters_of(vary), tables))
     plan = Plan(grid, histories, guesses, max_cpu)
     checked, records, done = solved_points(plan, output, jobs, scheduler, log)
     study = dataset_of(grid, checked, records, histories)

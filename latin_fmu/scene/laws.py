@@ -21,17 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged
+from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged, units_in
 from .number_files import MULTIPLIED, Column, TimeUnit, ValueUnit, is_column
 from .records import GAPS, STARTS, filled
 from .unit_texts import names_for
-from .units import SI, UnitSystem
-
-
-def units_in(context: Any) -> UnitSystem:
-    """System of units of the scene that is read; SI for a table on its own."""
-    given = context.get("units") if isinstance(context, dict) else None
-    return given if isinstance(given, UnitSystem) else SI
 
 
 def base_dir_of(context: Any) -> Path:
