@@ -148,7 +148,11 @@ def _targets(stem: Path, *suffixes: str) -> list[Path]:
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
     option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
-    switch(parser, "--g", "accelerations of the table in g (9.80665 m/s2) instead of the units of the scene")
+    switch(
+        parser,
+        "--g",
+        "accelerations of texts, tables and figures in g, 9.80665 m/s2",
+    )
 
 
 def _register_modes(add: AddParser) -> None:
@@ -361,6 +365,7 @@ def _srs(arguments: argparse.Namespace) -> int:
         spectra = dict(_spectra(tree, arguments, waiting))
         units = units_of(tree.attrs)
         in_g = acceleration_unit(units, arguments.g)
+        units = units.with_g if arguments.g else units
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
@@ -387,18 +392,21 @@ def _is_record(file: Path) -> bool:
 
 def _srs_of_record(arguments: argparse.Namespace, targets: Sequence[Path]) -> int:
     """Spectrum of a file of a recorder."""
+    from ..results.export import acceleration_unit
     from ..results.files import write_netcdf
     from ..results.groups import StoredGroup
     from ..results.spectra import record_csv, record_dataset, record_lines
     from ..results.writing import write_bytes
+    from ..scene.units import SI
 
     given = {key: getattr(arguments, key) for key in ("value_unit", "time_unit", "column", "time_column", "gaps")}
     law = {"file": str(arguments.results), "start": "record"}
     law |= {key: _number_or_text(value) for key, value in given.items() if value is not None}
     made, read_as = _record_spectrum(law, arguments)
-    lines = record_lines(made, f"{arguments.results}, {read_as}")
+    units = SI.with_g if arguments.g else SI
+    lines = record_lines(made, f"{arguments.results}, {read_as}", units)
     tell(arguments, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
-    write_bytes(targets[0], record_csv(made).encode())
+    write_bytes(targets[0], record_csv(made, acceleration_unit(units, arguments.g)).encode())
     write_netcdf(_record_tree(made, str(arguments.results), read_as), targets[1])
     tell_written(arguments, f"spectrum: {', '.join(map(str, targets))}")
     return CONVERGED

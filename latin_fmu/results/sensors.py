@@ -319,7 +319,7 @@ def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     for name, history in outcome.sensors.items():
         largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
-            readable(None if pair is None else pair[0], units.label(str(row.unit)))
+            readable(None if pair is None else pair[0], units.shown(str(row.unit)))
             for pair, row in zip(largest, SENSOR.values(), strict=True)
         ]
         # the highest derivative there is: of a quasi-static run the displacement
@@ -334,7 +334,7 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
     for name, s in spectra.items():
         i, axis = np.unravel_index(int(np.argmax(s.acceleration[0])), s.acceleration[0].shape)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
-        largest = readable(float(s.acceleration[0, i, axis]), units.label("m s-2"))
+        largest = readable(float(s.acceleration[0, i, axis]), units.shown("m s-2"))
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
     return aligned(rows) if len(rows) > 1 else []
 

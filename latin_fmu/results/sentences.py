@@ -256,7 +256,7 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
         largest, when = largest_of(values, time)
         found = errors.get(f"{history.name}.{definition.key}")
         value = largest if found is None else found.value
-        text = f"{motion} up to {readable(value, units.label(definition.unit), 3)}"
+        text = f"{motion} up to {readable(value, units.shown(definition.unit), 3)}"
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
         text += _error(errors, history.name, definition)
@@ -268,7 +268,7 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
 
 
 def _in_g(acceleration: float, units: UnitSystem) -> str:
-    if not units.measurable:
+    if not units.measurable or units.in_g:
         return ""
     return f" ({acceleration * units.size('m s-2') / GRAVITY:.3g} g)"
 
@@ -277,7 +277,7 @@ def _spectrum(spectrum: ShockSpectrum, error: Array | None, units: UnitSystem) -
     """Largest value of a shock response spectrum; ``error`` as from ``spectra.spectrum_error``, None if not known."""
     maximax = spectrum.acceleration[0]
     i, axis = (int(k) for k in np.unravel_index(int(np.argmax(maximax)), maximax.shape))
-    largest = readable(float(maximax.max()), units.label("m s-2"), 3)
+    largest = readable(float(maximax.max()), units.shown("m s-2"), 3)
     off = "" if error is None else _error_of(float(error[0, i, axis]))
     text = f"spectrum (Q {spectrum.quality:g}) up to {largest}{_in_g(float(maximax.max()), units)}{off}"
     return f"{text} at {readable(spectrum.frequency[i], 'Hz', 3)}"

@@ -364,8 +364,8 @@ class Scene(SceneTable):
 
     @property
     def unit_system(self) -> UnitSystem:
-        """Units of all numbers of the scene and of its results."""
-        return system_named(self.units)
+        """Units of all numbers of the scene and of its results, and how accelerations are shown."""
+        return system_named(self.units, self.output.acceleration == "g")
 
     @property
     def force_laws(self) -> dict[str, TimeLaw]:

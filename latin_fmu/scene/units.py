@@ -7,7 +7,7 @@ texts such as "5.5 N m".
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import prod
 from types import MappingProxyType
@@ -18,6 +18,9 @@ from .unit_texts import unit_size
 _FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9]+)?")
 _RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
+ACCELERATION: Final = "m s-2"
+AS_G: Final = " as g"
+"""Behind a unit of acceleration whose numbers are shown in g."""
 SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
 
 
@@ -51,7 +54,8 @@ class UnitSystem:
     Attributes
     ----------
     name : as in a scene. names : by the unit of SI, a UDUNITS string each; those of SI where left out, and "1" in a
-    system of pure numbers, which leaves only the second.
+    system of pure numbers, which leaves only the second. in_g : whether accelerations are shown in g, 9.80665 m s-2,
+    by figures, texts and tables; numbers and stored results stay in the system.
 
     >>> UNIT_SYSTEMS["mm-t-s-MPa"].label("N s m-1"), UNIT_SYSTEMS["mm-t-s-MPa"]["kg m-3"]
     ('N s mm-1', 't/mm3')
@@ -61,6 +65,7 @@ class UnitSystem:
 
     name: SystemName
     names: Mapping[str, str]
+    in_g: bool = False
 
     def label(self, unit: str) -> str:
         """What a unit of SI is called, both UDUNITS strings."""
@@ -78,14 +83,27 @@ class UnitSystem:
         label = self.label(unit)
         return "units" if label == "1" else unit_text(label)
 
+    def shown(self, unit: str) -> str:
+        """Unit for ``readable`` of what has one of SI: that of ``label``, marked where it is shown in g.
+
+        >>> SI.shown("m s-2"), SI.with_g.shown("m s-2"), SI.with_g.shown("N")
+        ('m s-2', 'm s-2 as g', 'N')
+        """
+        return self.label(unit) + AS_G if self.in_g and unit == ACCELERATION else self.label(unit)
+
+    @property
+    def with_g(self) -> "UnitSystem":
+        """The same system, with accelerations shown in g."""
+        return replace(self, in_g=True)
+
     @property
     def measurable(self) -> bool:
         """Whether numbers can be compared with those in SI."""
         return self.name != "none"
 
     # one object for each name: systems are compared by identity after unpickling, too
-    def __reduce__(self) -> tuple[Callable[[object], "UnitSystem"], tuple[str]]:
-        return system_named, (self.name,)
+    def __reduce__(self) -> tuple[Callable[[object, bool], "UnitSystem"], tuple[str, bool]]:
+        return system_named, (self.name, self.in_g)
 
     def size(self, unit: str) -> float:
         """Size in SI of what a unit of SI is called here."""
@@ -121,6 +139,7 @@ PREFIXED: Final = frozenset({"m", "kg", "s", "N", "Pa", "J", "W", "Hz", "B"})
 """Units that are written with a prefix, such as kN: those of SI. Those of other systems stay as they are."""
 
 
-def system_named(name: object) -> UnitSystem:
+def system_named(name: object, in_g: bool = False) -> UnitSystem:
     """The system of a name; SI for what names none."""
-    return UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
+    system = UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
+    return system.with_g if in_g and system.measurable else system
