@@ -148,11 +148,7 @@ def _targets(stem: Path, *suffixes: str) -> list[Path]:
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
     option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
-    switch(
-        parser,
-        "--g",
-        "accelerations of texts, tables and figures in g, 9.80665 m/s2",
-    )
+    switch(parser, "--g", "accelerations of texts, tables and figures in g, 9.80665 m/s2")
 
 
 def _register_modes(add: AddParser) -> None:

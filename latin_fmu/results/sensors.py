@@ -55,8 +55,8 @@ def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | Low
     """Group ``sensors/<name>``: motions (time, component), behind a filter too where one is given, and the place of the
     sensor."""
     motions = columns(SENSOR, history)
-    if chosen is not None and (step := uniform_step(time)) and not list(filter_problems("", chosen, step, time[-1])):
-        motions += [(FILTERED[row.name], low_pass(values, chosen, step)) for row, values in motions]
+    behind = filtered_motions(history, time, chosen)
+    motions += [(FILTERED[row.name], behind[row.name]) for row, _ in motions if row.name in behind]
     attrs: dict[str, object] = {"substructure": history.substructure}
     if history.face is not None:
         attrs["face"] = history.face
@@ -72,6 +72,13 @@ def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | Low
     if history.acceleration is not None and history.remark:
         group.variables["acceleration"].attrs["comment"] = history.remark
     return group
+
+
+def filtered_motions(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None) -> dict[str, Array]:
+    """Motions (n_time, 3) behind a filter, by name; none without a filter that suits the instants."""
+    if chosen is None or not (step := uniform_step(time)) or list(filter_problems("", chosen, step, time[-1])):
+        return {}
+    return {row.name: low_pass(values, chosen, step) for row, values in columns(SENSOR, history)}
 
 
 def uniform_step(time: Array) -> float:

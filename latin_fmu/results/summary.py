@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.outcome import InterfaceHistory, Outcome, Resultants, Timings
+from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, Timings
 from ..scene.unit_texts import GRAVITY, unit_size
 from ..scene.units import ACCELERATION, AS_G, PREFIXED, SI, UnitSystem, unit_text
-from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
+from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time, sticks
 
 _UNPREFIXED: Final = ("m s-2",)  # 4e4 m/s2 rather than 40 km/s2
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -234,21 +234,38 @@ def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
 
 def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tuple[str, ...]:
     fields = InterfaceFields.of_history(history, outcome.interface_time)
-    last, (peak, duration, raw) = separation_time(fields), fields.peaks
-    slip = largest_slip_share(fields) if history.has_friction else None
+    last, (peak, duration, largest) = separation_time(fields), fields.peaks
+    slip = _slip_text(history, fields, outcome.interface_time)
+    # a bond holds by forces of all directions: those of a thread along its flanks, say
+    bonded, mean, impulse = history.contact_status is None, readable(duration, "s", 3), "-"
+    raw: float | None = largest
+    if bonded or history.quasi_static:
+        whole = np.linalg.norm(history.force(), axis=1) if bonded else np.abs(history.normal_resultant())
+        peak, mean, raw = float(whole.max(initial=0.0)), "-", None
+    if not history.quasi_static:
+        total = history.impulse(outcome.interface_time)[-1]
+        impulse = readable_vector([float(x) for x in total], units.label("N s"))
     indicator = outcome.interface_indicator.get(history.name)
     return (
         history.name,
         history.behaviour,
         readable(peak, units.label("N")),
-        readable(duration, "s", 3),
+        mean,
         readable(raw, units.label("N")),
-        readable_vector([float(x) for x in history.impulse(outcome.interface_time)[-1]], units.label("N s")),
+        impulse,
         readable(first_contact_time(fields), "s"),
         "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
-        "-" if slip is None else f"max {100 * slip:.0f} %",
+        slip,
         "-" if indicator is None else f"{indicator:.1e}",
     )
+
+
+def _slip_text(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> str:
+    """Largest share of the area that slips at one instant, where a joint with friction does not stick."""
+    slip = largest_slip_share(fields) if history.has_friction else None
+    if slip is None:
+        return "-"
+    return "sticks" if sticks(history, fields, time) else f"max {100 * slip:.0f} %"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
