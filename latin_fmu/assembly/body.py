@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -37,6 +36,7 @@ from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, Displac
 from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
+from ..scene.unit_texts import unit_size
 from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -432,20 +432,15 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
                 yield Remark("deck", f"mesh file {path.name}: {sentence}")
 
 
-_METRES: Final = MappingProxyType(
-    {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "m": 1.0, "km": 1e3, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
-)
-"""Units of length that a mesh file may name, in m."""
-
-
 def _unit_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """Mesh files whose unit of length is another one than their ``scale`` says."""
     metre = scene.unit_system["m"]
     for path, content in files.contents.items():
-        size = None if content is None else _METRES.get(content.unit.lower())
+        names = [] if content is None else [content.unit, content.unit.lower()]
+        size = next((size for name in names if (size := unit_size(name, "m")) is not None), None)
         if content is None or size is None:
             continue
-        wanted = size / scene.unit_system.size("m")
+        wanted = float(size / scene.unit_system.exact_size("m"))
         scales = {table.scale for table in _tables_of(path, scene).values()}
         if wrong := sorted(scale for scale in scales if not math.isclose(scale, wanted, rel_tol=1e-6)):
             text = f"mesh file {path.name}: its lengths are in {content.unit} by its own account, scale = {wrong[0]:g} "

@@ -181,25 +181,21 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
 
 
 def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
-    """One remark for each reason why waves are not followed at sides of interfaces, as
+    """One remark on all reasons why waves are not followed at sides of interfaces, as
     ``latin.search_direction.unresolved_sides`` says."""
     reasons: dict[str, list[str]] = {}
     for sentence in sides:
         side, _, rest = sentence.partition(": ")
         # the reason is what stands before the numbers
         reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
-    remarks = []
-    for reason, found in reasons.items():
-        remedy = _REFINE if reason.startswith("the mesh") else "take smaller steps"
-        more = f" and {len(found) - _NAMED} more sides" if len(found) > _NAMED else ""
-        remarks.append(
-            Remark(
-                "resolution",
-                f"{reason} to follow a wave at {'; '.join(found[:_NAMED])}{more}: contacts shorter than the passage of "
-                f"a wave through a few elements are not resolved; where they matter, {remedy}",
-            )
-        )
-    return remarks
+    found, remedies = [], []
+    for reason, at in reasons.items():
+        more = f" and {len(at) - _NAMED} more sides" if len(at) > _NAMED else ""
+        found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
+        remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
+    what = "contacts shorter than the passage of a wave through a few elements are not resolved; where they matter,"
+    text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
+    return [Remark("resolution", text)] if found else []
 
 
 def _mass(body: Body) -> float:

@@ -56,6 +56,7 @@ from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
+from .wave_pace import waves_count
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -372,8 +373,11 @@ class DiscretisedProblem:
         # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        unresolved = [] if static else unresolved_sides(assembly)
-        warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
+        # one line on waves: where the step is far off for all bodies, that says what to change
+        known = any(remark.code == "step" for remark in self.remarks)
+        counts = not known and waves_count(scene, self.bodies, self.units, self.time)
+        unresolved = resolution_remarks(unresolved_sides(assembly) if counts else [])
+        warnings = (*self.remarks, *remarks_of("memory", without_factor), *unresolved)
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         words, against, unforeseen = _checked_scheme(self, None if static else start)
         warnings += tuple(remarks_of("scheme", against))

@@ -26,7 +26,7 @@ from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
 from ..results.dataset import datatree, result_groups, root_group
 from ..results.estimates import ErrorEstimate
-from ..results.groups import SCHEMA_VERSION, UNITS, in_units
+from ..results.groups import SCHEMA_VERSION, in_units, unit_attributes
 from ..results.quantities import AXES
 from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
@@ -298,7 +298,7 @@ def result_tree(
     if mode is None or mode.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
         tree.attrs = {**provenance(), "scene_name": scene.name, "schema_version": SCHEMA_VERSION}
-        tree.attrs[UNITS] = scene.unit_system.name
+        tree.attrs.update(unit_attributes(scene.unit_system))
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)

@@ -116,7 +116,7 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
 
 def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
     order = "-" if math.isnan(q.order) else f"{q.order:.1f}"
-    return q.quantity, readable(q.value, units.label(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
+    return q.quantity, readable(q.value, units.shown(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
 
 
 def error_text(error: float) -> str:

@@ -206,6 +206,13 @@ class Output(SceneTable):
             "or none; changes that are flagged, or that the run contradicts, are those of that run"
         ),
     ] = "all"
+    acceleration: Annotated[
+        Literal["scene", "g"],
+        about(
+            "unit in which summary, figures, tables and spectra show accelerations: that of the scene, or g, "
+            "9.80665 m/s2; results are stored in the units of the scene"
+        ),
+    ] = "scene"
     peak_duration: Annotated[
         Real | None,
         about(
@@ -512,10 +519,13 @@ def settings_problems(raw: Any) -> Iterator[Problem]:
     yield from _propagator_problems(raw)
     yield from _accuracy_problems(raw)
     yield from _static_problems(raw)
-    yield from _output_problems(single_table(raw, "output"))
+    yield from _output_problems(single_table(raw, "output"), raw.get("units"))
 
 
-def _output_problems(output: RawTable) -> Iterator[Problem]:
+def _output_problems(output: RawTable, units: object) -> Iterator[Problem]:
+    if output.get("acceleration") == "g" and units == "none":
+        what = "the numbers of the scene have no units, so that accelerations cannot be shown in g"
+        yield Problem("output.acceleration", what, "g", '"scene"', "leave it out")
     every = number(output, "interfaces_every")
     if output.get("energy") is True and every is not None and every > 1:
         yield Problem(
