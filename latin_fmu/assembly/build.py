@@ -50,7 +50,18 @@ from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
-from .statics import Stage, fitted, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
+from .places_at_rest import least_displaced
+from .statics import (
+    Stage,
+    fitted,
+    loose_bolts,
+    start_data,
+    start_problems,
+    start_remarks,
+    static_size,
+    static_state,
+    tightened,
+)
 from .supports import port_places
 from .untouched import never_touched
 
@@ -125,6 +136,9 @@ def solved_equilibrium(
     tight = fitted(discretised, own, stages) if fits(discretised.units) else None
     tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
     state = static_state(discretised, amplitudes, tight, own, stages)
+    # without inertia the places follow from increment to increment
+    if state is not None and not discretised.scene.time.quasi_static:
+        state = least_displaced(discretised, state, static_size(discretised, amplitudes))
     if stages is not None or kept is not None:
         return state
     own.clear()

@@ -1,0 +1,184 @@
+"""Places of bodies that an equilibrium does not determine.
+
+Tractions of an equilibrium determine the strains of the bodies. A body that only contacts without pressure hold, or
+nothing at all, may be moved as a rigid body: every place in which pressed points stay closed, points that stick stay
+where they are, and no gap is negative, has the same loads and tractions. Of all these states the one with the least
+displacement in the norm of the mass is taken: with the rigid motions R q that the joints leave, and the displacements u
+of any of the states,
+
+    min over q of 1/2 (u + R q)^T M (u + R q),      g + N . (R q)_E' - N . (R q)_E >= 0   at points without pressure,
+
+a quadratic program with one solution, since R^T M R is positive. No name, no order, no direction of the axes and no
+unit enters it. It is solved as a least distance program by non-negative least squares (C. L. Lawson, R. J. Hanson,
+Solving Least Squares Problems, SIAM 1995, chapter 23).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import scipy.linalg as la
+from numpy.typing import NDArray
+
+from ..fem.mesh import Array
+from ..interface.laws import NoSlip, bonds, coulomb_coefficient
+from ..latin.assembly import InterfaceUnit
+from ..propagator.model import closest_reduced
+from .body import Body, body_sides, consecutive
+from .conditions import Conditions, RigidConditions
+from .free_bodies import HELD, allowed_motions
+from .initial_state import InitialState
+from .problem import DiscretisedProblem
+
+_PRESSED: Final = 1e-8
+"""A traction above this share of the largest of the state is one; the equilibrium is solved to 1e-9 of it at least."""
+
+
+@dataclass(frozen=True)
+class _Motions:
+    """Rigid motions of a body that its conditions allow.
+
+    own : on its full unknowns (n_full, n), those of the state. nodal : of its nodes (3 n_node, n). momentum : M times
+    ``own``.
+    """
+
+    own: Array
+    nodal: Array
+    momentum: Array
+
+
+def least_displaced(problem: DiscretisedProblem, state: InitialState, size: float) -> InitialState:
+    """The equilibrium ``state`` of a problem with its bodies in the places of least displacement; itself where the
+    tractions determine all places. ``size`` : of the tractions that its loads can bring, Pa."""
+    units = [unit for unit in problem.units if unit.name in state.traction]
+    motions = {name: _motions(problem.bodies[name], problem.conditions[name]) for name in state.displacement}
+    where, total = consecutive({name: m.own.shape[1] for name, m in motions.items()})
+    if not total:
+        return state
+    largest = max((float(np.abs(f).max(initial=0.0)) for f in state.traction.values()), default=0.0)
+    least = _PRESSED * max(largest, size)
+    relative = {unit.name: _relative(unit, motions, where, total) for unit in units}
+    free = _left_free(units, relative, state, least, total)
+    if not free.shape[1]:
+        return state
+    rooms, rows = _rooms(problem, units, relative, state, least)
+    mass, momentum = np.zeros((total, total)), np.zeros(total)
+    for name, own in where.items():
+        mass[own, own] = motions[name].own.T @ motions[name].momentum
+        momentum[own] = motions[name].momentum.T @ state.displacement[name]
+    shift = free @ _nearest(free.T @ mass @ free, free.T @ momentum, rows @ free, rooms)
+    displacement = {n: u + motions[n].own @ shift[where[n]] for n, u in state.displacement.items()}
+    moves = [n for n, own in where.items() if np.abs(motions[n].nodal @ free[own]).max(initial=0.0) > np.sqrt(HELD)]
+    said = f"substructure {', '.join(moves)}: the loads of t = 0 and the contacts that they press leave the place open: "
+    said += "of all places without overlap the start takes the one with the least displacement, as a mean over the mass"
+    # nothing has moved: the place of the scene is that of least displacement
+    size = max(float(np.abs(u).max(initial=0.0)) for u in displacement.values())
+    remarks = (*state.remarks, said) if size > 0.0 else state.remarks
+    return replace(state, displacement=displacement, remarks=remarks)
+
+
+def _motions(body: Body, held: Conditions) -> _Motions:
+    if isinstance(held, RigidConditions):
+        n_free = held.expansion.shape[1]
+        own = np.eye(held.expansion.shape[0])[:, :n_free]
+        mass = np.asarray(held.basis.T @ held.body.mass @ held.basis)
+        return _Motions(own, held.nodal @ own, mass @ own)
+    allowed = allowed_motions(body, held)
+    # exactly as the supports allow
+    own = np.asarray(held.expansion @ closest_reduced(held.expansion, allowed))
+    return _Motions(own, own, np.asarray(body.mass @ own))
+
+
+def _relative(unit: InterfaceUnit, motions: Mapping[str, _Motions], where: Mapping[str, slice], total: int) -> Array:
+    """Motions (n_point, n_component, total) of side E' less those of side E."""
+    n = unit.behaviour.n_component
+    made = np.zeros((unit.geometry.n_point * n, total))
+    for _, side, name in body_sides([unit]):
+        trace = unit.geometry.local_trace(side, n)
+        if trace is not None and name in motions:
+            made[:, where[name]] += (2 * side - 1) * (trace @ motions[name].nodal)
+    return made.reshape(-1, n, total)
+
+
+def _kept(unit: InterfaceUnit, traction: Array, least: float) -> NDArray[np.bool_]:
+    """Directions (n_point, n_component) along which the sides of an interface stay as they are."""
+    behaviour, kept = unit.behaviour, np.zeros(traction.shape, dtype=bool)
+    # joints that carry nothing at rest
+    if behaviour.compliant and not behaviour.elastic:
+        return kept
+    if not behaviour.opens:
+        normal, tangential = (getattr(behaviour, f"{d}_stiffness", 1.0) > 0.0 for d in ("normal", "tangential"))
+        every = bonds(behaviour)
+        kept[:, 0], kept[:, 1:] = every or normal, every or tangential
+        return kept
+    pressed = traction[:, 0] < -least
+    kept[:, 0] = pressed
+    mu = coulomb_coefficient(behaviour)
+    sticks = pressed if isinstance(behaviour, NoSlip) or mu is None or mu > 0.0 else np.zeros_like(pressed)
+    sheared = np.abs(traction[:, 1:]).max(axis=1, initial=0.0) > least
+    kept[:, 1:] = (sticks | sheared)[:, None]
+    return kept
+
+
+def _left_free(
+    units: Sequence[InterfaceUnit], relative: Mapping[str, Array], state: InitialState, least: float, total: int
+) -> Array:
+    """Combinations (total, n) of the rigid motions that move no side of an interface along a direction it keeps."""
+    squares = np.zeros((total, total))
+    for unit in units:
+        rows = relative[unit.name][_kept(unit, state.traction[unit.name], least)]
+        # a mean: fine faces count no more than coarse ones
+        squares += rows.T @ rows / unit.geometry.n_point
+    values, vectors = la.eigh(squares)
+    return vectors if values[-1] <= 0.0 else np.asarray(vectors[:, values < HELD * values[-1]])
+
+
+def _rooms(
+    problem: DiscretisedProblem,
+    units: Sequence[InterfaceUnit],
+    relative: Mapping[str, Array],
+    state: InitialState,
+    least: float,
+) -> tuple[Array, Array]:
+    """Gaps (n,) of the points without pressure, m, and how they grow with the motions, (n, total)."""
+    rooms, rows = [np.zeros(0)], [np.zeros((0, next(iter(relative.values())).shape[2] if relative else 0))]
+    for unit in units:
+        if not unit.behaviour.opens:
+            continue
+        gap = unit.geometry.gap.copy()
+        for _, side, name in body_sides([unit]):
+            trace = unit.geometry.local_trace(side, 1)
+            if trace is not None and name in state.displacement:
+                held, u = problem.conditions[name], state.displacement[name]
+                gap += (2 * side - 1) * (trace @ (held.nodal @ u if isinstance(held, RigidConditions) else u))
+        open_ones = ~_kept(unit, state.traction[unit.name], least)[:, 0]
+        # what the iteration leaves overlapping is not pushed out
+        rooms.append(np.maximum(gap, 0.0)[open_ones])
+        rows.append(relative[unit.name][open_ones, 0])
+    return np.concatenate(rooms), np.concatenate(rows)
+
+
+def _nearest(mass: Array, momentum: Array, rows: Array, rooms: Array) -> Array:
+    """y that makes 1/2 y^T mass y + momentum^T y smallest where rooms + rows y >= 0; y = 0 is one of those."""
+    from scipy.optimize import nnls  # few scenes need it
+
+    lower = la.cholesky(mass, lower=True)
+    # in z = L^T y: the point nearest to z_0 in the half spaces A z >= -rooms
+    start = -la.solve_triangular(lower, momentum, lower=True)
+    across = la.solve_triangular(lower, rows.T, lower=True).T
+    size = np.linalg.norm(across, axis=1)
+    counts = size > 1e-12 * size.max(initial=0.0)
+    across, needed = across[counts] / size[counts, None], -rooms[counts] / size[counts]
+    needed = needed - across @ start
+    if needed.size and needed.max() > 0.0:
+        scale = float(needed.max())
+        goal = np.zeros(len(start) + 1)
+        goal[-1] = 1.0
+        weights, _ = nnls(np.vstack([across.T, needed / scale]), goal)
+        # the constraints that hold with equality determine the solution
+        active = weights > 0.0
+        start = start + la.lstsq(across[active], needed[active], cond=1e-12)[0]
+    return np.asarray(la.solve_triangular(lower, start, lower=True, trans="T"))
