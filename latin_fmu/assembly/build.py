@@ -45,12 +45,12 @@ from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
 from .merged_assembly import loop_remarks
 from .models import Kept, KeptOperators, scheme_remarks, store_of
+from .places_at_rest import least_displaced
 from .plausibility import plausibility_remarks
 from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
-from .places_at_rest import least_displaced
 from .statics import (
     Stage,
     fitted,

@@ -74,7 +74,7 @@ def by_mortar(
     owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
         facets (``_preferred``); but not a rigid one, nor one whose points hold the other side where that is free (both
         would be more than the other side can follow).
-    reach : see ``fem.mortar``. held : projectors (n_node, 3, 3) of the two bodies on the directions in which their nodes
+    reach : see ``fem.mortar``. held : projectors (n_node, 3, 3) of both bodies on the directions in which their nodes
         never move, None for rigid ones.
     """
     pair = _MortarPair((first, second), reach, held)

@@ -235,7 +235,7 @@ def build_interface(
     pair, frames, cells = placed
     if not interface.against_ground:
         remarks += remarks_of("area", _area_remarks(name, interface, pair, units))
-        remarks += remarks_of("points_from", _alike_remarks(name, sides, pair))
+        remarks += remarks_of("points", _alike_remarks(name, sides, pair))
     opening = initial_opening(name, interface, pair, sides, problems, remarks)
     if opening is None:
         return None
@@ -375,8 +375,8 @@ def _alike_remarks(name: str, sides: Sequence[Side], pair: FacePair) -> list[str
         return []
     faces = " and ".join(f"{body.name}" for body, _ in sides)
     return [
-        f"interface {name}: its points are those of side E: facets, stiffness and volume of {faces} are alike, and with "
-        "the sides exchanged the results differ by the error of the mesh; points_from chooses"
+        f"interface {name}: its points are those of side E: facets, stiffness and volume of {faces} are alike, and "
+        "with the sides exchanged the results differ by the error of the mesh; points_from chooses"
     ]
 
 

@@ -27,12 +27,16 @@ from ..fem.mesh import Array
 from ..interface.laws import NoSlip, bonds, coulomb_coefficient
 from ..latin.assembly import InterfaceUnit
 from ..propagator.model import closest_reduced
+from ..remarks import Remark
 from .body import Body, body_sides, consecutive
 from .conditions import Conditions, RigidConditions
 from .free_bodies import HELD, allowed_motions
 from .initial_state import InitialState
 from .problem import DiscretisedProblem
 
+_CLOSED: Final = 1e-9
+"""A gap below this share of the largest displacement is none: the places are as exact as the equilibrium."""
+_MOVES: Final = 1e-5  # motion of a node that counts, for unit motions of bodies
 _PRESSED: Final = 1e-8
 """A traction above this share of the largest of the state is one; the equilibrium is solved to 1e-9 of it at least."""
 
@@ -61,23 +65,41 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     largest = max((float(np.abs(f).max(initial=0.0)) for f in state.traction.values()), default=0.0)
     least = _PRESSED * max(largest, size)
     relative = {unit.name: _relative(unit, motions, where, total) for unit in units}
-    free = _left_free(units, relative, state, least, total)
+    kept = {unit.name: _kept(unit, state.traction[unit.name], least) for unit in units}
+    free = _left_free(relative, kept, total)
     if not free.shape[1]:
         return state
-    rooms, rows = _rooms(problem, units, relative, state, least)
+    open_ones = {unit.name: ~kept[unit.name][:, 0] for unit in units if unit.behaviour.opens}
+    gaps = _gaps(problem, units, state.displacement)
+    # what the iteration leaves overlapping is not pushed out
+    rooms = np.concatenate([np.zeros(0), *(np.maximum(gaps[n][which], 0.0) for n, which in open_ones.items())])
+    rows = np.concatenate([np.zeros((0, total)), *(relative[n][which, 0] for n, which in open_ones.items())])
     mass, momentum = np.zeros((total, total)), np.zeros(total)
     for name, own in where.items():
         mass[own, own] = motions[name].own.T @ motions[name].momentum
         momentum[own] = motions[name].momentum.T @ state.displacement[name]
     shift = free @ _nearest(free.T @ mass @ free, free.T @ momentum, rows @ free, rooms)
     displacement = {n: u + motions[n].own @ shift[where[n]] for n, u in state.displacement.items()}
-    moves = [n for n, own in where.items() if np.abs(motions[n].nodal @ free[own]).max(initial=0.0) > np.sqrt(HELD)]
-    said = f"substructure {', '.join(moves)}: the loads of t = 0 and the contacts that they press leave the place open: "
-    said += "of all places without overlap the start takes the one with the least displacement, as a mean over the mass"
-    # nothing has moved: the place of the scene is that of least displacement
     size = max(float(np.abs(u).max(initial=0.0)) for u in displacement.values())
-    remarks = (*state.remarks, said) if size > 0.0 else state.remarks
-    return replace(state, displacement=displacement, remarks=remarks)
+    # nothing acts: every place is that of the scene
+    if size == 0.0:
+        return state
+    closure = dict(state.closure)
+    for name, gap in _gaps(problem, units, displacement).items():
+        # points that this place closes have a gap of round-off
+        touches = open_ones[name] & (np.abs(gap) <= _CLOSED * size)
+        if name in closure:
+            closure[name] = np.where(touches, gap, closure[name])
+    moved = replace(state, displacement=displacement, closure=closure)
+    # what moves with all that it touches is told before the run (``free_bodies.free_remarks``)
+    joined = _left_free(relative, {n: k | (n in open_ones) for n, k in kept.items()}, total)
+    apart = free - joined @ (joined.T @ free)
+    names = [n for n, own in where.items() if np.abs(motions[n].nodal @ apart[own]).max(initial=0.0) > _MOVES]
+    if not names:
+        return moved
+    said = f"substructure {', '.join(names)}: only contacts without pressure hold it at t = 0: of all places without "
+    said += "overlap the static start takes the one with the least displacement, as a mean over the mass"
+    return replace(moved, remarks=(*state.remarks, Remark("free", said)))
 
 
 def _motions(body: Body, held: Conditions) -> _Motions:
@@ -123,42 +145,30 @@ def _kept(unit: InterfaceUnit, traction: Array, least: float) -> NDArray[np.bool
     return kept
 
 
-def _left_free(
-    units: Sequence[InterfaceUnit], relative: Mapping[str, Array], state: InitialState, least: float, total: int
-) -> Array:
+def _left_free(relative: Mapping[str, Array], kept: Mapping[str, NDArray[np.bool_]], total: int) -> Array:
     """Combinations (total, n) of the rigid motions that move no side of an interface along a direction it keeps."""
     squares = np.zeros((total, total))
-    for unit in units:
-        rows = relative[unit.name][_kept(unit, state.traction[unit.name], least)]
+    for name, own in relative.items():
+        rows = own[kept[name]]
         # a mean: fine faces count no more than coarse ones
-        squares += rows.T @ rows / unit.geometry.n_point
+        squares += rows.T @ rows / len(own)
     values, vectors = la.eigh(squares)
     return vectors if values[-1] <= 0.0 else np.asarray(vectors[:, values < HELD * values[-1]])
 
 
-def _rooms(
-    problem: DiscretisedProblem,
-    units: Sequence[InterfaceUnit],
-    relative: Mapping[str, Array],
-    state: InitialState,
-    least: float,
-) -> tuple[Array, Array]:
-    """Gaps (n,) of the points without pressure, m, and how they grow with the motions, (n, total)."""
-    rooms, rows = [np.zeros(0)], [np.zeros((0, next(iter(relative.values())).shape[2] if relative else 0))]
+def _gaps(
+    problem: DiscretisedProblem, units: Sequence[InterfaceUnit], displacement: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Gaps (n_point,) of the interfaces that open, under displacements of the bodies on their full unknowns, m."""
+    gaps = {unit.name: unit.geometry.gap.copy() for unit in units if unit.behaviour.opens}
     for unit in units:
-        if not unit.behaviour.opens:
-            continue
-        gap = unit.geometry.gap.copy()
-        for _, side, name in body_sides([unit]):
+        for _, side, name in body_sides([unit]) if unit.name in gaps else ():
             trace = unit.geometry.local_trace(side, 1)
-            if trace is not None and name in state.displacement:
-                held, u = problem.conditions[name], state.displacement[name]
-                gap += (2 * side - 1) * (trace @ (held.nodal @ u if isinstance(held, RigidConditions) else u))
-        open_ones = ~_kept(unit, state.traction[unit.name], least)[:, 0]
-        # what the iteration leaves overlapping is not pushed out
-        rooms.append(np.maximum(gap, 0.0)[open_ones])
-        rows.append(relative[unit.name][open_ones, 0])
-    return np.concatenate(rooms), np.concatenate(rows)
+            if trace is not None and name in displacement:
+                held, u = problem.conditions[name], displacement[name]
+                nodal = held.nodal @ u if isinstance(held, RigidConditions) else u
+                gaps[unit.name] += (2 * side - 1) * (trace @ nodal)
+    return gaps
 
 
 def _nearest(mass: Array, momentum: Array, rows: Array, rooms: Array) -> Array:

@@ -164,7 +164,7 @@ def start_remarks(
     falling = falling_groups(scene, there, supports, [unit for unit in units if unit.name in static])
     taken = {name for group in falling for name in group.names}
     groups = [group for group in start_groups(scene, bodies, conditions, units) if taken.isdisjoint(group.motions)]
-    return [*free_remarks(groups), *falling_remarks(falling)]
+    return [*free_remarks(groups, start=True), *falling_remarks(falling)]
 
 
 def static_state(

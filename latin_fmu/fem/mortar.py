@@ -493,11 +493,11 @@ def _finished(points: _Points, least: float) -> Mortar:
 def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> sp.csr_array:
     """Part (n_group, n_point) of each point in each group, from the covered shares of their areas.
 
-    From the largest share to the smallest, the nearest neighbour with area enough takes a sliver, else the groups of the
-    nearest one with a larger share; where there is none (the other face is smaller than a facet of the owner) slivers of
-    one share that are neighbours stand together for theirs. Neighbours that are equally near take equal parts, and equal
-    shares are served together: the order of the nodes does not count. ``near`` (n_point, n_point) has entries where two
-    points share a covered facet.
+    From the largest share to the smallest, the nearest neighbour with area enough takes a sliver, else the groups of
+    the nearest one with a larger share; where there is none (the other face is smaller than a facet of the owner)
+    slivers of one share that are neighbours stand together for theirs. Neighbours that are equally near take equal
+    parts, and equal shares are served together: the order of the nodes does not count. ``near`` (n_point, n_point) has
+    entries where two points share a covered facet.
     """
     parts: dict[int, dict[int, float]] = {int(p): {int(p): 1.0} for p in np.flatnonzero(shares >= least)}
     small = np.flatnonzero(shares < least)

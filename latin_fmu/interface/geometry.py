@@ -95,9 +95,8 @@ def diagonal_blocks(blocks: Array) -> sp.csr_array:
     """Matrix (n r, n c) with the blocks (n, r, c) on its diagonal."""
     n, rows, columns = blocks.shape
     at = np.repeat(columns * np.arange(n)[:, None, None] + np.arange(columns), rows, axis=1)
-    return sp.csr_array(
-        (np.ascontiguousarray(blocks).ravel(), at.ravel(), columns * np.arange(n * rows + 1)), shape=(n * rows, n * columns)
-    )
+    starts = columns * np.arange(n * rows + 1)
+    return sp.csr_array((np.ascontiguousarray(blocks).ravel(), at.ravel(), starts), shape=(n * rows, n * columns))
 
 
 def local_frames(normals: Array) -> Array:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import SolverError
-from ..kernels import entries
 from ..interface.laws import NoSlip
+from ..kernels import entries
 from ..kernels.callouts import TANGENTS
 from ..laws.dispatch import LAWS, apply_law, law_tangents
 from .assembly import Array, Assembly, Group
