@@ -17,7 +17,7 @@ OPENING = ("contact", "no_slip", "soft_contact")
 def random_scene(seed: int) -> Tables:
     """A scene of two or three boxes in a row along z, b0 at the bottom, as tables."""
     rng = np.random.default_rng(seed)
-    count, size = int(rng.integers(2, 4)), 10.0 ** rng.uniform(-2.0, -0.5)
+    count, size = 2 + int(rng.random() < 0.3), 10.0 ** rng.uniform(-2.0, -0.5)
     stuffs = [_stuff(rng) for _ in range(count)]
     tables: Tables = {"name": f"relation_{seed}", "material": {}, "substructure": {}, "interface": {}}
     tables |= {key: {} for key in ("boundary", "load", "sensor", "temperature", "spring", "point_mass")}
@@ -175,7 +175,9 @@ def _loads(tables: Tables, rng: Random, stuffs: list[Tables], count: int, end: f
             moment = 0.05 * strain * area * box["size"][0] * rng.normal(size=3)
             tables["load"]["push"]["moment"] = moment.tolist()
     if rng.random() < 0.3:
-        tables["gravity"] = {"acceleration": (strain / (stuffs[0]["density"] * end * 1e4) * rng.normal(size=3)).tolist()}
+        tables["gravity"] = {
+            "acceleration": (strain / (stuffs[0]["density"] * end * 1e4) * rng.normal(size=3)).tolist()
+        }
 
 
 def _motions(tables: Tables, rng: Random, count: int, static: bool, speed: float) -> None:

@@ -34,18 +34,35 @@ Random = np.random.Generator
 LIMIT: Final = 1e-5
 """Of the largest of the quantity: two descriptions of one discrete problem, solved to 1e-9."""
 SMALL: Final = 1e-3
-"""A quantity counts as at least this share of the largest of its kind in the scene: the tolerance is one of the whole."""
+"""A quantity counts as at least this share of the largest of its kind: the tolerance is one of the whole scene."""
 POINTS: Final = ("origin", "point", "centre")
 VECTORS: Final = (
     *("initial_velocity", "initial_spin", "initial_displacement", "body_force", "acceleration", "traction", "force"),
     *("moment", "velocity", "direction", "axis", "normal", "x", "y"),
 )
 TENSORS: Final = ("initial_velocity_gradient", "initial_displacement_gradient")
-NOT_TURNED: Final = ("size", "elements", "young_moduli", "poisson_ratios", "shear_moduli", "thermal_expansions", "inertia")
+NOT_TURNED: Final = (
+    "size",
+    "elements",
+    "young_moduli",
+    "poisson_ratios",
+    "shear_moduli",
+    "thermal_expansions",
+    "inertia",
+)
 """Three numbers that are no vector. Boxes become mesh files before they are turned."""
 DOUBLED: Final = (
     *("pressure", "traction", "force", "moment", "body_force", "acceleration", "change", "initial_velocity", "value"),
-    *("initial_spin", "initial_displacement", "gap", "interference", "preload", "preload_force", "velocity", "amplitude"),
+    *(
+        "initial_spin",
+        "initial_displacement",
+        "gap",
+        "interference",
+        "preload",
+        "preload_force",
+        "velocity",
+        "amplitude",
+    ),
     *("shortening", "torque", "initial_velocity_gradient", "initial_displacement_gradient"),
 )
 """Keys of what the motion is proportional to."""
@@ -58,6 +75,7 @@ class Run:
     results: Results = field(default_factory=dict)
     converged: bool = True
     refused: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,7 +113,8 @@ def run(tables: Tables, folder: Path, solve: Callable[[latin_fmu.Scene, Path], R
         solution = latin_fmu.solve(scene)
     except SceneError as error:
         return Run(refused=str(error))
-    return Run(results_of(solution), solution.converged, "" if solution.converged else solution.status)
+    said = "" if solution.converged else solution.status
+    return Run(results_of(solution), solution.converged, said, tuple(solution.warnings))
 
 
 def load_of(tables: Tables) -> float:
@@ -123,7 +142,7 @@ def distances(expected: Results, found: Results, force: float) -> dict[str, floa
     return made
 
 
-# -- walks over the tables of a scene by its schema ---------------------------------------------------------------------
+# -- walks over the tables of a scene by its schema -------------------------------------------------------------------
 def fields(table: SceneTable, data: Any, path: str = "") -> Iterator[tuple[str, str, str | None, Any, Any]]:
     """Path, key, unit, the dictionary and the value of every field of a table that is written in ``data``."""
     for key, about in type(table).model_fields.items():
@@ -174,7 +193,7 @@ def each_vector(tables: Tables, turn: Callable[[Array], Array], move: Callable[[
     return changed(tables, change)
 
 
-# -- the relations ------------------------------------------------------------------------------------------------------
+# -- the relations ----------------------------------------------------------------------------------------------------
 def _same(results: Results) -> Results:
     return results
 
@@ -222,7 +241,17 @@ def _filed(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callable[
     return as_files(tables, folder), _same
 
 
-NAMED: Final = ("substructure", "interface", "boundary", "load", "sensor", "temperature", "spring", "point_mass", "material")
+NAMED: Final = (
+    "substructure",
+    "interface",
+    "boundary",
+    "load",
+    "sensor",
+    "temperature",
+    "spring",
+    "point_mass",
+    "material",
+)
 
 
 def _renamed(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callable[[Results], Results]]:

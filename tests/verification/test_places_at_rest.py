@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import latin_fmu
 from latin_fmu.assembly.places_at_rest import _nearest
 from latin_fmu.stability.scenes import STEEL, Box, column
 from tests.scenes import solve
