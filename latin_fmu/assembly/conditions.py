@@ -71,8 +71,11 @@ class Conditions:
         """Projectors (n_node, 3, 3) on the directions in which each node never moves, axes or not."""
         made: Array = self.held.reshape(-1, 3)[:, :, None] * np.eye(3)
         if self.turned is not None:
-            blocks = np.hstack([self.expansion[self.turned[2]].toarray(), self.pattern[self.turned[2]]])
-            for node, block in zip(self.turned[2][::3] // 3, blocks.reshape(-1, 3, blocks.shape[1]), strict=True):
+            for node in (self.turned[2][::3] // 3).tolist():
+                rows = slice(3 * node, 3 * node + 3)
+                own = self.expansion[rows]
+                # columns of other nodes are zero here
+                block = np.hstack([own[:, np.unique(own.indices)].toarray(), self.pattern[rows]])
                 free = la.orth(block, rcond=_ROUND_OFF) if block.any() else np.zeros((3, 0))
                 made[node] = np.eye(3) - free @ free.T
         return made

@@ -198,6 +198,9 @@ def _motions(tables: Tables, rng: Random, count: int, static: bool, speed: float
 
 def _heat(tables: Tables, rng: Random, count: int) -> None:
     names = [f"b{i}" for i in range(count) if rng.random() < 0.7] or ["b0"]
+    # heated bodies start in equilibrium, from which they cannot be in motion
+    for body in tables["substructure"].values():
+        body.pop("initial_velocity", None)
     tables["temperature"]["hot"] = {"substructures": names, "change": float(rng.uniform(-3.0, 3.0))}
 
 

@@ -15,8 +15,10 @@ from typing import Any, Final, get_args
 import numpy as np
 import pytest
 
+import latin_fmu
 from latin_fmu.scene.fields import SceneTable
 from latin_fmu.scene.schema import Scene
+from tests.scenes import MODELS
 
 from .random_scenes import Tables, random_scene
 from .relations import NOT_TURNED, POINTS, RELATIONS, VECTORS, Relation, Run, distances, load_of, run
@@ -115,6 +117,27 @@ def test_all_relations_on_many_scenes(block: int, tmp_path: Path) -> None:
         base = run(tables, tmp_path)
         for relation in RELATIONS.values():
             pairs.add(seed, tables, base, relation, tmp_path)
+    pairs.check()
+
+
+PLAIN: Final = (
+    *("beam_in_traction", "bouncing_bar", "gripped_bar", "hammer_on_plate", "impact_bar", "shear_interface"),
+)
+"""Models of boxes."""
+NOT_OF_MODELS: Final = ("cut by a bond", "moving frame")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", PLAIN)
+def test_all_relations_on_shipped_models(model: str, tmp_path: Path) -> None:
+    tables = latin_fmu.load_scene(MODELS / model / "scene.toml").tables()
+    tables["solver"] = {"tolerance": 1e-9, "max_iterations": 1000}
+    tables["output"] = {"energy": True}
+    tables.pop("accuracy", None)
+    base, pairs = run(tables, tmp_path), Pairs()
+    for relation in RELATIONS.values():
+        if relation.name not in NOT_OF_MODELS:
+            pairs.add(model, tables, base, relation, tmp_path)
     pairs.check()
 
 
