@@ -71,8 +71,10 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
         return state
     open_ones = {unit.name: ~kept[unit.name][:, 0] for unit in units if unit.behaviour.opens}
     gaps = _gaps(problem, units, state.displacement)
+    size = max(float(np.abs(u).max(initial=0.0)) for u in state.displacement.values())
+    rooms = np.concatenate([np.zeros(0), *(gaps[name][which] for name, which in open_ones.items())])
     # what the iteration leaves overlapping is not pushed out
-    rooms = np.concatenate([np.zeros(0), *(np.maximum(gaps[n][which], 0.0) for n, which in open_ones.items())])
+    rooms[np.abs(rooms) <= _CLOSED * size] = 0.0
     rows = np.concatenate([np.zeros((0, total)), *(relative[n][which, 0] for n, which in open_ones.items())])
     mass, momentum = np.zeros((total, total)), np.zeros(total)
     for name, own in where.items():
@@ -172,7 +174,7 @@ def _gaps(
 
 
 def _nearest(mass: Array, momentum: Array, rows: Array, rooms: Array) -> Array:
-    """y that makes 1/2 y^T mass y + momentum^T y smallest where rooms + rows y >= 0; y = 0 is one of those."""
+    """y that makes 1/2 y^T mass y + momentum^T y smallest where rooms + rows y >= 0; 0 where there is no such y."""
     from scipy.optimize import nnls  # few scenes need it
 
     lower = la.cholesky(mass, lower=True)
@@ -190,5 +192,9 @@ def _nearest(mass: Array, momentum: Array, rows: Array, rooms: Array) -> Array:
         weights, _ = nnls(np.vstack([across.T, needed / scale]), goal)
         # the constraints that hold with equality determine the solution
         active = weights > 0.0
-        start = start + la.lstsq(across[active], needed[active], cond=1e-12)[0]
+        moved = la.lstsq(across[active], needed[active], cond=1e-12)[0]
+        # overlaps that no motion opens: the place stays as it is
+        if (needed - across @ moved).max() > 1e-6 * scale:
+            return np.zeros(len(start))
+        start = start + moved
     return np.asarray(la.solve_triangular(lower, start, lower=True, trans="T"))

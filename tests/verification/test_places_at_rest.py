@@ -58,7 +58,22 @@ def test_a_hot_body_lifts_what_lies_on_it_and_moves_it_no_further() -> None:
     assert not solution.interfaces["meet"].traction[0].any()
     said = [warning for warning in solution.warnings if "only contacts" in warning]
     assert len(said) == 1
-    assert "substructure upper: only contacts without pressure" in said[0]
+    assert "substructure lower, upper: only contacts without pressure" in said[0]
+
+
+def test_derivatives_have_the_place_too() -> None:
+    """With more expansion the upper cube is lifted further, by its height over the plane, and moved nowhere else."""
+    scene = heated(["lower"], boundary={"base": {"type": "symmetry", "face": "lower.zmin"}})
+    (name,) = scene["material"]
+    scene["sensor"] = {"top": {"face": "upper.zmax"}, "side": {"face": "lower.xmax"}}
+    scene["output"] = {"sensitivities": [f"material.{name}.thermal_expansion"], "check_sensitivities": "none"}
+    known = solve(scene).sensitivities
+    assert known is not None
+    sensors = known.derivatives[0].sensors
+    # relative changes: of the displacements, which are proportional to it
+    size = ALPHA * CHANGE * EDGE
+    assert sensors["top"].displacement[0] == pytest.approx([0.0, 0.0, size], abs=1e-4 * size)
+    assert sensors["side"].displacement[0] == pytest.approx([0.5 * size, 0.0, 0.5 * size], abs=1e-4 * size)
 
 
 def test_a_body_that_shrinks_is_not_followed() -> None:
