@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from fmu_build.build import scene_files
 from latin_fmu import operator_store
 from latin_fmu.assembly import statics
 from latin_fmu.assembly.build import build
@@ -246,9 +247,18 @@ def test_a_scene_of_others_writes_below_its_own_folder_alone(folder: str, tmp_pa
     place.mkdir()
     text = (MODELS / "impact_bar/scene.toml").read_text()
     (place / "scene.toml").write_text(f'{text}\n[solver.operators]\nfolder = "{folder}"\n')
-    with pytest.raises(latin_fmu.SceneError, match=r"line .*operators.*outside that of the scene file"):
+    with pytest.raises(latin_fmu.SceneError, match=r"operators.folder: a folder outside that of the scene file.*line \d+"):
         latin_fmu.load_scene(place / "scene.toml")
     scene = latin_fmu.load_scene(place / "scene.toml", [f"solver.operators.folder={folder}"])
     assert scene.solver.operators is not None
     (place / "scene.toml").write_text(f'{text}\n[solver.operators]\nfolder = "kept/here"\n')
     assert latin_fmu.load_scene(place / "scene.toml").solver.operators is not None
+
+
+def test_an_fmu_takes_no_folder_along(tmp_path: Path) -> None:
+    """It would write where the scene was, on whatever machine it runs."""
+    made = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"solver.operators.folder={tmp_path}"])
+    assert str(tmp_path) in made.text()
+    inside = scene_files(made)["scene.toml"].decode()
+    assert "operators" not in inside
+    assert str(tmp_path) not in inside
