@@ -116,7 +116,9 @@ def scene_files(scene: Scene) -> Files:
                 files[f"{folder}{_beside(include, source)}"] = (path.parent / include).read_bytes()
         mesh = body.mesh.model_copy(update={"file": meshes[source]})
         substructures[name] = body.model_copy(update={"mesh": mesh})
-    inside = scene.model_copy(update={"substructure": substructures})
+    # a folder of operators belongs to the machine of the scene: an FMU writes nowhere
+    solver = scene.solver.model_copy(update={"operators": None})
+    inside = scene.model_copy(update={"substructure": substructures, "solver": solver})
     return {"scene.toml": inside.text().encode(), **files}
 
 

@@ -66,6 +66,20 @@ class Conditions:
         never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
         return never
 
+    @property
+    def held_directions(self) -> Array:
+        """Projectors (n_node, 3, 3) on the directions in which each node never moves, axes or not."""
+        made: Array = self.held.reshape(-1, 3)[:, :, None] * np.eye(3)
+        if self.turned is not None:
+            for node in (self.turned[2][::3] // 3).tolist():
+                rows = slice(3 * node, 3 * node + 3)
+                own = self.expansion[rows]
+                # columns of other nodes are zero here
+                block = np.hstack([own[:, np.unique(own.indices)].toarray(), self.pattern[rows]])
+                free = la.orth(block, rcond=_ROUND_OFF) if block.any() else np.zeros((3, 0))
+                made[node] = np.eye(3) - free @ free.T
+        return made
+
     def driving(
         self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
     ) -> Array:

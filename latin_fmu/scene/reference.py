@@ -43,8 +43,9 @@ Interface      The normal N points from the first side (E) to the second (E'). F
                results are those the interface exerts on side E, in global axes: two bodies pressed together
                along z, the first one below, give a negative z component.
 Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface.
-               Else the points are those of one side (points_from: the wholly covered one, else the finer), over
-               the part that the faces have in common, and the other side takes part through integrals over it
+               Else the points are those of one side (points_from: the wholly covered one, else the one with the
+               smaller facets on average, of the softer, of the smaller body; E where all are alike, which is said),
+               over the part that the faces have in common, and the other side takes part through integrals over it
                (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
                their neighbours.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
@@ -195,7 +196,8 @@ Static start   time.start = "static" solves the equilibrium under what acts at t
                displaced faces; faces driven by a velocity or an acceleration and the ground stand still. The motion
                starts from its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity
                are left out; [motion] gives one to all, and a tightened assembly starts in its equilibrium with it. A
-               substructure that friction cannot hold is an error.
+               substructure that friction cannot hold is an error. Of bodies that only contacts without pressure hold,
+               or nothing, the place is that of least displacement (mean square over the mass) without overlap.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts as fast as its body and moves as the
                time scheme would move a free body: after a pulse its velocity and path are the exact integrals of the

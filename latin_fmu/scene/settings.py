@@ -411,7 +411,10 @@ class OperatorFolder(SceneTable):
     directions reads them, whatever its loads, friction, gaps and bolt forces are. Results are the same to the last
     bit. It may be shared by runs at the same time; an entry that is damaged, or of another version, is made anew."""
 
-    folder: Annotated[Text, about("relative to the file of the scene; made where it does not exist")]
+    folder: Annotated[
+        Text,
+        about("relative to the scene file, and below its folder unless --set names it; made where it does not exist"),
+    ]
     limit: Annotated[Real, about("size of all entries; the ones used longest ago are removed", "GB", gt=0)] = 10.0
 
 
