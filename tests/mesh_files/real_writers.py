@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -29,9 +30,9 @@ from latin_fmu.assembly.build import discretise
 from latin_fmu.errors import LatinError
 from latin_fmu.fem.elements import Elements
 from latin_fmu.fem.mesh import Mesh, boundary, box_mesh
-
 from tests.fem.meshes import ORIGIN, SIZE, TYPES, typed_box
 from tests.fem.surface_integrals import integrals
+
 from .writers.solid import Solid
 
 HERE = Path(__file__).parent
@@ -42,6 +43,8 @@ PAIRS = {"hexahedron20 and tetra10": ("hexahedron20", "tetra10"), "pyramid and t
 OWN = "own"
 SHIFT = np.array([1.4, 0.1, 0.05])
 BEND = 0.08
+TOLD = ("belong to no cell", "lie on no solid", "lies on no solid")
+PIECES = "pieces that share no node"
 BAD = ("WRONG", "LOST", "TRACEBACK")
 SCENE = """
 name = "writers"
@@ -125,8 +128,9 @@ class Outcome:
 
     Attributes
     ----------
-    word : "read", "refused", "not written", "WRONG", "LOST" or "TRACEBACK". bodies, faces : "named", "numbered",
-    "none"; of one body "one". unit : as the file says it. said : reason, or what is printed beside.
+    word : "read", "refused", "told" (read, and said that cells are missing), "not written", "WRONG", "LOST" or
+    "TRACEBACK". bodies, faces : "named", "numbered", "none"; "one" body, or "by type of cells".
+    unit : as the file says it. said : reason, or what is printed beside.
     """
 
     word: str
@@ -159,24 +163,26 @@ def compared(bodies: dict[str, Body], name: str, form: dict[str, Any], unit: str
     got = {body: integrals(mesh.nodes, boundary(mesh)) for body, mesh in meshes.items()}
     own = {body: float(Elements(mesh).volume.sum()) for body, mesh in meshes.items()}
     whole = sum(wanted.volumes.values())
+    told = [text for text in TOLD if text in said]
     if not close(sum(got.values()), whole, near) or abs(sum(own.values()) / whole[0] - 1) > near:
-        return Outcome("WRONG", f"volume {sum(own.values()):.9g} for {whole[0]:.9g} m3 | {said}")
+        loss = f"volume {sum(own.values()):.9g} for {whole[0]:.9g} m3"
+        return Outcome("told", told[0]) if told else Outcome("WRONG", f"{loss} | {said}")
     pairs = [next((b for b in got if close(got[b], v, near)), "") for v in wanted.volumes.values()]
-    how = (
-        "one"
-        if len(got) == 1
-        else "none"
-        if "" in pairs
-        else "named"
-        if all(map(str.__contains__, pairs, wanted.volumes))
-        else "numbered"
-    )
+    how = "numbered"
+    if len(got) != len(wanted.volumes):
+        how = "one" if len(got) == 1 else "by type of cells"
+    elif "" in pairs:
+        how = "none"
+    elif all(map(str.__contains__, pairs, wanted.volumes)):
+        how = "named"
     faces, lost = found_faces(_faces(meshes), wanted.faces, near)
-    word = "read"
-    if (form["faces"] and lost) or (form["bodies"] and how in ("one", "none")):
-        word = "LOST"
-        said = f"faces {', '.join(lost)}; bodies {', '.join(meshes)} | {said}"
-    return Outcome(word, said, how, faces, unit)
+    if (
+        (form["faces"] and lost and not told)
+        or how == "none"
+        or (form["bodies"] and how == "one" and PIECES not in said)
+    ):
+        return Outcome("LOST", f"faces {', '.join(lost)}; bodies {', '.join(meshes)} | {said}")
+    return Outcome("read", said, how, faces, unit)
 
 
 def found_faces(got: dict[str, np.ndarray], wanted: dict[str, np.ndarray], near: float) -> tuple[str, list[str]]:
@@ -219,6 +225,18 @@ def rows(
         yield form | {"title": table["title"], "version": table["version"]}, found
 
 
+def outcomes(module: str, folder: Path, options: argparse.Namespace) -> list[tuple[dict[str, Any], dict[str, Outcome]]]:
+    """What became of the files of a program, kept in the folder."""
+    place = folder / f"{module}.outcomes.json"
+    if options.kept and place.exists():
+        table = json.loads(place.read_text())
+        return [(form, {name: Outcome(**row) for name, row in found.items()}) for form, found in table]
+    python = environment(module, folder / "environments")
+    found = list(rows(module, python, folder / "files", options.only))
+    place.write_text(json.dumps([(form, {k: v.__dict__ for k, v in row.items()}) for form, row in found], indent=1))
+    return found
+
+
 def grouped(found: dict[str, Outcome]) -> dict[str, list[str]]:
     """Names of the solids by what became of them, in words."""
     texts: dict[str, list[str]] = {}
@@ -229,12 +247,63 @@ def grouped(found: dict[str, Outcome]) -> dict[str, list[str]]:
     return texts
 
 
+REASON = re.compile(r"(?:solid\.[\w.]+(?:, line \d+)?: |substructure\.[^:]*: )*(.*?)(?: \(value|; allowed|; [12]\. |$)")
+
+
+def reason(result: Outcome) -> str:
+    """Why a file is not read, in the words of the reader."""
+    if result.word == "told":
+        return "written without some of their nodes or cells, which is told"
+    text = re.sub(r"^1\. (mesh|substructure)\.[\w.]+: ", "", result.said)
+    match = REASON.match(text)
+    return (match[1] if match else text)[:110].replace("|", "/").strip()
+
+
+def cells_of(row: dict[str, Outcome]) -> tuple[str, str]:
+    """Types that are read, and those that are written and are not, with the reasons."""
+    written = {name: result for name, result in row.items() if result.word != "not written"}
+    there = [name for name, result in written.items() if result.word == "read"]
+    others: dict[str, list[str]] = {}
+    for name, result in written.items():
+        if result.word != "read":
+            others.setdefault(reason(result), []).append(name)
+    read = "all that it writes" if len(there) == len(written) > 3 else ", ".join(there) or "none"
+    return read, "; ".join(f"{', '.join(names)}: {text}" for text, names in others.items())
+
+
+def table(found: list[tuple[dict[str, Any], dict[str, Outcome]]]) -> str:
+    """The rows for the docs; formats of a program that come out alike share one."""
+    lines = ["| program | file | cells read | bodies | faces | unit | not read |", "|---|---|---|---|---|---|---|"]
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for form, row in found:
+        if all(result.word == "not written" for result in row.values()):
+            continue
+        read, rest = cells_of(row)
+        good = [result for result in row.values() if result.word == "read"]
+        kinds = (
+            " or ".join(dict.fromkeys(getattr(r, what) for r in good)) or "-" for what in ("bodies", "faces", "unit")
+        )
+        alike.setdefault((f"{form['title']} {form['version']}", read, *kinds, rest), []).append(form["label"])
+    for (program, *rest), labels in alike.items():
+        lines.append(f"| {program} | {'; '.join(labels)} | {' | '.join(rest)} |")
+    return "\n".join(lines)
+
+
+def write_docs(text: str) -> None:
+    """Put the table between its marks."""
+    page = PAGE.read_text()
+    head, _, rest = page.partition(BEGIN)
+    _, _, tail = rest.partition(END)
+    PAGE.write_text(f"{head}{BEGIN}\n{text}\n{END}{tail}")
+
+
 def main(arguments: list[str]) -> int:
     """Print what became of each file; 1 where a volume is wrong, or something is lost without a word."""
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("programs", nargs="*", default=PROGRAMS, help=f"of {', '.join(PROGRAMS)}")
     parser.add_argument("--folder", type=Path, help="for the environments and the files, kept")
     parser.add_argument("--only", default="", help="one format")
+    parser.add_argument("--kept", action="store_true", help="take the outcomes that the folder has of an earlier run")
     parser.add_argument("--docs", action="store_true", help="write the table into docs/mesh_files.md")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
@@ -244,14 +313,17 @@ def main(arguments: list[str]) -> int:
         for name in (*TYPES, *PAIRS, OWN):
             solid(name).save(files / f"{name}.npz")
         bad = 0
+        found_all: list[tuple[dict[str, Any], dict[str, Outcome]]] = []
         for module in options.programs:
-            python = environment(module, folder / "environments")
-            for form, found in rows(module, python, files, options.only):
+            for form, found in outcomes(module, folder, options):
+                found_all.append((form, found))
                 bad += sum(result.word in BAD for result in found.values())
                 sys.stdout.write(f"{form['title']} {form['version']} {form['label']}\n")
                 for text, names in grouped(found).items():
                     sys.stdout.write(f"    {', '.join(names)}: {text}\n")
                 sys.stdout.flush()
+    if options.docs:
+        write_docs(table(found_all))
     return int(bad > 0)
 
 

@@ -1,4 +1,4 @@
-"""CalculiX GraphiX: a mesh of its own of two boxes, sent as it sends meshes to CalculiX, and a deck that includes them."""
+"""CalculiX GraphiX: its own mesh of two boxes, as it sends meshes to CalculiX, and a deck that includes the files."""
 
 from __future__ import annotations
 

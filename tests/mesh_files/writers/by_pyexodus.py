@@ -15,7 +15,7 @@ PACKAGE: Final = "pyexodus"
 FORMATS: Final = {".e": Format(".e")}
 
 
-def write(solid: Solid, form: Format, path: Path) -> None:
+def write(solid: Solid, form: Format, path: Path) -> None:  # noqa: ARG001 - it has one format
     """The solid in a format."""
     pieces = solid.rows("exodus", flat=False)
     count = sum(len(rows) for _, rows, _ in pieces)

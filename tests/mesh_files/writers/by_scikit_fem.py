@@ -14,11 +14,12 @@ TITLE: Final = "scikit-fem"
 REQUIRES: Final = ("scikit-fem==12.0.2", "meshio==5.3.5", "h5py")
 PACKAGE: Final = "scikit-fem"
 _CLASSES: Final = {"tetra": "MeshTet1", "tetra10": "MeshTet2", "hexahedron": "MeshHex1", "wedge": "MeshWedge1"}
+# names of groups are bits at the cells, which no other program reads; meshio leaves them out of .msh
 FORMATS: Final = {
     ".vtu": Format(".vtu"),
     ".vtk": Format(".vtk"),
-    ".msh": Format(".msh", option={"file_format": "gmsh"}),
     ".xdmf": Format(".xdmf"),
+    ".msh": Format(".msh", bodies=False, faces=False, option={"file_format": "gmsh"}),
 }
 
 

@@ -12,7 +12,7 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 from .solid import VTK_NUMBERS, Format, Solid
 
 TITLE: Final = "VTK"
-REQUIRES: Final = ("vtk==9.7.1", "numpy")
+REQUIRES: Final = ("vtk==9.7.2", "numpy")
 PACKAGE: Final = "vtk"
 LAGRANGE: Final = {
     **{"triangle": 69, "triangle6": 69, "quad": 70, "quad9": 70, "tetra": 71, "tetra10": 71, "hexahedron": 72},
@@ -30,7 +30,6 @@ FORMATS: Final = {
     ".vtk 5.1, binary": Format(".vtk", option={"FileType": 2}),
     ".vtk 4.2, binary": Format(".vtk", option={"FileType": 2, "FileVersion": 42}),
     ".vtkhdf": Format(".vtkhdf", option={}),
-    ".e": Format(".e", faces=False, option={}),
 }
 
 
@@ -60,19 +59,11 @@ def grid(solid: Solid, lagrange: bool = False) -> Any:
 
 def write(solid: Solid, form: Format, path: Path) -> None:
     """The solid in a format."""
-    names = {
-        ".vtu": "vtkXMLUnstructuredGridWriter",
-        ".vtk": "vtkUnstructuredGridWriter",
-        ".vtkhdf": "vtkHDFWriter",
-        ".e": "vtkExodusIIWriter",
-    }
+    names = {".vtu": "vtkXMLUnstructuredGridWriter", ".vtk": "vtkUnstructuredGridWriter", ".vtkhdf": "vtkHDFWriter"}
     writer = getattr(vtk, names[form.suffix])()
     writer.SetFileName(str(path))
     option = dict(form.option)
     made = grid(solid, bool(option.pop("Lagrange", 0)))
-    if form.suffix == ".e":
-        made.GetCellData().GetArray(0).SetName("ObjectId")
-        writer.SetBlockIdArrayName("ObjectId")
     for key, value in option.items():
         getattr(writer, f"Set{key}")(value)
     writer.SetInputData(made)

@@ -15,7 +15,7 @@ FORMATS: Final = {
     ".vtk 5.1": Format(".vtk", option=("vtk", "PartId")),
     ".vtk 4.2": Format(".vtk", option=("vtk42", "PartId")),
     ".xdmf": Format(".xdmf", option=("xdmf", "PartId")),
-    ".msh 4.1": Format(".msh", option=("gmsh", "gmsh")),
+    ".msh 4.1": Format(".msh", option=("gmsh", "entities")),
     ".msh 2.2": Format(".msh", option=("gmsh22", "gmsh")),
     ".med": Format(".med", option=("med", "med")),
     ".mesh": Format(".mesh", option=("medit", "medit:ref")),
@@ -33,7 +33,7 @@ FORMATS: Final = {
     ".xml": Format(".xml", faces=False, option=("dolfin-xml", "PartId")),
     ".hmf": Format(".hmf", option=("hmf", "PartId")),
     ".post": Format(".post", bodies=False, faces=False, option=("permas", "")),
-    ".tec": Format(".tec", option=("tecplot", "PartId")),
+    ".tec": Format(".tec", faces=False, option=("tecplot", "PartId")),
     ".node": Format(".node", option=("tetgen", "")),
     ".msh of Fluent": Format(".msh", bodies=False, faces=False, option=("ansys", "")),
 }
@@ -64,6 +64,15 @@ def write(library: Any, solid: Solid, form: Format, path: Path) -> None:
     elif how == "gmsh":
         keys["cell_data"] = {"gmsh:physical": numbers, "gmsh:geometrical": numbers}
         keys["field_data"] = {part: np.array([m, 3 if part in solid.bodies else 2]) for part, m in marks.items()}
+    elif how == "entities":
+        keys["cell_sets"] = {part: [np.flatnonzero(table == mark) for table in numbers] for part, mark in marks.items()}
+        keys["field_data"] = {part: np.array([m, 3 if part in solid.bodies else 2]) for part, m in marks.items()}
+        keys["cell_data"] = {"gmsh:physical": numbers, "gmsh:geometrical": numbers}
+        # of each node the entity that it is on, of those with the fewest dimensions
+        entities = np.zeros((len(solid.points), 2), dtype=int)
+        for _, rows, part in pieces:
+            entities[rows.ravel()] = 3 if part in solid.bodies else 2, marks[part]
+        keys["point_data"] = {"gmsh:dim_tags": entities}
     elif how == "med":
         keys["cell_data"] = {"cell_tags": [-table for table in numbers]}
     elif how:

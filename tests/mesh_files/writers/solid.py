@@ -38,6 +38,8 @@ ORDERS: Final[dict[str, dict[str, list[int]]]] = {
     },
     # Exodus II (HEX27): inside, below, above, left, right, front, back
     "exodus": {**_UPPER_LAST, "hexahedron27": [*_UPPER_LAST["hexahedron20"], 26, 24, 25, 20, 21, 22, 23]},
+    # hexahedra_3d_27.h: below, in front, right, behind, left, above
+    "kratos": {**_UPPER_LAST, "hexahedron27": [*_UPPER_LAST["hexahedron20"], 24, 22, 21, 23, 20, 25, 26]},
     "med": {"hexahedron27": [*range(20), 24, 22, 21, 23, 20, 25, 26]},
 }
 """Columns of the nodes in the order of VTK that are written one after another, by program or format."""
