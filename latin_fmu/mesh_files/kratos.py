@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from ..errors import MeshError
 from .content import CORNERS, NO_ROWS, SHELLS, SOLIDS, FileProblems, Index, MeshContent, rows_of, upper_edges_last
 from .node_orders import EDGES, to_vtk
 
@@ -36,8 +37,12 @@ def read_mdpa(path: Path) -> MeshContent:
     MeshError : every line that is not understood, with its number.
     """
     reader = _Mdpa(path.name)
-    reader.read(path.read_text(encoding="utf-8", errors="replace"))
-    return reader.content()
+    try:
+        reader.read(path.read_text(encoding="utf-8", errors="replace"))
+        return reader.content()
+    except (ValueError, OverflowError, OSError) as error:  # rows of several lengths, numbers of any size
+        what = f"not a whole file of the format .mdpa: {' '.join(str(error).split())[:200]}"
+        raise MeshError.of("unreadable mesh", path.name, what, remedy="write it again") from None
 
 
 class _Mdpa:
@@ -82,9 +87,11 @@ class _Mdpa:
         word, name = blocks[-1]
         try:
             if word == "Nodes":
-                label, *place = line.split()
+                node, *place = line.split()
                 x, y, z = map(float, place[:3])
-                self.nodes[int(label)] = [x, y, z]
+                if int(node) in self.nodes:
+                    self.problems.add("two nodes with one number", node, line=number)
+                self.nodes[int(node)] = [x, y, z]
             elif word in _CELLS:
                 label, *fields = (int(field) for field in line.split())
                 owner = fields.pop(0) if word != "Geometries" else 0
@@ -95,7 +102,7 @@ class _Mdpa:
             elif word.startswith("SubModelPart") and word[len("SubModelPart") :] in (*_CELLS, "Nodes"):
                 members = self.parts[self._part(blocks)].setdefault(word[len("SubModelPart") :], [])
                 members += [int(field) for field in line.split()]
-        except ValueError:
+        except (ValueError, IndexError):
             self.problems.add(f"not a line of {word}", line, line=number)
 
     def _kind(self, word: str, name: str, nodes: list[int], number: int) -> str:

@@ -84,7 +84,10 @@ def test_properties_sets_of_nodes_and_what_is_no_solid(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("Begin Elements Element3D4N\n1\nEnd Elements\n", ["line 2", "not a line of Elements"]),
         ("Begin Nodes\n1 0 0\nEnd Nodes\n", ["line 2", "not a line of Nodes", "1 0 0"]),
+        ("Begin Nodes\n1 0 0 0\n1 0 0 1\nEnd Nodes\n", ["line 3", "two nodes with one number"]),
+        (f"Begin Nodes\n{10**30} 0 0 0\nEnd Nodes\n", ["not a whole file of the format .mdpa"]),
         ("Begin Nodes\n1 0 0 0\n", ["a block does not end", "End Nodes"]),
         ("Begin Nodes\n1 0 0 0\nEnd Elements\n", ["line 3", "a block ends that did not begin"]),
         ("Begin Elements Element3D7N\n1 0 1 2 3 4 5 6 7\nEnd Elements\n", ["line 2", "Element3D7N with 7 nodes"]),
