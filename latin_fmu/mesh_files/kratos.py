@@ -102,7 +102,7 @@ class _Mdpa:
             elif word.startswith("SubModelPart") and word[len("SubModelPart") :] in (*_CELLS, "Nodes"):
                 members = self.parts[self._part(blocks)].setdefault(word[len("SubModelPart") :], [])
                 members += [int(field) for field in line.split()]
-        except (ValueError, IndexError):
+        except (ValueError, LookupError):  # also members of no sub model part
             self.problems.add(f"not a line of {word}", line, line=number)
 
     def _kind(self, word: str, name: str, nodes: list[int], number: int) -> str:

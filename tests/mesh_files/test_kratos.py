@@ -85,6 +85,7 @@ def test_properties_sets_of_nodes_and_what_is_no_solid(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("Begin Elements Element3D4N\n1\nEnd Elements\n", ["line 2", "not a line of Elements"]),
+        ("Begin SubModelPartNodes\n1\nEnd SubModelPartNodes\n", ["line 2", "not a line of SubModelPartNodes"]),
         ("Begin Nodes\n1 0 0\nEnd Nodes\n", ["line 2", "not a line of Nodes", "1 0 0"]),
         ("Begin Nodes\n1 0 0 0\n1 0 0 1\nEnd Nodes\n", ["line 3", "two nodes with one number"]),
         (f"Begin Nodes\n{10**30} 0 0 0\nEnd Nodes\n", ["not a whole file of the format .mdpa"]),
