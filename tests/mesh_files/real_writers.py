@@ -247,13 +247,16 @@ def grouped(found: dict[str, Outcome]) -> dict[str, list[str]]:
     return texts
 
 
-REASON = re.compile(r"(?:solid\.[\w.]+(?:, line \d+)?: |substructure\.[^:]*: )*(.*?)(?: \(value|; allowed|; [12]\. |$)")
+REASON = re.compile(
+    r"(?:solid\.[\w.]+(?:, line \d+)?: |substructure\.[^:]*: )*(.*?)(?: \(value| \(line|;|: \d+ numbers|$)"
+)
 
 
 def reason(result: Outcome) -> str:
     """Why a file is not read, in the words of the reader."""
     if result.word == "told":
         return "written without some of their nodes or cells, which is told"
+    # without the place in the scene, the values and the remedies
     text = re.sub(r"^1\. (mesh|substructure)\.[\w.]+: ", "", result.said)
     match = REASON.match(text)
     return (match[1] if match else text)[:110].replace("|", "/").strip()
@@ -267,6 +270,7 @@ def cells_of(row: dict[str, Outcome]) -> tuple[str, str]:
     for name, result in written.items():
         if result.word != "read":
             others.setdefault(reason(result), []).append(name)
+    there = ["its own boxes" if name == OWN else name for name in there]
     read = "all that it writes" if len(there) == len(written) > 3 else ", ".join(there) or "none"
     return read, "; ".join(f"{', '.join(names)}: {text}" for text, names in others.items())
 

@@ -44,7 +44,13 @@ def write(library: Any, solid: Solid, form: Format, path: Path) -> None:
     """The solid by a module that has the interface of meshio."""
     name, how = form.option
     marks = solid.marks()
-    pieces = solid.rows(flat=form.faces or how == "points")
+    pieces: list[Any] = []  # one of each type and name
+    for kind, rows, part in solid.rows(flat=form.faces or how == "points"):
+        same = [i for i, piece in enumerate(pieces) if (piece[0], piece[2]) == (kind, part)]
+        if same:
+            pieces[same[0]] = (kind, np.concatenate([pieces[same[0]][1], rows]), part)
+        else:
+            pieces.append((kind, rows, part))
     if name in _ONE_BLOCK:  # one block of each type
         kinds = dict.fromkeys(kind for kind, _, _ in pieces)
         blocks = [(kind, np.concatenate([r for k, r, _ in pieces if k == kind])) for kind in kinds]

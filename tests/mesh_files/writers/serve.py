@@ -7,6 +7,7 @@ import contextlib
 import importlib
 import json
 import os
+import shutil
 import sys
 import traceback
 from importlib.metadata import version
@@ -60,7 +61,8 @@ def main(name: str, folder: Path, only: str = "") -> None:
             if form.own != source.stem.startswith("own"):
                 continue
             place = folder / name / label.replace(" ", "_").replace(",", "") / source.stem
-            place.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(place, ignore_errors=True)  # some programs ask before they write over a file
+            place.mkdir(parents=True)
             path = place / f"solid{form.suffix}"
             said = one(module, Solid.load(source), form, path)
             row["files"][source.stem] = [str(path.relative_to(folder)), said]

@@ -37,7 +37,11 @@ ORDERS: Final[dict[str, dict[str, list[int]]]] = {
         "wedge18": [*_UPPER_LAST["wedge15"], 15, 16, 17],
     },
     # Exodus II (HEX27): inside, below, above, left, right, front, back
-    "exodus": {**_UPPER_LAST, "hexahedron27": [*_UPPER_LAST["hexahedron20"], 26, 24, 25, 20, 21, 22, 23]},
+    "exodus": {
+        **_UPPER_LAST,
+        "hexahedron27": [*_UPPER_LAST["hexahedron20"], 26, 24, 25, 20, 21, 22, 23],
+        "wedge18": [*_UPPER_LAST["wedge15"], 15, 16, 17],
+    },
     # hexahedra_3d_27.h: below, in front, right, behind, left, above
     "kratos": {**_UPPER_LAST, "hexahedron27": [*_UPPER_LAST["hexahedron20"], 24, 22, 21, 23, 20, 25, 26]},
     "med": {"hexahedron27": [*range(20), 24, 22, 21, 23, 20, 25, 26]},
