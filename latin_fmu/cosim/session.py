@@ -52,7 +52,7 @@ class Session:
     ----------
     scene : loads with the law ``input`` are set here, the others keep their law; its time counts from the start of
         the simulation.
-    settings : mode and choices, see ``Settings``.
+    settings : mode and choices, see ``Settings``. No history of the steps is kept unless they say so.
 
     Raises
     ------
@@ -221,9 +221,9 @@ class Session:
     def estimate_error(self) -> ErrorEstimate:
         """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval).
 
-        It needs coarser runs of the same interval and takes as long as these.
+        It needs coarser runs of the same interval and takes as long as these. Raises InputError as ``dataset``.
         """
-
+        self._check_kept()
         given = self._loads.curves(self.scene.time.end)
         return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given, self._t0)
 
@@ -231,12 +231,19 @@ class Session:
         """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
 
         estimate : add group ``accuracy`` with the estimated errors.
-        """
 
+        Raises InputError in windowed mode without ``Settings.keep``.
+        """
+        self._check_kept()
         tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
         if estimate:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group(self.scene.unit_system).dataset())
         return tree
+
+    def _check_kept(self) -> None:
+        if not (self.settings.keep or self.settings.prescribed):
+            what, remedy = "the accepted steps are not kept", "make the session with Settings(keep=True)"
+            raise InputError([Problem("Settings.keep", what, "False", None, remedy)], "the session has no history")
 
     def close(self) -> None:
         """Free the operators and the history; the session cannot be used after this."""
@@ -293,7 +300,7 @@ class Session:
 def result_tree(
     scene: Scene, table: Sequence[Variable], steps: Sequence[AcceptedStep], mode: Windowed | Prescribed | None
 ) -> xr.DataTree:
-    """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points."""
+    """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points kept."""
     segments = [] if mode is None else _segments(mode, steps)
     if mode is None or mode.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
@@ -305,7 +312,8 @@ def result_tree(
         groups = {"/": root_group(outcome, scene.name, scene.text(), provenance())}
         groups |= result_groups(outcome, problem.recovered, scene.sensor, surfaces=scene.output.surfaces)
         tree = datatree(in_units(groups, scene.unit_system), scene.name)
-    tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
+    if steps or not isinstance(mode, Prescribed):
+        tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
     return tree
 
 
