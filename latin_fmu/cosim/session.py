@@ -248,9 +248,7 @@ class Session:
     def close(self) -> None:
         """Free the operators and the history; the session cannot be used after this."""
         self.step_history.clear()
-        if self._mode is not None:
-            self._mode.close()
-        self._mode = None
+        self._mode = self._derivatives = None
 
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:

@@ -197,18 +197,19 @@ class Image:
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
     ) -> None:
-        self.propagators, self.channels = [c.propagator for c in classes], [c.channels for c in classes]
+        # the states of propagators hold the image they stand in: no circle, all is given back with the last of them
+        self._propagators, self.channels = [ref(c.propagator) for c in classes], [c.channels for c in classes]
         self.n_flat, self.window = len(normal), window
-        first = self.propagators[0]
+        first = classes[0].propagator
         self.run = np.zeros(1, dtype=RUN)
-        self.classes = np.zeros(len(self.propagators), dtype=CLASS)
+        self.classes = np.zeros(len(classes), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
         fixed = BlockLayout()
         halves: class_record.Halves = {}
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
-            "n_class": len(self.propagators),
+            "n_class": len(classes),
             "longest_window": window,
             "max_iterations": 1,
             "reuse": -1.0,
@@ -240,6 +241,17 @@ class Image:
             self.callouts.add(OtherFactors(proxy(self)).functions)
         for c, propagator in enumerate(self.propagators):
             propagator.state.attach(self, c)
+
+    @property
+    def propagators(self) -> list[Any]:
+        """Propagators of the classes, which the assembly of the run keeps.
+
+        Raises ReferenceError where one is gone.
+        """
+        propagators = [reference() for reference in self._propagators]
+        if any(propagator is None for propagator in propagators):
+            raise ReferenceError("the assembly that this image was made of is gone")
+        return propagators
 
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
