@@ -244,14 +244,8 @@ class Image:
 
     @property
     def propagators(self) -> list[Any]:
-        """Propagators of the classes, which the assembly of the run keeps.
-
-        Raises ReferenceError where one is gone.
-        """
-        propagators = [reference() for reference in self._propagators]
-        if any(propagator is None for propagator in propagators):
-            raise ReferenceError("the assembly that this image was made of is gone")
-        return propagators
+        """Propagators of the classes, which live as long as the assembly of the run."""
+        return [reference() for reference in self._propagators]
 
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
