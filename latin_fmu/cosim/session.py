@@ -223,7 +223,7 @@ class Session:
 
         It needs coarser runs of the same interval and takes as long as these. Raises InputError as ``dataset``.
         """
-        self._check_kept()
+        _check_kept(self.settings)
         given = self._loads.curves(self.scene.time.end)
         return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given, self._t0)
 
@@ -234,16 +234,11 @@ class Session:
 
         Raises InputError in windowed mode without ``Settings.keep``.
         """
-        self._check_kept()
+        _check_kept(self.settings)
         tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
         if estimate:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group(self.scene.unit_system).dataset())
         return tree
-
-    def _check_kept(self) -> None:
-        if not (self.settings.keep or self.settings.prescribed):
-            what, remedy = "the accepted steps are not kept", "make the session with Settings(keep=True)"
-            raise InputError([Problem("Settings.keep", what, "False", None, remedy)], "the session has no history")
 
     def close(self) -> None:
         """Free the operators and the history; the session cannot be used after this."""
@@ -293,6 +288,12 @@ class Session:
         self.time, self._t0, self.started = state["time"], state["t0"], bool(state["started"])
         self.row = state["row"]
         self.step_history.move_to(state["last"])
+
+
+def _check_kept(settings: Settings) -> None:
+    if not (settings.keep or settings.prescribed):
+        what, remedy = "the accepted steps are not kept", "make the session with Settings(keep=True)"
+        raise InputError([Problem("Settings.keep", what, "False", None, remedy)], "the session has no history")
 
 
 def result_tree(

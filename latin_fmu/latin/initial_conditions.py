@@ -25,7 +25,7 @@ import scipy.sparse.linalg as spla
 from ..interface import Contact
 from ..interface.laws import bonds
 from ..laws.maxwell_joint import MaxwellJoint
-from ..propagator.base import MassFactor, Propagator, channel_velocity
+from ..propagator.base import MassFactor, Propagator, balance, channel_velocity, forces_of_motion
 from ..propagator.interface_sweeps import MassCompliance
 from .assembly import Array, Assembly, Group
 from .instant_solve import PointByPoint
@@ -45,12 +45,12 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         for propagator, own in zip(propagators, channels, strict=True):
             propagator.start(traction[own], None)
         return traction, np.zeros(assembly.layout.n_flat)
-    balance = [p.balance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
-    motion = [p.forces_of_motion() for p in propagators]
+    forces = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
+    motion = [forces_of_motion(p) for p in propagators]
     scale = assembly.characteristic_traction * float(assembly.layout.area.sum())
     level = scale * (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
-    balanced = all(np.abs(force).max(initial=0.0) <= level for force in balance)
-    round_off = [force if balanced else 0.0 for force in balance]
+    balanced = all(np.abs(force).max(initial=0.0) <= level for force in forces)
+    round_off = [force if balanced else 0.0 for force in forces]
     closed = closed_points(assembly)
     # no forces cancel in the inertia of a prescribed motion: it acts however small it is, so that the state at t = 0 is
     # a linear function of the motion. Damping forces of a rigid motion do cancel
@@ -67,7 +67,7 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
 
         def unbalance() -> list[Array]:
             parts = zip(propagators, channels, motion, round_off, strict=True)
-            return [p.balance(traction[c]) - zero - sum(moving) for p, c, moving, zero in parts]
+            return [balance(p, traction[c]) - zero - sum(moving) for p, c, moving, zero in parts]
 
         contact = _contact_tractions(assembly, closed, traction, unbalance(), known)
         traction += contact

@@ -295,19 +295,6 @@ class Propagator(ABC):
     def internal_forces(self) -> tuple[Array, Array]:
         """K u and C v of the present state, (n_dof, n_member), N."""
 
-    def balance(self, traction: Array) -> Array:
-        """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but
-        for round-off in an equilibrium; (n_dof, n_member), N."""
-        balance = self.forcing.elastic(0) - self.internal_forces()[0]
-        return balance + nodal_forces(self, traction) if traction.any() else balance
-
-    def forces_of_motion(self) -> tuple[Array, Array]:
-        """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member)."""
-        viscous = self.internal_forces()[1] + self.forcing.viscous(0)
-        # a lumped mass of driven dofs does not couple with others
-        inertia = None if self.scheme.explicit else self.forcing.inertia(0)
-        return viscous, np.zeros_like(viscous) if inertia is None else inertia
-
     @abstractmethod
     def mass_factor(self) -> MassFactor:
         """Solver with the mass matrix, for the accelerations at t = 0."""
@@ -317,7 +304,7 @@ class Propagator(ABC):
 
         round_off : part of the balance that accelerates nothing (``balance`` of an equilibrium), N.
         """
-        unbalance = self.balance(traction) - sum(self.forces_of_motion())
+        unbalance = balance(self, traction) - sum(forces_of_motion(self))
         # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
@@ -372,6 +359,22 @@ def nodal_forces(propagator: Propagator, traction: Array) -> Array:
     force = np.zeros((propagator.n_dof, traction.shape[1]))
     force[ops.dofs] = ops.spread @ (ops.area[:, None] * traction)
     return force
+
+
+# -- the start --------------------------------------------------------------------------------------------------------
+def balance(propagator: Propagator, traction: Array) -> Array:
+    """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but for
+    round-off in an equilibrium; (n_dof, n_member), N."""
+    force = propagator.forcing.parts(0)[0] - propagator.internal_forces()[0]
+    return force + nodal_forces(propagator, traction) if traction.any() else force
+
+
+def forces_of_motion(propagator: Propagator) -> tuple[Array, Array]:
+    """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member), N."""
+    viscous = propagator.internal_forces()[1] + propagator.forcing.parts(0)[1]
+    # a lumped mass of driven dofs does not couple with others
+    inertia = None if propagator.scheme.explicit else propagator.forcing.inertia(0)
+    return viscous, np.zeros_like(viscous) if inertia is None else inertia
 
 
 # -- reading the state ----------------------------------------------------------------------------------------------

@@ -198,7 +198,7 @@ class Image:
         histories: Mapping[str, Array] | None = None,
     ) -> None:
         # the states of propagators hold the image they stand in: no circle, all is given back with the last of them
-        self._propagators, self.channels = [ref(c.propagator) for c in classes], [c.channels for c in classes]
+        self.propagators, self.channels = [proxy(c.propagator) for c in classes], [c.channels for c in classes]
         self.n_flat, self.window = len(normal), window
         first = classes[0].propagator
         self.run = np.zeros(1, dtype=RUN)
@@ -241,11 +241,6 @@ class Image:
             self.callouts.add(OtherFactors(proxy(self)).functions)
         for c, propagator in enumerate(self.propagators):
             propagator.state.attach(self, c)
-
-    @property
-    def propagators(self) -> list[Any]:
-        """Propagators of the classes, which live as long as the assembly of the run."""
-        return [reference() for reference in self._propagators]
 
     # -- the moving block ---------------------------------------------------------------------------------------
     def _lay_out_moving(self) -> None:
