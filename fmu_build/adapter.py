@@ -237,11 +237,11 @@ class CoSimulationAdapter(Adapter):
 
     needed: ClassVar[Mapping[str, str]] = {
         "numpy": "2.0",
-        "scipy": "1.14",
+        "scipy": "1.15",
         "numba": "0.61",
         "pydantic": "2.10",
         "xarray": "2024.10",
-        "netCDF4": "1.7",
+        "netCDF4": "1.7.2",
         "threadpoolctl": "3.5",
     }
 

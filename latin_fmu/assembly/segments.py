@@ -259,16 +259,6 @@ class SegmentState:
         self.made, self.stored, self.running = state["made"], state["stored"], dict(state["running"])
         self._resumed()
 
-    def close(self) -> None:
-        """Free the operators; the run cannot be used after this.
-
-        The image of a run and its propagators hold one another: without this they wait for the collector of cycles.
-        """
-        # by hand: image and propagators refer to each other
-        for propagator in self.problem.assembly.propagators:
-            vars(propagator).clear()
-        self.run = None
-
     def reset(self) -> None:
         """Back to t = 0."""
         for propagator in self.problem.assembly.propagators:

@@ -29,7 +29,7 @@ it with the next time step, by a copy of the record of the run without differenc
 restores the state before. After a negative status, or where that time step stalls too, it restores it. ``PLACE`` before
 it returns d for a communication step of any length, which may be 0: the step of none has to be made, too. ``PRESENT``
 puts the present outputs into row 0; where no time step has been made it begins the simulation with the inputs as they
-are.
+are, held; a second call (a rule, b = 1) gives the outputs at t = 0 as a first time step by this rule would have them.
 ``DERIVE`` (a 2 e for the value, 2 e + 1 for the rate of the input e; b rule; c time steps that the communication step
 ended after; d of the whole one) needs a copy of the record of the run, and a moving block with as many numbers behind
 it as it returns for a = -1, with inputs, place and state before the step: it writes the derivatives of the outputs at

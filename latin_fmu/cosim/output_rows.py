@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
+from weakref import proxy
 
 import numpy as np
 
@@ -41,7 +42,8 @@ class OutputRows:
     """
 
     def __init__(self, scene: Scene, run: SegmentedRun) -> None:
-        self.sources, self._scene, self._run, self.start = Sources.of(scene), scene, run, 0.0
+        self.sources, self._scene, self.start = Sources.of(scene), scene, 0.0
+        self._run: SegmentedRun = proxy(run)  # which calls this: no circle
         self.places = places_of(scene)
         self.n, self.of_event = len(self.places), first_of_events(self.places)
         self.of_solver = self.places["solver.iterations"]

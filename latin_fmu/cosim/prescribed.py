@@ -141,11 +141,6 @@ class Prescribed:
         # a time within round-off of an instant is there
         return int(np.clip(np.floor(place + ROUND_OFF * max(1.0, abs(place))), 0, len(self._table) - 1))
 
-    def close(self) -> None:
-        """Free the operators."""
-        if self.run is not None:
-            self.run.close()
-
     def reset(self) -> None:
         """Return to before ``start``; the solution is kept."""
 

@@ -52,7 +52,7 @@ class Session:
     ----------
     scene : loads with the law ``input`` are set here, the others keep their law; its time counts from the start of
         the simulation.
-    settings : mode and choices, see ``Settings``.
+    settings : mode and choices, see ``Settings``. No history of the steps is kept unless they say so.
 
     Raises
     ------
@@ -221,9 +221,9 @@ class Session:
     def estimate_error(self) -> ErrorEstimate:
         """Estimated relative error of every quantity of the steps kept (prescribed mode: of the whole interval).
 
-        It needs coarser runs of the same interval and takes as long as these.
+        It needs coarser runs of the same interval and takes as long as these. Raises InputError as ``dataset``.
         """
-
+        _check_kept(self.settings)
         given = self._loads.curves(self.scene.time.end)
         return estimated_error(self.scene, self.settings, list(self.step_history), self._mode, given, self._t0)
 
@@ -231,8 +231,10 @@ class Session:
         """Accepted steps as a DataTree: groups of a run, and ``exchange`` with inputs and outputs by step.
 
         estimate : add group ``accuracy`` with the estimated errors.
-        """
 
+        Raises InputError in windowed mode without ``Settings.keep``.
+        """
+        _check_kept(self.settings)
         tree = result_tree(self.scene, self.table, list(self.step_history), self._mode)
         if estimate:
             tree["/accuracy"] = xr.DataTree(self.estimate_error().group(self.scene.unit_system).dataset())
@@ -241,9 +243,7 @@ class Session:
     def close(self) -> None:
         """Free the operators and the history; the session cannot be used after this."""
         self.step_history.clear()
-        if self._mode is not None:
-            self._mode.close()
-        self._mode = None
+        self._mode = self._derivatives = None
 
     # -- state ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> bytes:
@@ -290,10 +290,16 @@ class Session:
         self.step_history.move_to(state["last"])
 
 
+def _check_kept(settings: Settings) -> None:
+    if not (settings.keep or settings.prescribed):
+        what, remedy = "the accepted steps are not kept", "make the session with Settings(keep=True)"
+        raise InputError([Problem("Settings.keep", what, "False", None, remedy)], "the session has no history")
+
+
 def result_tree(
     scene: Scene, table: Sequence[Variable], steps: Sequence[AcceptedStep], mode: Windowed | Prescribed | None
 ) -> xr.DataTree:
-    """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points."""
+    """Results of the accepted steps; group ``exchange`` holds inputs and outputs at the communication points kept."""
     segments = [] if mode is None else _segments(mode, steps)
     if mode is None or mode.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
@@ -305,7 +311,8 @@ def result_tree(
         groups = {"/": root_group(outcome, scene.name, scene.text(), provenance())}
         groups |= result_groups(outcome, problem.recovered, scene.sensor, surfaces=scene.output.surfaces)
         tree = datatree(in_units(groups, scene.unit_system), scene.name)
-    tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
+    if steps or not isinstance(mode, Prescribed):
+        tree["/exchange"] = xr.DataTree(exchange_dataset(table, steps, scene.unit_system))
     return tree
 
 

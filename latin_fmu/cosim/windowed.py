@@ -58,7 +58,7 @@ class Windowed:
         self.segment: Segment | None = None
         self._last_step: LastStep | None = None
         self._scene = scene
-        self._at_start: Image | None = None
+        self._at_start: CommunicationRun | None = None
 
     @property
     def time(self) -> Array:
@@ -160,12 +160,12 @@ class Windowed:
         for a scene that the kernels do not hold."""
         if self._at_start is None:
             try:
-                self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance).image
+                self._at_start = CommunicationRun(self._scene, self.run.problem.settings.tolerance)
             except NeedsPythonError as error:
                 what, remedy = "makes derivatives in the first step unavailable", "take them from the second step on"
                 problems = [replace(p, what=f"{p.what}, which {what}", remedy=remedy) for p in error.problems]
                 raise InputError(problems, "there is no derivative in the first step of this scene") from error
-        return self._at_start
+        return self._at_start.image
 
     @property
     def incomplete(self) -> frozenset[str]:
@@ -180,10 +180,6 @@ class Windowed:
     def instant(self, _time: float) -> int:
         """Index in ``time`` of the present instant."""
         return self.n_instant - 1
-
-    def close(self) -> None:
-        """Free the operators."""
-        self.run.close()
 
     def reset(self) -> None:
         """Return to t = 0; operators are kept."""

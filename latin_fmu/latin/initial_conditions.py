@@ -45,12 +45,12 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         for propagator, own in zip(propagators, channels, strict=True):
             propagator.start(traction[own], None)
         return traction, np.zeros(assembly.layout.n_flat)
-    left_over = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
+    forces = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
     motion = [forces_of_motion(p) for p in propagators]
     scale = assembly.characteristic_traction * float(assembly.layout.area.sum())
     level = scale * (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
-    balanced = all(np.abs(force).max(initial=0.0) <= level for force in left_over)
-    round_off = [force if balanced else 0.0 for force in left_over]
+    balanced = all(np.abs(force).max(initial=0.0) <= level for force in forces)
+    round_off = [force if balanced else 0.0 for force in forces]
     closed = closed_points(assembly)
     # no forces cancel in the inertia of a prescribed motion: it acts however small it is, so that the state at t = 0 is
     # a linear function of the motion. Damping forces of a rigid motion do cancel

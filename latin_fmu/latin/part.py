@@ -142,7 +142,7 @@ class Part:
     def direction(self, whole: Direction) -> Direction:
         """The search direction of the part, from that of the whole assembly."""
         own, picked = copy.copy(whole), self.channels
-        own.assembly, own.whole, own.own_coarse = self.assembly, whole, self.coarse
+        own.assembly, own.parent, own.own_coarse = self.assembly, whole, self.coarse
         own.k, own.z, own.metric = whole.k[picked], whole.z[picked], whole.metric[picked]
         own.weights, own.newton_z = whole.weights[:, picked], whole.newton_z[picked]
         own.relative = self.relative(whole.relative)

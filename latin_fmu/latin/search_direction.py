@@ -226,15 +226,16 @@ class Direction:
     k : (n_flat,), Pa s m-1. choice : its kind, in words. z : 1/k, 0 where k is 0. metric : (n_flat,) squared weights of
     the norm sum area / k q^2 (a power) in which iterates are compared. tables : ``interface_probing``, from ``bind``.
     newton : whether Newton steps may end an instant (``kernels.newton``). too_large : whether they may not because of
-    the size of their matrix. relative : fields of the record of the run that describe it. whole : of a part of the
-    assembly (``Part.direction``) that of the whole one, else the direction itself. own_coarse : of a part what makes
-    its coarse problem of that of the whole.
+    the size of their matrix. relative : fields of the record of the run that describe it. parent : of a part of the
+    assembly (``Part.direction``) the direction of the whole one. own_coarse : of a part what makes its coarse problem
+    of that of the whole.
     """
 
+    parent: Direction | None = None
     own_coarse: Callable[[CoarseProblem], CoarseProblem] | None = None
 
     def __init__(self, assembly: Assembly, settings: SolverSettings, n: int) -> None:
-        self.assembly, self.whole, self._settings, self._n = assembly, self, settings, n
+        self.assembly, self._settings, self._n = assembly, settings, n
         self.k, self.choice = channel_k(assembly, settings.search_direction, n)
         self.z = np.divide(1.0, self.k, out=np.zeros_like(self.k), where=self.k > 0)
         self.metric = assembly.layout.area * self.z
@@ -250,6 +251,11 @@ class Direction:
         if numbers and assembly.swept:
             self.relative |= {"krylov": 1, "n_matrix": 0, "tied_n": tied_size(assembly)}
         self.tables: list[dict[str, Table]] | None = None
+
+    @property
+    def whole(self) -> Direction:
+        """That of the whole assembly."""
+        return self if self.parent is None else self.parent
 
     @property
     def short(self) -> bool:

@@ -361,22 +361,23 @@ def nodal_forces(propagator: Propagator, traction: Array) -> Array:
     return force
 
 
-# -- reading the state ----------------------------------------------------------------------------------------------
+# -- the start --------------------------------------------------------------------------------------------------------
 def balance(propagator: Propagator, traction: Array) -> Array:
     """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but for
     round-off in an equilibrium; (n_dof, n_member), N."""
-    forces = propagator.forcing.elastic(0) - propagator.internal_forces()[0]
-    return forces + nodal_forces(propagator, traction) if traction.any() else forces
+    force = propagator.forcing.parts(0)[0] - propagator.internal_forces()[0]
+    return force + nodal_forces(propagator, traction) if traction.any() else force
 
 
 def forces_of_motion(propagator: Propagator) -> tuple[Array, Array]:
-    """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member)."""
-    viscous = propagator.internal_forces()[1] + propagator.forcing.viscous(0)
+    """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member), N."""
+    viscous = propagator.internal_forces()[1] + propagator.forcing.parts(0)[1]
     # a lumped mass of driven dofs does not couple with others
     inertia = None if propagator.scheme.explicit else propagator.forcing.inertia(0)
     return viscous, np.zeros_like(viscous) if inertia is None else inertia
 
 
+# -- reading the state ----------------------------------------------------------------------------------------------
 def channel_velocity(propagator: Propagator) -> Array:
     """Velocities at the channels, (n_channel, n_member), m s-1."""
     return _at_channels(propagator, propagator.state.v, propagator.forcing.channel_velocity(propagator.instant))

@@ -132,23 +132,19 @@ class Forcing:
 
         Prescribed motions act through C and K here; their inertia (``inertia``) is not a force of the scheme.
         """
-        return self.elastic(instant) - self.viscous(instant)
+        elastic, viscous = self.parts(instant)
+        return elastic - viscous
 
-    def elastic(self, instant: int) -> Array:
-        """Loads less what K of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
-        force = self.loads(instant)
+    def parts(self, instant: int) -> tuple[Array, Array]:
+        """Loads less what K of prescribed motions exerts on the free dofs, and what C of them does, (n, n_member), N
+        (fresh arrays)."""
+        elastic = self.loads(instant)
+        viscous = np.zeros_like(elastic)
         for column, motion in enumerate(self._motion):
             if motion is not None:
-                force[:, column] -= motion.reduced_elastic(instant)
-        return force
-
-    def viscous(self, instant: int) -> Array:
-        """What C of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
-        force = np.zeros((self._n, len(self.members)))
-        for column, motion in enumerate(self._motion):
-            if motion is not None:
-                force[:, column] = motion.reduced_viscous(instant)
-        return force
+                elastic[:, column] -= motion.reduced_elastic(instant)
+                viscous[:, column] = motion.reduced_viscous(instant)
+        return elastic, viscous
 
     def inertia(self, instant: int) -> Array | None:
         """M a of the prescribed motions on the free dofs (n, n_member), N; None when there are none."""

@@ -197,18 +197,19 @@ class Image:
         n_time: int = 0,
         histories: Mapping[str, Array] | None = None,
     ) -> None:
-        self.propagators, self.channels = [c.propagator for c in classes], [c.channels for c in classes]
+        # the states of propagators hold the image they stand in: no circle, all is given back with the last of them
+        self.propagators, self.channels = [proxy(c.propagator) for c in classes], [c.channels for c in classes]
         self.n_flat, self.window = len(normal), window
-        first = self.propagators[0]
+        first = classes[0].propagator
         self.run = np.zeros(1, dtype=RUN)
-        self.classes = np.zeros(len(self.propagators), dtype=CLASS)
+        self.classes = np.zeros(len(classes), dtype=CLASS)
         self.groups = np.zeros(len(groups), dtype=GROUP)
         fixed = BlockLayout()
         halves: class_record.Halves = {}
         self._directions: dict[int, _Direction] = {}
         self._run: Fields = {
             "n_flat": self.n_flat,
-            "n_class": len(self.propagators),
+            "n_class": len(classes),
             "longest_window": window,
             "max_iterations": 1,
             "reuse": -1.0,

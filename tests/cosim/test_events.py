@@ -193,7 +193,7 @@ def test_a_step_ends_early_after_an_event(mode) -> None:
 
 
 def test_an_early_end_keeps_the_loads_of_the_part_that_was_made() -> None:
-    session = Session(blocks())
+    session = Session(blocks(), Settings(keep=True))
     session.set_load("press", 0.5, 2e5)
     session.initialize()
     report = session.step(0.0, 1e-6, early=True)

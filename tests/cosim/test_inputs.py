@@ -112,7 +112,7 @@ def test_the_force_is_nearer_than_under_a_staircase(make, shape, times) -> None:
 
 def test_steps_keep_the_rates_of_the_line() -> None:
     """What the results file holds is what was solved: the same steps with these rates give the same numbers."""
-    first, second = Session(blocks()), Session(blocks(), Settings(interpolation=RATE))
+    first, second = Session(blocks(), Settings(keep=True)), Session(blocks(), Settings(interpolation=RATE, keep=True))
     for session in (first, second):
         session.initialize()
     for i in range(4):

@@ -333,7 +333,7 @@ GIVEN = {
 
 
 def test_states_roll_back_to_the_last_bit():
-    session = Session(bar(4, 20, port=PORTS, boundary={}, output={"energy": True}))
+    session = Session(bar(4, 20, port=PORTS, boundary={}, output={"energy": True}), Settings(keep=True))
     session.initialize()
     dt = session.scene.time.time_step
 

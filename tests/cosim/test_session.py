@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -289,8 +290,32 @@ def test_a_step_that_ends_before_the_next_instant_holds_the_outputs(keep):
         assert session.estimate_error().remarks == ("too few time steps for an estimate",)  # of 15, but known from 0 on
 
 
+def test_no_history_is_kept_unless_asked_for():
+    """Memory stays as it is however many steps are made; a dataset of them says what to do."""
+    session = Session(blocks())
+    session.initialize()
+    for i in range(10):
+        assert session.step(i * H, H)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for i in range(10, 60):
+        assert session.step(i * H, H)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 50 * 200  # bytes; a step that is kept takes 10 kB
+    for what in (session.dataset, session.estimate_error):
+        with pytest.raises(InputError, match=r"not kept.*Settings\(keep=True\)"):
+            what()
+    whole = Session(blocks(), Settings(mode=1))
+    whole.initialize()
+    assert whole.step(0.0, H)
+    tree = whole.dataset()
+    assert "exchange" not in tree.children
+    assert tree["interfaces/crush"].sizes["time"] == 31
+
+
 def test_results_are_labelled_with_the_units_of_the_scene():
-    session = Session(blocks(units="mm-t-s-MPa"))
+    session = Session(blocks(units="mm-t-s-MPa"), Settings(keep=True))
     session.initialize()
     ramped(session, 2)
     tree = session.dataset(estimate=True)

@@ -38,7 +38,7 @@ def test_states_of_other_scenes_and_settings_are_refused():
 
 
 def test_steps_rolled_back_are_not_in_the_dataset():
-    session = Session(blocks())
+    session = Session(blocks(), Settings(keep=True))
     session.initialize()
     assert session.step(0.0, H)
     back = session.snapshot()
@@ -61,7 +61,7 @@ def test_dataset_is_written_and_read(tmp_path):
     from latin_fmu import open_results
     from latin_fmu.results.files import write_netcdf
 
-    session = Session(blocks(output={"energy": True, "fields": True}))
+    session = Session(blocks(output={"energy": True, "fields": True}), Settings(keep=True))
     session.initialize()
     for i in range(3):
         assert session.step(i * H, H)

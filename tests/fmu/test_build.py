@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 import zipfile
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
@@ -10,6 +11,7 @@ from xml.etree.ElementTree import fromstring
 import pytest
 
 import latin_fmu
+from fmu_build.adapter import CoSimulationAdapter, ModelExchangeAdapter
 from fmu_build.build import build_fmu
 from fmu_build.checks import validate
 from latin_fmu.errors import InputError
@@ -137,3 +139,11 @@ def test_included_files_elsewhere_are_refused(tmp_path):
     file = deck(tmp_path / "in", str(tmp_path / "in" / "parts" / "cells.inp"))
     with pytest.raises(InputError, match="outside of its folder, which cannot travel"):
         build_fmu(cube(file), tmp_path / "cube.fmu", python=True)
+
+
+def test_an_fmu_needs_the_least_versions_of_the_package():
+    """The adapter travels without pyproject.toml."""
+    project = tomllib.loads((MODELS.parent / "pyproject.toml").read_text())["project"]
+    least = dict(line.split(">=") for line in project["dependencies"])
+    assert CoSimulationAdapter.needed == {name: least[name] for name in least if name != "matplotlib"}
+    assert ModelExchangeAdapter.needed == {name: least[name] for name in ("numpy", "pydantic")}

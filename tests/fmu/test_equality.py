@@ -259,7 +259,7 @@ def test_a_host_without_arrays_reads_their_first_elements(opened):
 
 
 def test_a_host_that_sets_values_alone_gets_the_causal_line(opened, fmi):
-    host, session = opened(fmi), Session(blocks())
+    host, session = opened(fmi), Session(blocks(), Settings(keep=True))
     host.start()
     session.initialize()
     for i, value in enumerate((0.25, 0.4, 0.7, 0.9)):
