@@ -227,7 +227,9 @@ def _held_directions(
     still = _null_projectors(free)
     both = np.zeros_like(still)
     rows = np.flatnonzero(still.any(axis=(1, 2)))
-    edges = _edges(other.facets, other_held.any(axis=(1, 2))) if len(rows) else np.zeros((0, 2), dtype=np.int64)
+    edges = (
+        _edges(other.facets, np.asarray(other_held.any(axis=(1, 2)))) if len(rows) else np.zeros((0, 2), dtype=np.int64)
+    )
     if not len(edges):
         return still, both
     on = _on_edges(points[rows], normals[rows], other.nodes[edges])
@@ -244,7 +246,7 @@ def _null_projectors(matrices: Array) -> Array:
     these are diagonal, as those of conditions along axes are."""
     scale = np.maximum(np.einsum("pii->p", matrices), 1e-300)[:, None]
     diagonal = np.einsum("pii->pi", matrices)
-    made = (diagonal <= _NULL * scale)[:, :, None] * np.eye(3)
+    made: Array = (diagonal <= _NULL * scale)[:, :, None] * np.eye(3)
     mixed = np.flatnonzero((matrices - diagonal[:, :, None] * np.eye(3)).any(axis=(1, 2)))
     if len(mixed):
         values, vectors = np.linalg.eigh(matrices[mixed])
