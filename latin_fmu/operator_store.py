@@ -41,6 +41,9 @@ _LIST: Final = "arrays.json"
 _SMALLEST: Final = 100_000
 """Bytes below which an entry is not written: opening its files takes as long as computing it, about a millisecond."""
 
+_BLOCK: Final = 1 << 20
+"""Bytes of a file that are read at a time."""
+
 
 @dataclass(eq=False)
 class OperatorStore:
@@ -126,11 +129,10 @@ class OperatorStore:
             for name, checksum in listed.items():
                 # copy on write: compiled functions take arrays that may be written to, the file stays
                 mode: Literal["c"] | None = "c" if name in mapped else None
-                array = np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False)
-                # numbers of no dimension, and none at all, have no bytes to be viewed
-                if zlib.crc32(np.atleast_1d(array).data.cast("B") if array.size else b"") != checksum:
+                # before it is read: NumPy meets a damaged header with any exception, and takes any shape from it
+                if _checksum(place / f"{name}.npy") != checksum:
                     raise ValueError(name)
-                arrays[name] = array
+                arrays[name] = np.load(place / f"{name}.npy", mmap_mode=mode, allow_pickle=False)
             os.utime(place / _LIST)  # used now: removed last
         except (OSError, ValueError, AttributeError, TypeError, EOFError):
             self.removed += 1
@@ -148,7 +150,7 @@ class OperatorStore:
                 # ascontiguousarray makes a single number an array of one
                 whole = np.ascontiguousarray(array).reshape(array.shape)
                 np.save(beside / f"{name}.npy", whole, allow_pickle=False)
-                listed[name] = zlib.crc32(np.atleast_1d(whole).data.cast("B") if whole.size else b"")
+                listed[name] = _checksum(beside / f"{name}.npy")
             (beside / _LIST).write_text(json.dumps(listed), encoding="utf-8")
             # fails where another process has put it there: that entry stays
             beside.rename(place)
@@ -206,6 +208,15 @@ def _code() -> str:
     switches = [os.environ.get(f"LATIN_FMU_{name}", "1") for name in ("COMPILE", "LIBRARY")]
     on = f"{platform.machine()} {sys.platform} {switches}"
     return digest_of(PACKAGE, sources, on)
+
+
+def _checksum(file: Path) -> int:
+    """Checksum of a file."""
+    total = 0
+    with file.open("rb") as stream:
+        while block := stream.read(_BLOCK):
+            total = zlib.crc32(block, total)
+    return total
 
 
 def _digest(given: Iterable[Any]) -> str:

@@ -247,9 +247,8 @@ def test_a_scene_of_others_writes_below_its_own_folder_alone(folder: str, tmp_pa
     place.mkdir()
     text = (MODELS / "impact_bar/scene.toml").read_text()
     (place / "scene.toml").write_text(f'{text}\n[solver.operators]\nfolder = "{folder}"\n')
-    with pytest.raises(
-        latin_fmu.SceneError, match=r"operators.folder: a folder outside that of the scene file.*line \d+"
-    ):
+    said = r"operators.folder: a folder outside that of the scene file.*line \d+"
+    with pytest.raises(latin_fmu.SceneError, match=said):
         latin_fmu.load_scene(place / "scene.toml")
     scene = latin_fmu.load_scene(place / "scene.toml", [f"solver.operators.folder={folder}"])
     assert scene.solver.operators is not None

@@ -36,6 +36,8 @@ from .problem import DiscretisedProblem
 
 _CLOSED: Final = 1e-9
 """A gap below this share of the largest displacement is none: the places are as exact as the equilibrium."""
+_TOUCHES: Final = 1e-6
+"""The same for points that count as closed in the end: strains of bodies that nothing presses are known to this."""
 _MOVES: Final = 1e-5  # motion of a node that counts, for unit motions of bodies
 _PRESSED: Final = 1e-8
 """A traction above this share of the largest of the state is one; the equilibrium is solved to 1e-9 of it at least."""
@@ -89,10 +91,12 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     closure = dict(state.closure)
     for name, gap in _gaps(problem, units, displacement).items():
         # points that this place closes have a gap of round-off
-        touches = open_ones[name] & (np.abs(gap) <= _CLOSED * size)
+        touches = open_ones[name] & (np.abs(gap) <= _TOUCHES * size)
         if name in closure:
             closure[name] = np.where(touches, gap, closure[name])
-    moved = replace(state, displacement=displacement, closure=closure)
+    # round-off of the iteration is no pressure: a law of the motion would take such points for pressed ones
+    traction = {n: np.where(kept[n], f, 0.0) if n in open_ones else f for n, f in state.traction.items()}
+    moved = replace(state, displacement=displacement, closure=closure, traction=traction)
     # what moves with all that it touches is told before the run (``free_bodies.free_remarks``)
     joined = _left_free(relative, {n: k | (n in open_ones) for n, k in kept.items()}, total)
     apart = free - joined @ (joined.T @ free)
