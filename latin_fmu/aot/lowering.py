@@ -16,9 +16,11 @@ as they do, and it keeps others from being vectorised.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import llvmlite.binding as llvm
+import numba
 from llvmlite import ir
 from numba import types
 from numba.core import codegen
@@ -312,4 +314,7 @@ def emit(module: Any, target: Target) -> bytes:
     """Object file of a module; the module itself is used up."""
     tm = machine(target)
     module.triple, module.data_layout = target.triple, str(tm.target_data)
-    return bytes(tm.emit_object(module))
+    # exceptions keep the names of the files of numba that they come from, pickled, so that texts keep their length: the
+    # place of numba on the machine that compiles is nobody else's business
+    place = str(Path(numba.__file__).parents[1]).encode()
+    return bytes(tm.emit_object(module)).replace(place, b"." * len(place))
