@@ -148,6 +148,13 @@ def solved_equilibrium(
     return state
 
 
+def _attached(scene: Scene, bodies: dict[str, Body], problems: Problems) -> dict[str, Body]:
+    """Bodies with point masses and rigid faces, before any matrix: both are part of a body."""
+    if scene.point_mass:
+        bodies = with_masses(scene, bodies, problems)
+    return with_rigid_faces(scene, bodies) if scene.coupling else bodies
+
+
 def discretise(
     scene: Scene,
     behaviours: Mapping[str, Behaviour] | None = None,
@@ -173,11 +180,7 @@ def discretise(
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
     _stop_at(problems)
-    # before any matrix: masses of points are part of a body
-    if scene.point_mass:
-        bodies = with_masses(scene, bodies, problems)
-    if scene.coupling:
-        bodies = with_rigid_faces(scene, bodies)
+    bodies = _attached(scene, bodies, problems)
     if any(s.initial_fields for s in scene.substructure.values()):
         check_fields(bodies, problems, remarks)
     if scene.contact:

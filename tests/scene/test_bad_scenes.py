@@ -36,7 +36,7 @@ CASES: list[tuple[str, Any, str, list[str]]] = [
     ("material.steel.young_modulus", GONE, "material.steel.young_modulus", ["missing", "> 0", "[Pa]"]),
     ("material.steel.young_modulu", 1, "material.steel.young_modulu", ["unknown key", "did you mean 'young_modulus'"]),
     ("material.steel.young_modulus", -1.0, "material.steel.young_modulus", ["out of range", "-1.0", "> 0", "[Pa]"]),
-    ("material.steel.young_modulus", "210e9", "material.steel.young_modulus", ["must be a number", "'210e9'"]),
+    ("material.steel.young_modulus", "210e9", "material.steel.young_modulus", ["a text without a unit", "'210e9'"]),
     ("material.steel.young_modulus", True, "material.steel.young_modulus", ["must be a number", "true"]),
     ("material.steel.young_modulus", math.nan, "material.steel.young_modulus", ["finite", "nan"]),
     ("material.steel.young_modulus", 10**400, "material.steel.young_modulus", ["too large"]),

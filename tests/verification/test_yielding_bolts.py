@@ -10,7 +10,7 @@ import pytest
 
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.api import check
-from latin_fmu.assembly import bolts
+from latin_fmu.assembly import yielding_bolts
 from latin_fmu.assembly.yielding_bolts import TensionLoss
 from latin_fmu.cosim import Session, Settings
 from latin_fmu.errors import SceneError
@@ -137,7 +137,7 @@ def test_an_overloaded_joint_loses_clamp_force(tmp_path: Path) -> None:
 
 def test_elongations_that_still_change_are_not_trusted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With two runs where more are needed; the status has the number."""
-    monkeypatch.setattr(bolts, "_RUNS", 2)
+    monkeypatch.setattr(yielding_bolts, "_RUNS", 2)
     time = {"end": 1.0, "instants": 20, "quasi_static": True}
     solution = solve(scene_from_dict(pulled(write_joint(tmp_path), time=time)))
     assert not solution.trustworthy
