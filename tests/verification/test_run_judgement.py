@@ -241,8 +241,8 @@ def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
 
 
 def test_a_plate_whose_force_strays_is_told() -> None:
-    """By some parts in a hundred at single instants, more or less by what the loose tolerance leaves, by one in the mean
-    over two steps (the mass times the second difference of the gap)."""
+    """By some parts in a hundred at single instants, more or less by what the tolerance leaves, by one in the mean over
+    two steps (the mass times the second difference of the gap)."""
     solution = solve(shaken_plate(1e-3))
     history = solution.interfaces["table"]
     stray = np.abs(history.normal_resultant() / WEIGHT - 1.0)
