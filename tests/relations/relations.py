@@ -51,6 +51,8 @@ NOT_TURNED: Final = (
     "inertia",
 )
 """Three numbers that are no vector. Boxes become mesh files before they are turned."""
+FROM_FILES: Final = ("points", "values")
+"""What the files of initial fields fill; no scene here has one."""
 DOUBLED: Final = (
     *("pressure", "traction", "force", "moment", "body_force", "acceleration", "change", "initial_velocity", "value"),
     *(

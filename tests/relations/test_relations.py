@@ -10,7 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, get_args, get_origin
 
 import numpy as np
 import pytest
@@ -21,7 +21,19 @@ from latin_fmu.scene.schema import Scene
 from tests.scenes import MODELS
 
 from .random_scenes import Tables, random_scene
-from .relations import NOT_TURNED, POINTS, RELATIONS, VECTORS, Relation, Run, distances, load_of, run
+from .relations import (
+    FROM_FILES,
+    NOT_TURNED,
+    POINTS,
+    RELATIONS,
+    TENSORS,
+    VECTORS,
+    Relation,
+    Run,
+    distances,
+    load_of,
+    run,
+)
 
 SHARE: Final = 0.05
 """Of all pairs: what a reason may cover at most."""
@@ -159,16 +171,23 @@ def _types(annotation: Any) -> Iterator[Any]:
         yield from _types(inner)
 
 
+def _is_triple(annotation: Any) -> bool:
+    """Whether a type is that of three numbers, no union of three types."""
+    of = get_args(annotation)
+    return get_origin(annotation) is tuple and len(of) == 3 and set(of) != {int} and _numbers(annotation)
+
+
 def test_every_vector_of_the_schema_is_turned_or_is_none() -> None:
     """A new field with three numbers has to be named in one of the lists of ``relations``."""
     found = {
         name
         for table in _tables(Scene, set())
         for name, field in table.model_fields.items()
-        if any(len(get_args(t)) == 3 and set(get_args(t)) != {int} and _numbers(t) for t in _types(field.annotation))
+        if any(_is_triple(t) for t in _types(field.annotation))
     }
     assert {"initial_velocity", "normal", "point"} <= found
-    assert found <= {*POINTS, *VECTORS, *NOT_TURNED}, found - {*POINTS, *VECTORS, *NOT_TURNED}
+    named = {*POINTS, *VECTORS, *TENSORS, *NOT_TURNED, *FROM_FILES}
+    assert found <= named, found - named
 
 
 def _numbers(annotation: Any) -> bool:

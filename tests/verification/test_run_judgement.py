@@ -241,16 +241,16 @@ def test_a_plate_that_its_weight_presses_is_trustworthy() -> None:
 
 
 def test_a_plate_whose_force_strays_is_told() -> None:
-    """By some parts in a hundred at single instants, more or less by what the tolerance leaves, by one in the mean over
-    two steps (the mass times the second difference of the gap)."""
-    solution = solve(shaken_plate(1e-3))
+    """By four parts in a hundred at single instants, by one in the mean over two steps (the mass times the second
+    difference of the gap)."""
+    solution = solve(shaken_plate(8e-4))
     history = solution.interfaces["table"]
     stray = np.abs(history.normal_resultant() / WEIGHT - 1.0)
-    assert 0.01 < stray.max() < 0.2
+    assert 0.01 < stray.max() < 0.1
     (warning,) = [w for w in solution.warnings if w.code == "sinking"]
     assert solution.trustworthy
     assert "interface table: loads alone press its sides together" in warning
-    assert "lower solver.tolerance, as to 0.0001" in warning
+    assert "lower solver.tolerance, as to 8e-05" in warning
     assert history.gap is not None
     told = number(r"off by ([\d.]+) %", warning)
     moved = np.diff(history.gap @ history.areas, n=2, axis=0) / history.areas.sum() / 1e-4**2
