@@ -34,7 +34,7 @@ FORMATS: Final = {
     ".hmf": Format(".hmf", option=("hmf", "PartId")),
     ".post": Format(".post", bodies=False, faces=False, option=("permas", "")),
     ".tec": Format(".tec", faces=False, option=("tecplot", "PartId")),
-    ".node": Format(".node", option=("tetgen", "")),
+    ".node": Format(".node", faces=False, option=("tetgen", "")),
     ".msh of Fluent": Format(".msh", bodies=False, faces=False, option=("ansys", "")),
 }
 _ONE_BLOCK: Final = ("exodus", "med", "cgns", "tecplot", "dolfin-xml", "su2")
@@ -43,6 +43,8 @@ _ONE_BLOCK: Final = ("exodus", "med", "cgns", "tecplot", "dolfin-xml", "su2")
 def write(library: Any, solid: Solid, form: Format, path: Path) -> None:
     """The solid by a module that has the interface of meshio."""
     name, how = form.option
+    if name == "tetgen" and {kind for kind, _, _ in solid.cells} != {"tetra"}:
+        raise ValueError("tetrahedra alone")  # of other cells it writes files that it does not end to read
     marks = solid.marks()
     pieces: list[Any] = []  # one of each type and name
     for kind, rows, part in solid.rows(flat=form.faces or how == "points"):
