@@ -153,7 +153,12 @@ def run_command(command: str, where: str) -> None:
 
 def assert_part_of_a_scene(tables: dict[str, Any], where: str) -> None:
     """Keys and values are those of a scene; keys that a whole scene needs may be missing, and files."""
-    for key, value in tables.items():
+    bolts = tables.get("bolt", {})
+    # a table for many parts is one for each of them before it is read
+    one_by_one = {
+        n: {"substructure": n, **{k: v for k, v in bolt.items() if k != "parts"}} for n, bolt in bolts.items()
+    }
+    for key, value in (tables | ({"bolt": one_by_one} if bolts else {})).items():
         assert key in Scene.model_fields, f"{where}: no table {key}"
         wrong: set[str] = set()
         try:

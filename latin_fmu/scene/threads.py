@@ -60,8 +60,8 @@ def thread_named(text: str) -> ThreadSize | None:
 
     >>> thread_named("M6").pitch, thread_named("M10x1").pitch, thread_named("M6.1")
     (1.0, 1.0, None)
-    >>> round(thread_named("1/4-20 UNC").diameter, 2), round(thread_named("#10 UNF").pitch, 4)
-    (6.35, 0.7938)
+    >>> round(thread_named("1/4-20 UNC").diameter, 2), round(thread_named("#10 UNF").pitch, 3)
+    (6.35, 0.794)
     """
     if (found := _METRIC.fullmatch(text)) is not None:
         diameter = float(found[1])
