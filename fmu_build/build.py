@@ -116,7 +116,9 @@ def scene_files(scene: Scene) -> Files:
                 files[f"{folder}{_beside(include, source)}"] = (path.parent / include).read_bytes()
         mesh = body.mesh.model_copy(update={"file": meshes[source]})
         substructures[name] = body.model_copy(update={"mesh": mesh})
-    inside = scene.model_copy(update={"substructure": substructures})
+    # a folder of operators belongs to the machine of the scene: an FMU writes nowhere
+    solver = scene.solver.model_copy(update={"operators": None})
+    inside = scene.model_copy(update={"substructure": substructures, "solver": solver})
     return {"scene.toml": inside.text().encode(), **files}
 
 
@@ -269,7 +271,8 @@ def _facts(scene: Scene, table: Sequence[Variable], token: str) -> Facts:
         token=token,
         table=table,
         version=latin_fmu.__version__,
-        description=scene.description or f"Impact with frictional contact: {scene.name}",
+        labels=scene.fmu,
+        description=scene.fmu.description or scene.description or f"Impact with frictional contact: {scene.name}",
         stop_time=scene.time.end,
         step_size=suggested_step(scene),
         tolerance=accuracy_of(scene.solver.tolerance),
@@ -326,7 +329,8 @@ def model_exchange_files(scene: Scene, n_mode: int, n_patch: int) -> Files:
         token=content.token,
         table=names.table,
         version=latin_fmu.__version__,
-        description=f"Reduced model, for a cross-check: {scene.description or scene.name}",
+        labels=scene.fmu,
+        description=f"Reduced model, for a cross-check: {scene.fmu.description or scene.description or scene.name}",
         stop_time=scene.time.end,
         step_size=scene.time.end / STEPS,
         tolerance=TOLERANCE,

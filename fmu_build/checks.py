@@ -20,11 +20,11 @@ import numpy as np
 
 from latin_fmu import api
 from latin_fmu.accuracy.quantities import Quantities, measure_solution
-from latin_fmu.cosim.input_table import inputs_of, sources_of, with_laws
+from latin_fmu.cosim.input_table import inputs_of, settable_of, with_laws
 from latin_fmu.errors import InputError, Problem, SolverError, did_you_mean, listed
 from latin_fmu.results.quantities_of_interest import FIRST_CONTACT, IMPULSE, PEAK_FORCE, SEPARATION, definition_of
 from latin_fmu.scene.laws import InputLaw, TimeLaw
-from latin_fmu.scene.schema import TEMPERATURE, Scene
+from latin_fmu.scene.schema import Scene
 
 from .build import build_fmu
 
@@ -45,14 +45,13 @@ def with_inputs(scene: Scene, names: Sequence[str]) -> Inputs:
     """Make laws of a scene inputs.
 
     names : of loads, and of what else drives the scene as its inputs are called (``boundary.NAME``,
-    ``gravity.acceleration``, ...), or ``all`` for every load. A law that is an input already keeps its start value as
-    history.
+    ``gravity.acceleration``, ...), or ``all`` for everything that can be set from outside. A law that is an input
+    already keeps its start value as history.
 
     Raises InputError for a name that is not there.
     """
-    # temperatures are never set from outside
-    known = {s.name: s.law for s in sources_of(scene) if not s.name.startswith(TEMPERATURE)}
-    wanted = list(scene.load) if list(names) == ["all"] else list(names)
+    known = settable_of(scene)
+    wanted = list(known) if list(names) == ["all"] else list(names)
     if unknown := [name for name in wanted if name not in known]:
         close = {name: did_you_mean(name, known) for name in unknown}
         close |= {n: f"did you mean {full!r}?" for n in unknown for full in known if full.rpartition(".")[2] == n}

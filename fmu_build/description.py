@@ -16,11 +16,10 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from latin_fmu.cosim.variable import UNITS, Variable
 from latin_fmu.model_exchange.equations import Local, Names
 from latin_fmu.scene.schema import Scene
+from latin_fmu.scene.settings import Fmu
 from latin_fmu.scene.units import SI, UnitSystem, unit_text
 
 NAME = "latin_fmu"
-AUTHOR = "The latin-fmu developers"
-LICENCE = "MIT, see documentation/licenses"
 LOG_CATEGORIES = {
     "logAll": "All messages",
     "logStatusWarning": "Settings that were adjusted, inputs that have no effect",
@@ -40,7 +39,8 @@ class Facts:
     description : text. stop_time, step_size : of the default experiment, s. tolerance : relative accuracy that
     belongs to the tolerance of the scene. table : the variables; their order is the value reference.
     units : of the scene; hosts convert them by the factors of the description.
-    version : of the package. time_step : of a compiled FMU, which needs no Python, s; None for others.
+    version : of the package. labels : author, version, copyright and licence of the model, absent where empty.
+    time_step : of a compiled FMU, which needs no Python, s; None for others.
     """
 
     model: str
@@ -52,6 +52,7 @@ class Facts:
     step_size: float
     tolerance: float
     table: Sequence[Variable]
+    labels: Fmu
     time_step: float | None = None
     units: UnitSystem = SI
 
@@ -92,14 +93,14 @@ def _text(value: float | int | str) -> str:
 def _root(facts: Facts, fmi: str, kind: str, abilities: dict[str, str], units: Iterable[str | None] = ()) -> Element:
     """The description up to its variables: kind of FMU, units of the table and ``units``, log, default experiment."""
     token = "guid" if fmi == "2.0" else "instantiationToken"
+    about = facts.labels
+    labels = {"author": about.author, "version": about.version, "copyright": about.copyright, "license": about.licence}
     description = {
         "fmiVersion": fmi,
         "modelName": facts.model,
         token: facts.token,
         "description": facts.description,
-        "author": AUTHOR,
-        "version": facts.version,
-        "license": LICENCE,
+        **{name: text for name, text in labels.items() if text},
         "generationTool": f"{NAME} {facts.version}",
         "variableNamingConvention": "structured",
     }

@@ -81,7 +81,7 @@ exit codes: 0 converged, 1 not converged or not trustworthy (results are marked)
 _LESS = "use a coarser mesh, fewer instants or fewer outputs; `latin-fmu check` prints the memory that a scene needs"
 
 _NO_MEMORY = ("cannot allocate memory", "failed to map segment")  # of the system, and of its loader of libraries
-_LIBRARIES = 320_000_000  # bytes of address space
+_LIBRARIES = 400_000_000  # bytes of address space: a run of a small scene takes 330 to 350 MB
 _INPUTS = ("scene", "scenes", "results", "file", "fmu", "input", "data")  # arguments that name a file which is read
 
 
@@ -140,6 +140,17 @@ def _check_address_space() -> None:
     if limit != resource.RLIM_INFINITY and limit < _LIBRARIES:
         taken = f"{_LIBRARIES / 1e6:.0f} MB of address space"
         raise MemoryError(f"loading the libraries takes {taken}, allowed: {limit / 1e6:.0f} MB (RLIMIT_AS, ulimit -v)")
+    if limit != resource.RLIM_INFINITY:
+        _take_buffers()
+
+
+def _take_buffers() -> None:
+    """Have OpenBLAS take its buffers, of NumPy and of SciPy each, while there is room: with the first large product."""
+    import numpy as np
+    from scipy.linalg.blas import dgemm
+
+    large = np.ones((256, 256))
+    dgemm(1.0, large, large @ large)
 
 
 def _check_paths(arguments: argparse.Namespace) -> None:

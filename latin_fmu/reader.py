@@ -31,6 +31,9 @@ MAX_SCENE_BYTES = 100_000_000
 MOST_LEVELS = 30  # of tables in tables
 
 
+_FOLDER = "solver.operators.folder"
+
+
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Read and check a scene file.
 
@@ -47,10 +50,30 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """
     file = Path(path)
     tables = read_tables(file, overrides)
+    _check_written_folder(tables, file, overrides)
     try:
         return scene_from_dict(tables, file.parent)
     except SceneError as error:
         raise SceneError(_with_lines(error.problems, _text(file), overrides), error.heading) from None
+
+
+def _check_written_folder(tables: Mapping[str, Any], file: Path, overrides: Sequence[str]) -> None:
+    """Refuse a file that lets a run write beside its own folder: scenes come from others. Who runs it may name any."""
+    named = {setting.partition("=")[0].strip() for setting in overrides}
+    value: Any = tables
+    for key in ("solver", "operators", "folder"):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    if not isinstance(value, str) or named & {"solver", "solver.operators", _FOLDER}:
+        return
+    try:
+        inside = (file.parent / value).resolve().is_relative_to(file.parent.resolve())
+    except (OSError, ValueError):  # no name of a file
+        inside = False
+    if not inside:
+        what = "a folder outside that of the scene file, which a run would write to"
+        remedy = f"name it on the command line: --set {_FOLDER}={value}"
+        problem = Problem(_FOLDER, what, value, "a folder below that of the scene file", remedy)
+        raise SceneError(_with_lines([problem], _text(file), overrides), "the scene cannot be used")
 
 
 def read_tables(path: str | Path, overrides: Sequence[str] = ()) -> dict[str, Any]:

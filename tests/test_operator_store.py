@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import latin_fmu
+from fmu_build.build import scene_files
 from latin_fmu import operator_store
 from latin_fmu.assembly import statics
 from latin_fmu.assembly.build import build
@@ -69,7 +70,19 @@ def cut(entry: Path) -> None:
 def pickled(entry: Path) -> None:
     """An array of objects, whose reading would run code."""
     np.save(entry / "x.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    (entry / "arrays.json").write_text(json.dumps({"x": zlib.crc32(b"")}))
+    relisted(entry)
+
+
+def relisted(entry: Path) -> None:
+    """The list with the checksum of the file as it is."""
+    (entry / "arrays.json").write_text(json.dumps({"x": zlib.crc32((entry / "x.npy").read_bytes())}))
+
+
+def of_another_header(entry: Path) -> None:
+    """A header that no parser of Python takes."""
+    content = bytearray((entry / "x.npy").read_bytes())
+    content[10:12] = b"(("
+    (entry / "x.npy").write_bytes(content)
 
 
 def without_array(entry: Path) -> None:
@@ -84,7 +97,7 @@ def another_list(entry: Path) -> None:
     (entry / "arrays.json").write_text("[1, 2]")
 
 
-@pytest.mark.parametrize("damage", [flipped, cut, pickled, without_array, no_list, another_list])
+@pytest.mark.parametrize("damage", [flipped, cut, pickled, of_another_header, without_array, no_list, another_list])
 def test_a_damaged_entry_is_made_anew(tmp_path: Path, damage: Any):
     kept(OperatorStore(tmp_path))
     (entry,) = tmp_path.iterdir()
@@ -225,3 +238,29 @@ def test_the_tightened_state_is_read_where_nothing_that_it_depends_on_has_change
             assert solution.bolts[name].tightening == bolt.tightening
     assert not np.array_equal(stronger.bolts["m6"].force, alone.bolts["m6"].force)
     assert np.array_equal(frequency, latin_fmu.vibration_modes(plain, count=2).frequency)
+
+
+@pytest.mark.parametrize("folder", ["..", "../beside", "/tmp/anywhere", "below/../../out"])
+def test_a_scene_of_others_writes_below_its_own_folder_alone(folder: str, tmp_path: Path) -> None:
+    """Who runs it names any folder on the command line."""
+    place = tmp_path / "scenes"
+    place.mkdir()
+    text = (MODELS / "impact_bar/scene.toml").read_text()
+    (place / "scene.toml").write_text(f'{text}\n[solver.operators]\nfolder = "{folder}"\n')
+    with pytest.raises(
+        latin_fmu.SceneError, match=r"operators.folder: a folder outside that of the scene file.*line \d+"
+    ):
+        latin_fmu.load_scene(place / "scene.toml")
+    scene = latin_fmu.load_scene(place / "scene.toml", [f"solver.operators.folder={folder}"])
+    assert scene.solver.operators is not None
+    (place / "scene.toml").write_text(f'{text}\n[solver.operators]\nfolder = "kept/here"\n')
+    assert latin_fmu.load_scene(place / "scene.toml").solver.operators is not None
+
+
+def test_an_fmu_takes_no_folder_along(tmp_path: Path) -> None:
+    """It would write where the scene was, on whatever machine it runs."""
+    made = latin_fmu.load_scene(MODELS / "impact_bar/scene.toml", [f"solver.operators.folder={tmp_path}"])
+    assert str(tmp_path) in made.text()
+    inside = scene_files(made)["scene.toml"].decode()
+    assert "operators" not in inside
+    assert str(tmp_path) not in inside

@@ -38,7 +38,9 @@ def shell(place: Path, line: str, env: dict[str, str] | None = None) -> subproce
     """A shell line in which ``latin-fmu`` is the command line."""
     line = line.replace("latin-fmu", f"{sys.executable} -m latin_fmu")
     given = environment() if env is None else env
-    return subprocess.run(["sh", "-c", line], cwd=place, env=given, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        ["sh", "-c", line], cwd=place, env=given, capture_output=True, text=True, check=False, timeout=600
+    )
 
 
 def converged(file: Path) -> bool:
@@ -228,13 +230,13 @@ def test_little_memory_is_a_sentence(place: Path) -> None:
     """Libraries that cannot be loaded (OpenBLAS does not end where its buffer does not fit), arrays that cannot be
     made: where it happens depends on the system."""
     codes = set()
-    for limit in (100_000, 180_000, 255_000, 320_000, 350_000):
+    for limit in (100_000, 180_000, 255_000, 320_000, 350_000, 420_000, 500_000):
         done = shell(place, f"ulimit -v {limit}; latin-fmu run scene.toml -o a.nc --quiet --no-estimate")
         assert "Traceback" not in done.stderr, done.stderr
         assert done.returncode in (0, 2, 5), (limit, done.stderr)
         assert done.returncode != 5 or "latin-fmu: the memory does not suffice: " in done.stderr
         codes.add(done.returncode)
-    assert 5 in codes
+    assert codes >= {0, 5}
 
 
 def test_names_beyond_ascii_in_the_locale_c(place: Path) -> None:

@@ -39,7 +39,7 @@ enum {
 /* Name in a table of histories, names of value and rate, reference of the value. */
 enum { IN_NAME, IN_VALUE, IN_RATE, IN_REFERENCE, IN_ROW };
 enum { WINDOWED, PRESCRIBED };
-enum { HOLD, BY_RATE, LINE, CAUSAL };
+enum { HOLD, BY_RATE, LINE, CAUSAL, PATH };
 
 /* The image of the run: its header, in the order of latin_fmu/cosim/communication.py. */
 enum {

@@ -249,13 +249,32 @@ static int can_start(const Instance *c)
     return 0;
 }
 
-/* Outputs at the start, under the inputs that the kernels were given. */
-static int present(Instance *c)
+/* Inputs of a time step of prescribed mode, of n: their values at its end, and their rates over the next one, which give
+   a displacement its velocity there; after the last one as over it. */
+static void set_step(Instance *c, int64_t step, int64_t n)
+{
+    struct Object *o = c->fmu;
+    double dt = o->image->dt, *value = o->moving + o->image->head[M_VALUE].i, *rate = o->moving + o->image->head[M_RATE].i;
+    double first = (double)(step < n ? step : step - 1) * dt;
+    for (int64_t i = 0; i < table_of(c)[T_N_INPUT].i; i++) {
+        const History *h = o->histories + i;
+        if (h->n == 0) continue;
+        value[i] = history_at(h, (double)step * dt);
+        rate[i] = (history_at(h, first + dt) - history_at(h, first)) / dt;
+        if (value[i] != 0.0) o->acted = 1;
+    }
+}
+
+/* Outputs at the start, under the inputs that the kernels were given, which go on by a rule; n: time steps of a whole
+   history, or 0. */
+static int present(Instance *c, int64_t rule, int64_t n)
 {
     struct Object *o = c->fmu;
     int64_t n_field = has_arrays(c) ? 1 : 0;
     o->moving[o->image->head[M_PROGRESS].i + 6] = o->start;
-    int64_t result = act(o, M_PRESENT, 0, 0, 0, 0);
+    int64_t result = act(o, M_PRESENT, 0, 0, 0, 0); /* the simulation begins ... */
+    if (n > 0) set_step(c, 1, n);
+    if (result >= 0) result = act(o, M_PRESENT, rule, 1, 0, 0); /* ... as with a first step of one time step */
     if (result < 0) return refused_by_kernels(c, result, o->start, ERROR);
     if (!room_for(o, 1, n_field, size_of_fields(c))) return msg(c, ERROR, "no memory for the outputs");
     no_records(o);
@@ -297,21 +316,24 @@ int solve_histories(Instance *c)
         const History *h = o->histories + i;
         value[i] = h->n ? history_at(h, 0.0) : o->first[2 * i];
         if (value[i] != 0.0) o->acted = 1;
-        /* over the first time step */
-        o->moving[o->image->head[M_RATE].i + i] = h->n ? (history_at(h, dt) - value[i]) / dt : 0.0;
+        o->moving[o->image->head[M_RATE].i + i] = 0.0;
     }
-    int status = present(c);
+    int status = present(c, PATH, n);
     if (status == OK && !room_for(o, n + 1, arrays * (n + 1), size_of_fields(c)))
         status = msg(c, ERROR, "no memory for the outputs of %lld time steps", (long long)n);
     for (int64_t step = 1; step <= n && status == OK; step++) {
-        for (int64_t i = 0; i < n_input; i++)
-            if (o->histories[i].n && (value[i] = history_at(o->histories + i, (double)step * dt)) != 0.0) o->acted = 1;
-        int64_t made = act(o, M_COMMUNICATE, 1, LINE, 0, 1);
-        if (made == 0) made = relaxed(o, LINE, 0, 1);
-        if (made != 1)
+        set_step(c, step, n);
+        int64_t made = act(o, M_COMMUNICATE, 1, PATH, 0, 1);
+        if (made == 0) made = relaxed(o, PATH, 0, 1);
+        if (made != 1) {
             status = refused_by_kernels(c, made, o->start + (double)step * dt, ERROR);
-        else
-            keep(c, 1, step, step, arrays ? step : -1);
+            continue;
+        }
+        if (step == 1) { /* the acceleration at the start is known with the velocity at the next instant */
+            no_records(o);
+            keep(c, 0, 0, 0, arrays - 1);
+        }
+        keep(c, 1, step, step, arrays ? step : -1);
     }
     if (status != OK) return status;
     o->n_row = n + 1;
@@ -333,7 +355,8 @@ int initialize(Instance *c)
     c->time = o->start;
     memcpy(o->moving, o->image->moving, 8 * (size_t)o->image->head[M_N_MOVING].i); /* whatever a failure left */
     give_inputs(o);
-    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c) : present(c);
+    status = parameter(c, T_MODE, 0.0) == PRESCRIBED ? solve_histories(c)
+                                                       : present(c, (int64_t)parameter(c, T_RULE, CAUSAL), 0);
     o->opened = status == OK;
     if (o->opened && table_of(c)[T_UNLOADED].i && table_of(c)[T_N_INPUT].i == 0)
         msg(c, WARNING, "nothing loads or moves a body in this FMU, and it has no inputs: every result is zero; make one of a "
@@ -529,12 +552,15 @@ static int advanced(Instance *c, double t, double h)
     struct Object *o = c->fmu;
     double dt = o->image->dt;
     if (!isfinite(t) || !isfinite(h)) return msg(c, ERROR, "time %g or step size %g is not a finite number", t, h);
-    if (h <= SHORTEST * dt || t + h <= t)
-        return msg(c, ERROR, "the step size %g s is too short; it must exceed %.3g s", h, SHORTEST * dt);
+    if (h <= 0.0) return msg(c, ERROR, "the step size %g s must be greater than 0", h);
     /* hosts add up steps: the time they give is off by round-off */
-    if (fabs(t - c->time) > EARLY * h)
+    if (fabs(t - c->time) > fmax(EARLY * h, SHORTEST * dt))
         return msg(c, ERROR, "the step starts at %.17g s, but the present time is %.17g s: restore a state to go back%s", t,
                    c->time, o->discarded ? "; the step before was discarded: repeat it, shorter or with another input" : "");
+    if (h <= SHORTEST * dt || t + h <= t) { /* below the last digit of t late in a simulation */
+        c->time = t + h;                    /* the clock alone */
+        return OK;
+    }
     int bad = not_finite(c);
     if (bad)
         return msg(c, DISCARD, "%s = %g is not a finite number", input_name(c, (bad - 1) / 2, bad % 2 ? IN_VALUE : IN_RATE),

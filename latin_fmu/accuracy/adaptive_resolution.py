@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from ..assembly.body import elasticity_of
+from ..assembly.body import fast_elasticity_of
 from ..errors import LatinError
 from ..latin.settings import tolerance_for
 from ..machine import memory_room
@@ -215,7 +215,7 @@ def step_ratio(scene: Scene) -> float:
     for body in scene.substructure.values():
         if body.box is None:
             continue
-        speed = elasticity_of(scene.material[body.material]).wave_speeds[0]
+        speed = fast_elasticity_of(scene.material[body.material]).wave_speeds[0]
         # a single element across is the width of a bar, along which no wave is resolved
         sizes = [s / n for s, n in zip(body.box.size, body.box.elements, strict=True) if n > 1]
         if sizes:

@@ -21,10 +21,12 @@ from ..assembly.body import elasticity_of
 from ..errors import LatinError
 from ..latin.outcome import Array
 from ..latin.processes import Processes
-from ..results.estimates import ErrorEstimate, QuantityEstimate
+from ..results.estimates import MOST_OF_HISTORY, ErrorEstimate, QuantityEstimate
 from ..results.quantities_of_interest import (
     DISPLACEMENT,
     FIRST_CONTACT,
+    FORCE_RMS,
+    FRICTION_WORK,
     PEAK_FORCE,
     SEPARATION,
     VELOCITY_RMS,
@@ -69,6 +71,8 @@ less, a quarter where the mesh is from a file that is not refined."""
 SHORTEST_MEAN: Final = 1.4
 """Least duration of a mean that is a peak force, over the time a wave needs to cross an element beside the
 interface."""
+RESTS_ON_FORCE: Final = (FRICTION_WORK, SEPARATION)
+"""Quantities that are no more certain than the history of the force is, however alike two runs have them."""
 
 
 @dataclass(frozen=True)
@@ -275,8 +279,13 @@ def quantity_estimate(
     if definition is PEAK_FORCE and not scene.time.quasi_static:
         shortest = SHORTEST_MEAN * element_transit(scene, fine.sides[owner], fine.spacings[owner])
         error = error if fine.durations[owner] >= shortest else math.inf
-    order = expected_order(definition, changes)
-    return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, order)
+    order, base = expected_order(definition, changes), 0.0
+    if definition in RESTS_ON_FORCE:
+        history = f"{owner}.{FORCE_RMS.key}"
+        base = quantity_estimate(scene, history, runs, sampling, changes.front).error
+        # two runs may agree on a number whose histories have nothing in common
+        error = error if base <= MOST_OF_HISTORY else math.inf
+    return QuantityEstimate(quantity, fine.values[quantity], error, changes.order, bound_only, order, base)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -37,6 +36,7 @@ from ..scene.initial_fields import DISPLACEMENT_FIELDS, VELOCITY_FIELDS, Displac
 from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
+from ..scene.unit_texts import unit_size
 from ..scene.units import SI, UnitSystem
 
 if TYPE_CHECKING:
@@ -68,6 +68,11 @@ def elasticity_of(material: MaterialTable) -> Elasticity:
     return Orthotropic(material.density, *constants, *axes, expansions=alphas)
 
 
+def fast_elasticity_of(material: MaterialTable) -> Elasticity:
+    """Elasticity that fronts of waves meet, of a material of the scene: that of its branches before they relax."""
+    return elasticity_of(material).stiffened(material.damping.instantaneous)
+
+
 class Shape:
     """Mesh and unit-material matrices, computed once per shape and material."""
 
@@ -88,6 +93,11 @@ class Shape:
     def elasticity(self) -> Elasticity:
         """Elasticity of the material."""
         return elasticity_of(self.material)
+
+    @cached_property
+    def fast_elasticity(self) -> Elasticity:
+        """Elasticity that fronts of waves meet."""
+        return fast_elasticity_of(self.material)
 
     @cached_property
     def elements(self) -> Elements:
@@ -140,7 +150,7 @@ class Shape:
     @property
     def impedances(self) -> tuple[float, float]:
         """(rho c_p, rho c_s), Pa s m-1, of the fastest and of the slowest wave."""
-        c_p, c_s = self.elasticity.wave_speeds
+        c_p, c_s = self.fast_elasticity.wave_speeds
         return self.material.density * c_p, self.material.density * c_s
 
 
@@ -333,7 +343,7 @@ def side_impedance(bodies: dict[str, Body], units: list[InterfaceUnit], layout: 
     for i, side, name in body_sides(units):
         if not bodies[name].rigid:
             channels = layout.channels(i, side)
-            along, across = bodies[name].shape.elasticity.impedances(units[i].geometry.frames[:, 0])
+            along, across = bodies[name].shape.fast_elasticity.impedances(units[i].geometry.frames[:, 0])
             impedance[channels[:, 0]], impedance[channels[:, 1:]] = along, across[:, None]
     return impedance
 
@@ -422,20 +432,15 @@ def _deck_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
                 yield Remark("deck", f"mesh file {path.name}: {sentence}")
 
 
-_METRES: Final = MappingProxyType(
-    {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "m": 1.0, "km": 1e3, "in": 0.0254, "inch": 0.0254, "ft": 0.3048}
-)
-"""Units of length that a mesh file may name, in m."""
-
-
 def _unit_remarks(files: _MeshFiles, scene: Scene) -> Iterator[Remark]:
     """Mesh files whose unit of length is another one than their ``scale`` says."""
     metre = scene.unit_system["m"]
     for path, content in files.contents.items():
-        size = None if content is None else _METRES.get(content.unit.lower())
+        names = [] if content is None else [content.unit, content.unit.lower()]
+        size = next((size for name in names if (size := unit_size(name, "m")) is not None), None)
         if content is None or size is None:
             continue
-        wanted = size / scene.unit_system.size("m")
+        wanted = float(size / scene.unit_system.exact_size("m"))
         scales = {table.scale for table in _tables_of(path, scene).values()}
         if wrong := sorted(scale for scale in scales if not math.isclose(scale, wanted, rel_tol=1e-6)):
             text = f"mesh file {path.name}: its lengths are in {content.unit} by its own account, scale = {wrong[0]:g} "

@@ -25,7 +25,6 @@ from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of, section_remarks
 from .checks import (
     check_faces,
-    corner_remarks,
     locking_remarks,
     lumping_remarks,
     modal_damping_remarks,
@@ -45,12 +44,23 @@ from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
 from .merged_assembly import loop_remarks
 from .models import Kept, KeptOperators, scheme_remarks, store_of
+from .places_at_rest import least_displaced
 from .plausibility import plausibility_remarks
 from .press_fits import carried, fits
 from .problem import DiscretisedProblem, SolverReadyProblem, characteristic_traction
 from .propagator_choice import box_memory
 from .rigid_landings import rigid_landings
-from .statics import Stage, fitted, loose_bolts, start_data, start_problems, start_remarks, static_state, tightened
+from .statics import (
+    Stage,
+    fitted,
+    loose_bolts,
+    start_data,
+    start_problems,
+    start_remarks,
+    static_size,
+    static_state,
+    tightened,
+)
 from .supports import port_places
 from .threads import with_threads
 from .untouched import never_touched
@@ -126,6 +136,9 @@ def solved_equilibrium(
     tight = fitted(discretised, own, stages) if fits(discretised.units) else None
     tight = tightened(discretised, own, stages, tight) if discretised.cuts else tight
     state = static_state(discretised, amplitudes, tight, own, stages)
+    # without inertia the places follow from increment to increment
+    if state is not None and not discretised.scene.time.quasi_static:
+        state = least_displaced(discretised, state, static_size(discretised, amplitudes))
     if stages is not None or kept is not None:
         return state
     own.clear()
@@ -365,6 +378,5 @@ def _remarks(problem: DiscretisedProblem, bodies: dict[str, Body], units: list[I
         *remarks_of("locking", locking_remarks(scene, bodies)),
         *remarks_of("lumping", lumping_remarks(bodies) if scheme.explicit else []),
         *remarks_of("sampling", [] if scene.time.quasi_static else sampling_remarks(scene, problem.time)),
-        *remarks_of("sampling", [] if scene.time.quasi_static else corner_remarks(scene, problem.time)),
         *remarks_of("scheme", scheme_remarks(scene, problem.bodies, problem.units, scheme, problem.dt, problem.layers)),
     ]

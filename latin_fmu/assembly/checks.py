@@ -32,17 +32,15 @@ from ..scene.boundaries import (
     Fixed,
     Periodic,
     PrescribedAcceleration,
-    PrescribedDisplacement,
     PrescribedVelocity,
     Symmetry,
 )
 from ..scene.fields import ALL_OF_IT, GROUND, split_face
-from ..scene.laws import CsvLaw, HalfSineLaw, TableLaw, sampled_impulse_error
+from ..scene.laws import HalfSineLaw, sampled_impulse_error
 from ..scene.schema import Scene, faces_of
 from .body import Body, body_sides
 
 _SAMPLING = 1e-3  # relative error of a sampled impulse that is worth a remark
-_CORNER = 5e-3  # share of a stroke by which a corner of a path may be missed without a remark
 _REFINE = "refine the mesh there (a smaller step alone does not help)"
 _NAMED = 2  # sides that are named before "and so many more"
 LARGEST, SMALLEST = 10.0, 1e-6
@@ -182,47 +180,22 @@ def sampling_remarks(scene: Scene, time: Array) -> list[str]:
     return remarks
 
 
-def corner_remarks(scene: Scene, time: Array) -> list[str]:
-    """Corners of displacement tables inside a run, which the face misses at their instant by dt / 4 times the change of
-    the slope: the march has the velocity in the middle of both slopes there and reaches the path with the next one."""
-    remarks = []
-    for name, boundary in scene.boundary.items():
-        if not isinstance(boundary, PrescribedDisplacement) or not isinstance(law := boundary.law, TableLaw | CsvLaw):
-            continue
-        # held at both ends
-        slopes = np.concatenate([[0.0], np.diff(law.values) / np.diff(law.times), [0.0]])
-        inside = (np.array(law.times) > 0.0) & (np.array(law.times) < time[-1])
-        missed = 0.25 * (time[1] - time[0]) * np.abs(np.diff(slopes)) * inside
-        worst, stroke = int(missed.argmax()), float(np.ptp(law.values))
-        if missed[worst] > _CORNER * stroke:
-            size = missed[worst] * np.abs(boundary.value).max()
-            remarks.append(
-                f"boundary {name}: its path has a corner at {law.times[worst]:g} s, which the face misses then "
-                f"by {size:.2g} m ({100 * missed[worst] / stroke:.2g} % of the stroke): use smaller steps, or round it"
-            )
-    return remarks
-
-
 def resolution_remarks(sides: Iterable[str]) -> list[Remark]:
-    """One remark for each reason why waves are not followed at sides of interfaces, as
+    """One remark on all reasons why waves are not followed at sides of interfaces, as
     ``latin.search_direction.unresolved_sides`` says."""
     reasons: dict[str, list[str]] = {}
     for sentence in sides:
         side, _, rest = sentence.partition(": ")
         # the reason is what stands before the numbers
         reasons.setdefault(rest.partition(" to follow")[0], []).append(side)
-    remarks = []
-    for reason, found in reasons.items():
-        remedy = _REFINE if reason.startswith("the mesh") else "take smaller steps"
-        more = f" and {len(found) - _NAMED} more sides" if len(found) > _NAMED else ""
-        remarks.append(
-            Remark(
-                "resolution",
-                f"{reason} to follow a wave at {'; '.join(found[:_NAMED])}{more}: contacts shorter than the passage of "
-                f"a wave through a few elements are not resolved; where they matter, {remedy}",
-            )
-        )
-    return remarks
+    found, remedies = [], []
+    for reason, at in reasons.items():
+        more = f" and {len(at) - _NAMED} more sides" if len(at) > _NAMED else ""
+        found.append(f"{reason} to follow a wave at {'; '.join(at[:_NAMED])}{more}")
+        remedies.append(_REFINE if reason.startswith("the mesh") else "take smaller steps")
+    what = "contacts shorter than the passage of a wave through a few elements are not resolved; where they matter,"
+    text = f"{', and '.join(found)}: {what} {', and '.join(remedies)}"
+    return [Remark("resolution", text)] if found else []
 
 
 def _mass(body: Body) -> float:

@@ -156,7 +156,8 @@ class _Distance(_Faces):
             # of an overlap, chords would leave the points between them open
             distance = self._smooth_distance(distance)
         # an overlap of chords, as of two meshes of one cylinder, is none
-        return Opening(np.where(touching & (distance < 0.0), 0.0, distance))
+        closed = (touching & (distance < 0.0)) | (np.abs(distance) <= self.negligible)
+        return Opening(np.where(closed, 0.0, distance))
 
     @property
     def _by_meshes(self) -> bool:

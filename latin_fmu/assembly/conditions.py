@@ -66,18 +66,31 @@ class Conditions:
         never: NDArray[np.bool_] = (np.diff(self.expansion.indptr) == 0) & ~self.pattern.any(axis=1)
         return never
 
-    def velocity(
+    @property
+    def held_directions(self) -> Array:
+        """Projectors (n_node, 3, 3) on the directions in which each node never moves, axes or not."""
+        made: Array = self.held.reshape(-1, 3)[:, :, None] * np.eye(3)
+        if self.turned is not None:
+            for node in (self.turned[2][::3] // 3).tolist():
+                rows = slice(3 * node, 3 * node + 3)
+                own = self.expansion[rows]
+                # columns of other nodes are zero here
+                block = np.hstack([own[:, np.unique(own.indices)].toarray(), self.pattern[rows]])
+                free = la.orth(block, rcond=_ROUND_OFF) if block.any() else np.zeros((3, 0))
+                made[node] = np.eye(3) - free @ free.T
+        return made
+
+    def driving(
         self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
     ) -> Array:
-        """Velocities of the prescribed motions, (n_time, n_motion), m s-1: at the instants, or over the steps that end
-        there. given, end : see ``PrescribedMotion.velocity``."""
-        columns = [m.step_velocity(time, given) if over_steps else m.velocity(time, given, end) for m in self.motions]
+        """What drives the prescribed motions, (n_time, n_motion), see ``PrescribedMotion.driving``."""
+        columns = [m.driving(time, over_steps, given, end) for m in self.motions]
         return np.stack(columns, axis=1) if columns else np.zeros((len(time), 0))
 
     @property
-    def accelerated(self) -> NDArray[np.bool_]:
-        """(n_motion,) motions that ``velocity`` gives the accelerations of."""
-        return np.array([m.kind == "acceleration" for m in self.motions], dtype=bool)
+    def motion_kinds(self) -> tuple[str, ...]:
+        """Kind of each prescribed motion."""
+        return tuple(m.kind for m in self.motions)
 
     def start(self) -> Array:
         """Displacements of the prescribed motions at t = 0, (n_motion,), m."""

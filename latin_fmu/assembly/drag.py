@@ -72,7 +72,7 @@ def _driven(
         if not isinstance(boundary, Driven) or isinstance(boundary.law, InputLaw):
             continue
         along = max(boundary.value, key=abs)
-        speed = PrescribedMotion(boundary.law, along, boundary.type).velocity(time)
+        speed = PrescribedMotion(boundary.law, along, boundary.type).driving(time, end=scene.time.end)
         if boundary.type == "acceleration":
             rate, speed = speed, cumulative_trapezoid(speed, time, initial=0)
         else:

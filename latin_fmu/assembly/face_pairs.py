@@ -8,7 +8,7 @@ and the iteration slow, so such a point takes no part in the held direction, as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..fem.faces import Face, Surface, face_of, nodal_values, quadratic
 from ..fem.mesh import Array, FacetBlock, FacetSet, Index, nearest
 from ..fem.mortar import Mortar, mortar
+from ..interface.geometry import diagonal_blocks
 from .body import Body, own_points, selection
 
 MATCHING = 1e-3
@@ -31,6 +32,8 @@ Mask = NDArray[np.bool_]
 _ON_EDGE = 1e-6  # distance from an edge over the size of the face
 _SAME_AREA = 1e-6
 _FLAT = 1e-6
+_EQUAL = 1e-6  # sides whose sizes differ by less are alike: round-off must not choose between them
+_NULL = 1e-9  # an eigenvalue below this share of their sum is none
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class FacePair:
     sags : (n_point,) how far the facets there are from the smooth surfaces they stand for, both sides, m.
     shares : covered share of the area of each side.
     chord : how far flat facets of round faces are from those at most, m; 0 where round faces have curved facets.
+    alike : whether the owner is E because nothing else tells the sides apart.
     """
 
     points: Array
@@ -57,19 +61,21 @@ class FacePair:
     matching: bool = True
     shares: tuple[float, float] = (1.0, 1.0)
     chord: float = 0.0
+    alike: bool = False
 
 
 def by_mortar(
-    first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Mask | None, Mask | None]
+    first: Side, second: Side, owner: Owner, reach: float | None, held: tuple[Array | None, Array | None]
 ) -> FacePair | None:
     """Faces with nodes of their own, over the part that they have in common; None where there is none.
 
     Parameters
     ----------
     owner : the side that gives the points; "automatic": the one that is wholly covered, else the one with the smaller
-        facets; but not a rigid one, nor one whose points hold the other side where that is free (both would be more
-        than the other side can follow).
-    reach : see ``fem.mortar``. held : dofs of the two bodies that never move, None for rigid ones.
+        facets (``_preferred``); but not a rigid one, nor one whose points hold the other side where that is free (both
+        would be more than the other side can follow).
+    reach : see ``fem.mortar``. held : projectors (n_node, 3, 3) of both bodies on the directions in which their nodes
+        never move, None for rigid ones.
     """
     pair = _MortarPair((first, second), reach, held)
     if owner != "automatic":
@@ -77,18 +83,37 @@ def by_mortar(
     rigid = [body.rigid for body, _ in (first, second)]
     if rigid[0] != rigid[1]:
         return pair.from_side(int(rigid[0]))
-    # a little smaller counts as equal: round-off must not choose the side
-    finer = int(pair.surfaces[1].facet_area < (1 - 1e-6) * pair.surfaces[0].facet_area)
+    preferred = _preferred((first, second), pair.surfaces)
+    finer = preferred or 0
     if pair.mortar(finer) is None or pair.mortar(1 - finer) is None:
         return None
-    side = next((s for s in (finer, 1 - finer) if pair.covered(s)), finer)
-    return pair.from_side(1 - side if pair.held_alone(side) > pair.held_alone(1 - side) else side)
+    covered = [s for s in (finer, 1 - finer) if pair.covered(s)]
+    side = covered[0] if covered else finer
+    alone = [pair.held_alone(s) for s in (0, 1)]
+    if alone[side] > alone[1 - side]:
+        return pair.from_side(1 - side)
+    made = pair.from_side(side)
+    tied = preferred is None and len(covered) != 1 and alone[0] == alone[1]
+    return made if made is None else replace(made, alike=tied)
+
+
+def _preferred(sides: tuple[Side, Side], surfaces: tuple[Surface, ...]) -> int | None:
+    """The side with the smaller facets on average, of equal ones that of the softer body, of equally stiff ones that of
+    the smaller body; None where all are alike. No name, order, or direction of the axes counts, and no round-off."""
+    for values in (
+        [s.area / sum(len(b.facets) for b in s.facets.blocks) for s in surfaces],
+        [max(body.shape.elasticity.young_moduli) for body, _ in sides],
+        [float(body.shape.elements.volume.sum()) for body, _ in sides],
+    ):
+        if abs(values[0] - values[1]) > _EQUAL * max(values):
+            return int(values[1] < values[0])
+    return None
 
 
 class _MortarPair:
     """Two faces; the integrals with either of them as the owner are computed once."""
 
-    def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Mask | None, Mask | None]) -> None:
+    def __init__(self, sides: tuple[Side, Side], reach: float | None, held: tuple[Array | None, Array | None]) -> None:
         self.surfaces = tuple(Surface(body.mesh.nodes, facets) for body, facets in sides)
         self._reach, self._held = reach, held
         self._mortars: dict[int, Mortar | None] = {}
@@ -106,16 +131,18 @@ class _MortarPair:
 
     def held_alone(self, side: int) -> int:
         """Number of directions in which points of this side cannot move while the other side can."""
-        return int(self._directions(side)[1].sum())
+        still, both = self._directions(side)
+        return round(float(np.einsum("pii->", still) - np.einsum("pii->", both)))
 
-    def _directions(self, side: int) -> tuple[Mask, Mask]:
+    def _directions(self, side: int) -> tuple[Array, Array]:
+        """Projectors of ``_held_directions``."""
         part, held, other = self.mortar(side), self._held[side], self._held[1 - side]
         assert part is not None
         if held is None or other is None:
-            none = np.zeros((len(part.areas), 3), dtype=bool)
+            none = np.zeros((len(part.areas), 3, 3))
             return none, none
-        points, own = part.owner @ self.surfaces[side].nodes, _of_vectors(part.owner)
-        return _held_directions(points, part.normals, own, held, self.surfaces[1 - side], other)
+        points = part.owner @ self.surfaces[side].nodes
+        return _held_directions(points, part.normals, part.owner, held, self.surfaces[1 - side], other)
 
     def from_side(self, side: int) -> FacePair | None:
         """Points of this side."""
@@ -126,7 +153,7 @@ class _MortarPair:
         points = part.owner @ mine
         normals = part.normals if side == 0 else -part.normals
         jump = (part.other @ theirs - points) * (1 if side == 0 else -1)  # from E to E', as N
-        removed, _ = self._directions(side)
+        _, removed = self._directions(side)
         traces = [_without(_of_vectors(t), removed) for t in (part.owner, part.other)]
         shares = tuple(float(part.areas.sum()) / s.area for s in self.surfaces)
         curved = any(quadratic(p.kind) for s in self.surfaces for p in s.pieces)
@@ -181,33 +208,62 @@ def on_plane(side: Side, point: Array, normal: Array) -> FacePair | None:
 
 
 def _held_directions(
-    points: Array, normals: Array, own: sp.csr_array, held: Mask, other: Surface, other_held: Mask
-) -> tuple[Mask, Mask]:
-    """Directions (n_point, 3) in which points of the owner cannot move.
+    points: Array, normals: Array, own: sp.csr_array, held: Array, other: Surface, other_held: Array
+) -> tuple[Array, Array]:
+    """Directions in which points of the owner cannot move.
 
     Parameters
     ----------
-    points, normals : (n_point, 3). own : trace of the owner. held, other_held : dofs of both bodies that never move.
+    points, normals : (n_point, 3). own : (n_point, n_node) weights of the owner's nodes. held, other_held : projectors
+        (n_node, 3, 3) of both bodies on the directions in which their nodes never move.
 
     Returns
     -------
-    Those at places where the other side is held likewise, and the rest: there the point holds the other side alone.
+    Projectors (n_point, 3, 3) on them, and on those of them at places where the other side is held likewise: at the
+    rest the point holds the other side alone.
     """
-    # no node of the point can move
-    still = np.asarray(abs(own) @ (~held).astype(float)).reshape(-1, 3) == 0.0
+    free = np.asarray(abs(own) @ (np.eye(3) - held).reshape(-1, 9)).reshape(-1, 3, 3)
+    # no node of the point can move there
+    still = _null_projectors(free)
     both = np.zeros_like(still)
-    for axis in range(3):
-        rows = np.flatnonzero(still[:, axis])
-        if len(rows):
-            edges = _edges(other.facets, other_held[axis::3])
-            both[rows, axis] = _on_edges(points[rows], normals[rows], other.nodes[edges])
-    return both, still & ~both
+    rows = np.flatnonzero(still.any(axis=(1, 2)))
+    edges = (
+        _edges(other.facets, np.asarray(other_held.any(axis=(1, 2)))) if len(rows) else np.zeros((0, 2), dtype=np.int64)
+    )
+    if not len(edges):
+        return still, both
+    on = _on_edges(points[rows], normals[rows], other.nodes[edges])
+    free_edges = np.eye(3) - other_held[edges]
+    for row, which in zip(rows, on, strict=True):
+        # what both ends of an edge and the point are held along, over the edges that the point lies on
+        common = _null_projectors(free_edges[which].sum(axis=1) + (np.eye(3) - still[row]))
+        both[row] = np.eye(3) - _null_projectors(common.sum(axis=0)[None])[0] if which.any() else 0.0
+    return still, both
 
 
-def _without(trace: sp.csr_array, removed: Mask) -> sp.csr_array:
-    """The trace without the rows of these directions (n_point, 3)."""
-    kept = sp.csr_array(sp.diags_array((~removed).astype(float).ravel()) @ trace)
-    # else the rows would still name the nodes
+def _null_projectors(matrices: Array) -> Array:
+    """Projectors (n, 3, 3) on the null spaces of symmetric matrices (n, 3, 3) without negative eigenvalues; exact where
+    these are diagonal, as those of conditions along axes are."""
+    scale = np.maximum(np.einsum("pii->p", matrices), 1e-300)[:, None]
+    diagonal = np.einsum("pii->pi", matrices)
+    made: Array = (diagonal <= _NULL * scale)[:, :, None] * np.eye(3)
+    mixed = np.flatnonzero((matrices - diagonal[:, :, None] * np.eye(3)).any(axis=(1, 2)))
+    if len(mixed):
+        values, vectors = np.linalg.eigh(matrices[mixed])
+        null = vectors * (values <= _NULL * scale[mixed])[:, None, :]
+        made[mixed] = np.einsum("pij,pkj->pik", null, null)
+    return made
+
+
+def _without(trace: sp.csr_array, removed: Array) -> sp.csr_array:
+    """The trace without its parts along the directions of projectors (n_point, 3, 3)."""
+    some = np.flatnonzero(removed.any(axis=(1, 2)))
+    if not len(some):
+        return trace
+    left = np.eye(3) - removed
+    kept = sp.csr_array(diagonal_blocks(left) @ trace)
+    # round-off of inclined directions; rows of none would still name the nodes
+    kept.data[np.abs(kept.data) < _NULL * np.abs(trace.data).max(initial=0.0)] = 0.0
     kept.eliminate_zeros()
     return kept
 
@@ -222,11 +278,10 @@ def _edges(facets: FacetSet, held: Mask) -> Index:
 
 
 def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
-    """Whether each of ``points`` (n, 3) lies on one of the edges ``ends`` (m, 2, 3), in projection along its normal."""
-    on = np.zeros(len(points), dtype=bool)
-    if not len(ends):
-        return on
-    size = float(np.ptp(np.concatenate([points, ends.reshape(-1, 3)]), axis=0).max())
+    """Whether each of ``points`` (n, 3) lies on each of the edges ``ends`` (m, 2, 3), in projection along its normal;
+    (n, m)."""
+    on = np.zeros((len(points), len(ends)), dtype=bool)
+    size = float(np.linalg.norm(np.ptp(np.concatenate([points, ends.reshape(-1, 3)]), axis=0)))
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
         start, along = ends[:, 0] - point, ends[:, 1] - ends[:, 0]
         # as seen along the normal
@@ -234,7 +289,7 @@ def _on_edges(points: Array, normals: Array, ends: Array) -> Mask:
         along = along - np.outer(along @ normal, normal)
         length = np.maximum(np.einsum("ei,ei->e", along, along), 1e-300)
         at = np.clip(-np.einsum("ei,ei->e", start, along) / length, 0.0, 1.0)
-        on[i] = np.linalg.norm(start + at[:, None] * along, axis=1).min() < _ON_EDGE * size
+        on[i] = np.linalg.norm(start + at[:, None] * along, axis=1) < _ON_EDGE * size
     return on
 
 

@@ -471,12 +471,16 @@ def unheld(
     return problems
 
 
-def free_remarks(groups: Sequence[FreeGroup]) -> list[str]:
-    """A sentence for every group whose position is chosen."""
+def free_remarks(groups: Sequence[FreeGroup], start: bool = False) -> list[str]:
+    """A sentence for every group whose position is chosen; ``start`` : for a static start (``places_at_rest``)."""
     return [
         f"substructure {', '.join(group.motions)}: nothing holds it, and its loads are in balance: where it "
-        f"can {ways_of(next(iter(group.motions.values())))}, {group.n} displacements of nodes are held, without "
-        "reactions"
+        f"can {ways_of(next(iter(group.motions.values())))}, "
+        + (
+            "the static start takes the place with the least displacement, as a mean over the mass"
+            if start
+            else f"{group.n} displacements of nodes are held, without reactions"
+        )
         for group in groups
     ]
 

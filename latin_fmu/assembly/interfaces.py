@@ -18,6 +18,7 @@ from ..fem.mesh import Array, Index, nearest
 from ..fem.mortar import common_cells
 from ..interface import BEHAVIOURS, Behaviour, InterfaceGeometry
 from ..interface.geometry import local_frames
+from ..interface.laws import NoSlip
 from ..latin.assembly import InterfaceUnit
 from ..remarks import Remark, remarks_of
 from ..scene.face_form import FaceForm
@@ -221,6 +222,7 @@ def between(one: Body, other: Body) -> float:
 
 _OUT_OF_FACE = 0.1  # component of an axis of a form along the normal: its cosine is within 0.5 % of 1
 _STRAIGHT = 1e-6
+_TOUCH = 1e-12  # gap that counts as closed without slip, over the size of the faces: round-off of displacements
 _SLIVER = 0.01  # a common part below this share of both faces is worth a remark
 
 
@@ -247,6 +249,7 @@ def build_interface(
     pair, frames, cells = placed
     if not interface.against_ground:
         remarks += remarks_of("area", _area_remarks(name, interface, pair, units))
+        remarks += remarks_of("points", _alike_remarks(name, sides, pair))
     opening = initial_opening(name, interface, pair, sides, problems, remarks)
     if opening is None:
         return None
@@ -256,7 +259,7 @@ def build_interface(
         if formed is None:
             return None
         gap = formed
-    behaviour = _behaviour(interface)
+    behaviour = _behaviour(interface, float(pair.areas.sum()))
     # a crown is smooth: where it touches first is no edge
     if behaviour.opens and interface.gap != "closed" and interface.form is None:
         remarks += remarks_of("edge", _edge_remarks(name, sides, pair, gap))
@@ -314,7 +317,10 @@ def with_behaviours(
     return [replace(unit, behaviour=behaviours.get(unit.name, unit.behaviour)) for unit in units]
 
 
-def _behaviour(interface: Interface) -> Behaviour:
+def _behaviour(interface: Interface, area: float) -> Behaviour:
+    """The behaviour of an interface with faces of this ``area``, m2."""
+    if interface.behaviour == NoSlip.name:
+        return NoSlip(touch=_TOUCH * float(np.sqrt(area)))
     parameters: dict[str, float] = {
         key: getattr(interface, key) or 0.0 for key in PARAMETERS if key in TAKES[interface.behaviour]
     }
@@ -370,11 +376,22 @@ def _face_pair(
         if pair is not None:
             return pair
     # the six unknowns of a rigid body are those of no node
-    held = [None if body.rigid else conditions[body.name].held for body, _ in sides]
+    held = [None if body.rigid else conditions[body.name].held_directions for body, _ in sides]
     pair = by_mortar(first, second, interface.points_from, interface.search, (held[0], held[1]))
     if pair is None:
         problems.append(_apart(name, interface, first, second))
     return pair
+
+
+def _alike_remarks(name: str, sides: Sequence[Side], pair: FacePair) -> list[str]:
+    """A remark on points that come from side E because nothing but the order of the sides tells them apart."""
+    if not pair.alike:
+        return []
+    faces = " and ".join(f"{body.name}" for body, _ in sides)
+    return [
+        f"interface {name}: its points are those of side E: facets, stiffness and volume of {faces} are alike, and "
+        "with the sides exchanged the results differ by the error of the mesh; points_from chooses"
+    ]
 
 
 def _area_remarks(name: str, interface: Interface, pair: FacePair, units: UnitSystem) -> list[str]:

@@ -59,9 +59,8 @@ class Merged:
         """Histories that drive the merged body at the instants ``time``, s."""
         parts = [timeline.histories(m, time) for m in self.members]
         amplitudes = [a for part in parts for a in part.amplitudes]
-        accelerated = [p.accelerated for p in parts if p.accelerated is not None]
-        imposed = np.concatenate([p.imposed_velocity for p in parts], axis=1)
-        return Histories(time, amplitudes, imposed, np.concatenate(accelerated) if accelerated else None)
+        imposed = np.concatenate([p.imposed for p in parts], axis=1)
+        return Histories(time, amplitudes, imposed, tuple(kind for p in parts for kind in p.motion_kinds))
 
 
 def merge(

@@ -196,7 +196,7 @@ def _contact_layer(
     name: str, body: Body, units: list[InterfaceUnit], landing: list[InterfaceUnit], scheme: TimeScheme, dt: float
 ) -> ContactLayer:
     """That of one elastic body; elements at interfaces that do not land are viscous by the share _AT_REST."""
-    shape, material = body.shape, body.shape.elasticity
+    shape, material = body.shape, body.shape.fast_elasticity
     if not scheme.massless_contact:
         # every node keeps its mass
         return ContactLayer(body.mass, lumped=body.lumped_mass if scheme.explicit else None)
@@ -291,7 +291,7 @@ def _obstacle(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUni
         body = bodies[name]
         if body.rigid:
             return f"substructure {name} is rigid", f"make substructure {name} elastic"
-        share = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.elasticity)[1]
+        share = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.fast_elasticity)[1]
         if share > _THICK:
             now = f"{100 * share:.0f} %"
             why = f"substructure {name} is thin: {now} of its elements touch a face that may open"
@@ -314,7 +314,7 @@ def _front(scene: Scene, bodies: Mapping[str, Body], opening: list[InterfaceUnit
     bodies and not by their meshes, so that a refined scene keeps its scheme."""
     crossing = np.inf  # time that a wave takes through a part of a body, the shortest
     for name in {name for _, _, name in body_sides(opening) if not bodies[name].rigid}:
-        crossing = min(crossing, _PART * bodies[name].mesh.size / bodies[name].shape.elasticity.bar_speed)
+        crossing = min(crossing, _PART * bodies[name].mesh.size / bodies[name].shape.fast_elasticity.bar_speed)
     static = scene.time.start.type == "static"
     # body forces act in all points at once
     loads = {name: law for name, law in scene.force_laws.items() if name != GRAVITY and not name.startswith(BODY_FORCE)}
@@ -372,7 +372,7 @@ def scheme_remarks(
         nodes = np.zeros(0, dtype=np.int64) if body.rigid else _contact_nodes(name, units)
         if not len(nodes):
             continue
-        crossing, share = layer_of(body.shape.mesh, nodes, body.shape.elasticity)
+        crossing, share = layer_of(body.shape.mesh, nodes, body.shape.fast_elasticity)
         if crossing > 0.0:
             courant[name] = dt / crossing
         if scheme.landing_damping > 0.0 and name in landing and share > _THICK:
@@ -412,7 +412,7 @@ def unforeseen_landings(
     for unit in waiting:
         for name in {name for _, _, name in body_sides([unit]) if not bodies[name].rigid} - crossing.keys():
             body = bodies[name]
-            crossing[name] = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.elasticity)[0]
+            crossing[name] = layer_of(body.shape.mesh, _contact_nodes(name, units), body.shape.fast_elasticity)[0]
         own = [dt / crossing[name] for _, _, name in body_sides([unit]) if crossing.get(name, 0.0) > 0.0]
         if min(own, default=np.inf) < _RESOLVED:
             remedy = remedy or _remedy(scene, bodies, units, lands=True)

@@ -56,6 +56,7 @@ from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
 from .untouched import Untouched
+from .wave_pace import waves_count
 
 REST = 1e-2
 """Tractions below this share of tolerance x characteristic traction leave a substructure at rest inactive."""
@@ -113,8 +114,9 @@ class Timeline:
         """Histories that drive one substructure at the instants; ``given`` as for ``begin``."""
         amplitudes = [self._amplitude(load.name, time, given or {}) for load in model.loads]
         clock = self._scene.time
-        motion = self._conditions[model.name].velocity(time, clock.quasi_static, given or {}, clock.end)
-        return Histories(time, amplitudes, motion, self._conditions[model.name].accelerated)
+        conditions = self._conditions[model.name]
+        motion = conditions.driving(time, clock.quasi_static, given or {}, clock.end)
+        return Histories(time, amplitudes, motion, conditions.motion_kinds)
 
     def _amplitude(self, name: str, time: Array, given: Mapping[str, Array]) -> Array:
         if not name:
@@ -371,8 +373,11 @@ class DiscretisedProblem:
         # rigid bodies have no material impedance: that of their inertia in a step
         if not static and any(body.rigid for body in self.bodies.values()):
             inertial_impedance(assembly)
-        unresolved = [] if static else unresolved_sides(assembly)
-        warnings = (*self.remarks, *remarks_of("memory", without_factor), *resolution_remarks(unresolved))
+        # one line on waves: where the step is far off for all bodies, that says what to change
+        known = any(remark.code == "step" for remark in self.remarks)
+        counts = not known and waves_count(scene, self.bodies, self.units, self.time)
+        unresolved = resolution_remarks(unresolved_sides(assembly) if counts else [])
+        warnings = (*self.remarks, *remarks_of("memory", without_factor), *unresolved)
         warnings += () if start is None else tuple(remarks_of("start", start.remarks))
         words, against, unforeseen = _checked_scheme(self, None if static else start)
         warnings += tuple(remarks_of("scheme", against))
@@ -751,8 +756,10 @@ def static_traction(scene: Scene, bodies: dict[str, Body], time: Array) -> float
     for body in bodies.values():
         sizes += _body_tractions(scene, body, time)
         for motion in _motions(scene, body):
-            steps = motion.step_velocity(time)[1:] * np.diff(time)
-            travels.append(float(np.abs(np.cumsum(steps)).max()))
+            driving = motion.driving(time, over_steps=True)
+            # a displacement has the rates of the steps that begin, others means of those that end
+            steps = driving[:-1] if motion.kind == "displacement" else driving[1:]
+            travels.append(float(np.abs(np.cumsum(steps * np.diff(time))).max()))
             # an input counts as if it lasted: its history is not known
             if isinstance(motion.law, InputLaw):
                 travels.append(motion.largest_speed(time) * float(time[-1]))

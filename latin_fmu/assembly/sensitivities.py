@@ -33,9 +33,11 @@ from .bolts import load_name
 from .build import discretise
 from .copies import MARK, assembled, copied, differences, models_of, named, of_copy, places_in, twins, unit_of
 from .displaced_starts import displaced_bodies
+from .initial_state import InitialState
 from .models import Kept, KeptOperators
+from .places_at_rest import least_displaced
 from .problem import DiscretisedProblem, SolverReadyProblem
-from .statics import Stage
+from .statics import Stage, static_size
 from .yielding_bolts import Yielding
 
 _STEP: Final = 1e-4
@@ -210,6 +212,7 @@ class Tangents:
                 remedy += "an interface from the side that has fewer (points_from)"
                 raise SolverError(f"{error}, {where}; {remedy}") from None
             states = [_state_after(stage, run, i, p, states[i]) for i, p in enumerate(parameters)]
+        states = self._placed(states)
         run = _march(self.motion(ready, recorder), parameters, states, progress)
         interfaces, sensors = run.recorder.interfaces(), run.recorder.sensors(run.assembly)
         bolts = run.recorder.bolt_histories()
@@ -219,6 +222,31 @@ class Tangents:
             )
             for i, p in enumerate(parameters)
         ]
+
+    def _placed(self, states: Sequence[StateChange]) -> list[StateChange]:
+        """The derivatives of the start with those of the places of bodies that its equilibrium leaves free, which are
+        taken as differences of both ends of a parameter."""
+        end = self.stages[-1].end if self.stages else None
+        if end is None or self.problem.scene.time.quasi_static:
+            return list(states)
+        size = static_size(self.problem, end.amplitudes)
+        if least_displaced(self.problem, end, size) is end:
+            return list(states)
+        made = []
+        for p, change in zip(self.parameters, states, strict=True):
+            more, less = (
+                least_displaced(whole, _moved(end, change, 0.5 * sign * p.span), size).displacement
+                for whole, sign in ((p.more, 1.0), (p.less, -1.0))
+            )
+            placed = {name: (more[name] - less[name]) / p.span for name in change.displacement}
+            made.append(replace(change, displacement=placed))
+        return made
+
+
+def _moved(state: InitialState, change: StateChange, by: float) -> InitialState:
+    """An equilibrium at another value of a parameter, larger ``by`` so much."""
+    moved = {name: u + by * change.displacement[name] for name, u in state.displacement.items()}
+    return replace(state, displacement=moved)
 
 
 def _friction_changes(parameter: VariedParameter) -> dict[str, float]:
@@ -576,8 +604,8 @@ def _copy(
         if more.imposed_speed is None or less.imposed_speed is None
         else parameter.of(more.imposed_speed, less.imposed_speed),
     )
-    motion = parameter.of(driven[0].imposed_velocity, driven[1].imposed_velocity)
-    return made, Histories(time, amplitudes, motion, driven[0].accelerated)
+    motion = parameter.of(driven[0].imposed, driven[1].imposed)
+    return made, Histories(time, amplitudes, motion, driven[0].motion_kinds)
 
 
 def _ramp_changes(stage: Stage, parameter: VariedParameter, state: StateChange) -> dict[str, tuple[float, float]]:

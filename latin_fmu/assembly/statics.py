@@ -62,7 +62,7 @@ from .free_bodies import (
 from .initial_state import InitialState, TightBolts
 from .models import Kept
 from .press_fits import interference, loose_remarks, sliding_ones, strain_remark
-from .problem import DiscretisedProblem, SolverReadyProblem, settings_of
+from .problem import DiscretisedProblem, SolverReadyProblem, settings_of, static_traction
 
 _UNSEEN = 1e-7  # share of the largest force: residual forces below it excite vibrations too small to be measured
 TIGHT = 1e-11, 1e-9  # tolerances of the static solution; twice what was reached where round-off prevents both
@@ -165,7 +165,7 @@ def start_remarks(
     falling = falling_groups(scene, there, supports, [unit for unit in units if unit.name in static])
     taken = {name for group in falling for name in group.names}
     groups = [group for group in start_groups(scene, bodies, conditions, units) if taken.isdisjoint(group.motions)]
-    return [*free_remarks(groups), *falling_remarks(falling)]
+    return [*free_remarks(groups, start=True), *falling_remarks(falling)]
 
 
 def static_state(
@@ -205,6 +205,14 @@ def static_state(
         return state
     remarks = tuple(dict.fromkeys((*tight.remarks, *state.remarks)))
     return replace(state, message=f"{tight.message}; {state.message}", remarks=remarks, bolts=tight.bolts)
+
+
+def static_size(whole: DiscretisedProblem, amplitudes: Mapping[str, float]) -> float:
+    """Largest traction that what acts at t = 0 can bring, Pa."""
+    scene = static_scene(whole.scene, amplitudes)
+    bodies = {name: whole.bodies[name] for name in scene.substructure}
+    tight = [cut.stress(whole.bodies[cut.table.substructure]) for cut in whole.cuts.values()]
+    return max(static_traction(scene, bodies, np.array([0.0, 1.0])), *tight, 0.0)
 
 
 def equilibrium(

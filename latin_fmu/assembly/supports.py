@@ -25,7 +25,7 @@ of minus the reactions of its nodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, Literal
@@ -77,38 +77,25 @@ class PrescribedMotion:
     arm: float = 1.0
     speed: float = 0.0
 
-    def velocity(self, time: Array, given: Mapping[str, Array] = NOTHING, end: float = np.inf) -> Array:
-        """Velocity at the instants, (n_time,), m s-1; of a displacement law by central differences over one step. Of an
-        acceleration law the acceleration, m s-2, which the time scheme integrates.
+    def driving(
+        self, time: Array, over_steps: bool = False, given: Mapping[str, Array] = NOTHING, end: float = np.inf
+    ) -> Array:
+        """What drives the motion at the instants, (n_time,): velocity or acceleration there; of a displacement law its
+        rate over the step that begins there, so that the place is exact at every instant.
 
-        given : by source: amplitude (n_time,) of a velocity or acceleration, or its rate, 1/s, of a displacement.
-        end : last instant of the scene, s, which is no corner of a law that ends there.
+        over_steps : of a velocity, its mean over the step that ends at an instant. given : by source, amplitudes
+        (n_time,) in the place of the law's, of a displacement such rates. end : last instant of the scene, s, which is
+        no corner of a law that ends there.
         """
         if self.source in given:
-            known: Array = self.value * given[self.source]
-            return known
-        if self.kind != "displacement":
-            return self.value * self.law.sample(time)
-        step = time[1] - time[0]
-        before, after = np.maximum(time - step, 0.0), time + step  # one-sided at the start
-        # and at the end
-        after = np.where((time <= end + 1e-6 * step) & (after > end + 1e-6 * step), time, after)
-        difference: Array = (self.law.sample(after) - self.law.sample(before)) / (after - before)
-        return self.value * difference
-
-    def step_velocity(self, time: Array, given: Mapping[str, Array] = NOTHING) -> Array:
-        """Mean velocity over each step that ends at the instants (that of the first is the one at the start).
-
-        given : as for ``velocity``; the rate of a displacement is that over the steps.
-        """
-        if self.kind == "displacement" and self.source in given:
-            # histories of the displacement over steps; of the first instant there is none
-            return np.concatenate([[0.0], self.value * given[self.source][1:]])
-        if self.kind == "displacement":
-            place = self.value * self.law.sample(time)
-            return np.concatenate([[0.0], np.diff(place) / np.diff(time)])
-        at = self.velocity(time, given)
-        return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
+            at: Array = self.value * given[self.source]
+        elif self.kind == "displacement":
+            at = self.value * rates_of_steps(self.law.sample, time, end)
+        else:
+            at = self.value * self.law.sample(time)
+        if over_steps and self.kind == "velocity":
+            return np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1])])
+        return at
 
     def start(self) -> float:
         """Displacement at t = 0, m."""
@@ -128,10 +115,20 @@ class PrescribedMotion:
             return {"velocity": size, "displacement": size / end, "acceleration": abs(self.speed) + size * end}[
                 self.kind
             ]
-        given = self.arm * self.velocity(time)
+        given = self.arm * self.driving(time)
         if self.kind == "acceleration":
             given = self.arm * self.speed + np.cumsum(0.5 * (given[1:] + given[:-1]) * np.diff(time))
         return float(np.abs(given).max())
+
+
+def rates_of_steps(place: Callable[[Array], Array], time: Array, end: float = np.inf) -> Array:
+    """Rates (n_time,) of a displacement over the steps that begin at the instants, 1/s; at ``end``, the last instant of
+    the scene, over the step before, as a path that ends there has no corner."""
+    step = time[1] - time[0]
+    last = (time <= end + 1e-6 * step) & (time + step > end + 1e-6 * step)
+    begin = np.where(last, time - step, time)
+    rates: Array = (place(begin + step) - place(begin)) / step
+    return rates
 
 
 def inclined_directions(body: Body, boundary: Boundary) -> Array | None:

@@ -50,10 +50,10 @@ from ..results.quantities_of_interest import (
     VELOCITY_UNFILTERED,
     QuantityOfInterest,
 )
-from ..scene.number_files import UNITS, factor, si_unit, table_cells
+from ..scene.number_files import table_cells
 from ..scene.schema import Scene
 from ..scene.sensors import highest_frequency
-from ..scene.units import unit_text
+from ..scene.unit_texts import names_for, unit_size
 
 HEADING: Final = "the calibration cannot be made"
 Kind = Literal["history", "spectrum", "modes", "backbone"]
@@ -275,7 +275,7 @@ class _Reader:
         for name in dict.fromkeys(n for n in names if names.count(n) > 1):
             self._say("the column is there twice", self._header_line, value=name or "without a name")
         units = ["" if match is None else match[2] or "" for match in found]
-        return names, [unit_text(unit) if " " in unit else unit for unit in units]
+        return names, units
 
     def _pairs(self, names: Sequence[str]) -> None:
         for name in names:
@@ -327,14 +327,13 @@ class _Reader:
         """Factors to the units of the scene, by column."""
         scales = np.ones(len(names))
         for i, (name, given, unit) in enumerate(zip(names, factors, units, strict=True)):
-            # seconds are those of all systems: Hz has no factor
-            if not given or not unit or given == unit == "Hz":
+            if not given or not unit:
                 continue
-            if si_unit(given) != unit:
-                allowed = "Hz" if unit == "Hz" else ", ".join(UNITS[unit])
-                self._say("not a unit of this column", self._header_line, value=f"{name} [{given}]", allowed=allowed)
+            if (size := unit_size(given, unit)) is None:
+                value, allowed = f"{name} [{given}]", names_for(unit)
+                self._say("not a unit of this column", self._header_line, value=value, allowed=allowed)
             else:
-                scales[i] = factor(given, self._scene.unit_system)
+                scales[i] = size / self._scene.unit_system.exact_size(unit)
         return scales
 
     def _numbers(self, names: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> Array:

@@ -27,7 +27,7 @@ def calibration_figure(made: Calibration) -> Figure:
     rows = -(-len(shown) // across)
     figure = Figure(figsize=(4.6 * across, 4.2 * rows + 0.4), layout="constrained")
     units = made.scene.unit_system
-    values = ", ".join(f"{p.of.words} {readable(p.value, units.label(p.of.unit()))}" for p in made.parameters)
+    values = ", ".join(f"{p.of.words} {readable(p.value, units.shown(p.of.unit()))}" for p in made.parameters)
     figure.suptitle(f"{made.scene.name}: {values}", fontweight="bold")
     axes = figure.subplots(2 * rows, across, squeeze=False, height_ratios=[2.2, 1] * rows)
     for i, column in enumerate(shown):
@@ -46,7 +46,7 @@ def _draw(fit: ColumnFit, made: Calibration, above: Axes, below: Axes) -> None:
     """One column of data."""
     units, table, data = made.scene.unit_system, fit.table, fit.column.values
     x, x_unit = prefix_for(float(table.along.max()), units.label(table.along_unit), figure=True)
-    y, y_unit = prefix_for(float(np.abs(data).max()), units.label(fit.column.unit), figure=True)
+    y, y_unit = prefix_for(float(np.abs(data).max()), units.shown(fit.column.unit), figure=True)
     along = table.along / x
     bars = None if fit.column.sd is None else fit.column.sd / y
     above.errorbar(along, data / y, bars, fmt=".", color="0.3", label="data")

@@ -166,14 +166,14 @@ class Calibration:
         head += f", {self.runs} runs, {self.status}"
         table: list[tuple[str, ...]] = [("parameter", "start", "value", "95 % interval", "+-", "by error of run")]
         for p in self.parameters:
-            unit, ends = units.label(p.of.unit()), (p.value - p.half, p.value + p.half)
+            unit, ends = units.shown(p.of.unit()), (p.value - p.half, p.value + p.half)
             known, shift = math.isfinite(p.half) and p.value != 0.0, readable(p.shift, unit, 2) if p.shift else "-"
             between = f"at its {p.bound} bound" if p.bound else " to ".join(readable(e, unit) for e in ends)
             much = f"{100 * p.half / abs(p.value):.2g} %" if known else "-"
             table.append((p.of.words, readable(p.of.start, unit), readable(p.value, unit), between, much, shift))
         rows: list[tuple[str, ...]] = [("data", "residual before", "after", "of the data", "error of run")]
         for c in self.columns:
-            unit = units.label(c.column.unit)
+            unit = units.shown(c.column.unit)
             size = float(np.sqrt(np.mean(c.column.values**2))) or math.inf
             sizes = [readable(c.rms(y), unit, 3) for y in (c.before, c.after)]
             error = f"{100 * c.error:.2g} %" if math.isfinite(c.error) else "-"

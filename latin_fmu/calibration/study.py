@@ -29,6 +29,8 @@ from ..errors import InputError, LatinError, Problem, Problems, SceneError, show
 from ..latin.outcome import Array
 from ..reader import load_scene
 from ..scene.schema import Scene
+from ..scene.unit_texts import value_and_unit
+from ..scene.unit_values import value_in_scene_units
 from ..scene.units import UnitSystem
 from .data import HEADING, MeasuredTable, columns_of, read_measured, size_of
 from .prediction import Predicted, Predictor
@@ -55,12 +57,18 @@ class _SpentError(Exception):
     """The runs that the fit may take are done."""
 
 
-def _numbers(text: str, given: Sequence[str | None], problems: Problems) -> list[float | None]:
-    """Numbers of an option, None where they are left out."""
+def _numbers(text: str, given: Sequence[str | None], name: str, scene: Scene, problems: Problems) -> list[float | None]:
+    """Numbers of an option in the units of the scene, None where they are left out; ``name`` : of the first of them."""
     made: list[float | None] = []
     for word in given:
+        number, misfits = value_in_scene_units(Scene, scene.tables(), name, word, scene.unit_system)
+        # a number alone is a text without a unit there
+        if misfits and (value_and_unit(str(word)) or (0, ""))[1]:
+            problems += [Problem("--fit", m.what, m.value, m.allowed, m.remedy or f"in {text}") for m in misfits]
+            made.append(None)
+            continue
         try:
-            value = None if word is None else float(word)
+            value = None if word is None else float(number)
             if value is not None and math.isnan(value):
                 raise ValueError
             made.append(value)
@@ -92,7 +100,7 @@ def parameters_of(fit: Sequence[str], scene: Scene) -> list[FitParameter]:
                 values.append(value_of(scene, name))
             except SceneError as error:
                 problems += [replace(problem, where="--fit") for problem in error.problems]
-        start, low, high = _numbers(text, match.groups()[1:], problems)
+        start, low, high = _numbers(text, match.groups()[1:], names[0], scene, problems)
         if len(values) < len(names):
             continue
         if start is None and len(set(values)) > 1:

@@ -5,7 +5,6 @@ the amplitude."""
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
@@ -103,7 +102,6 @@ rest), or what the scene has: Rayleigh damping, dampers, viscous joints, absorbi
 Writes STEM.csv, STEM.nc and STEM.png.
 """
 _MOST_MODES, _MOST_POINTS = 1000, 200
-_AMPLITUDE = re.compile(r"([-+.0-9eE]*[.0-9])\s*([A-Za-z]*)")
 _OPTIONS = ("lowest", "highest", "per_octave", "quality")
 
 
@@ -150,7 +148,7 @@ def _targets(stem: Path, *suffixes: str) -> list[Path]:
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULT.nc", type=Path, help="results file written by run")
     option(parser, "--sensor", "NAME", "sensor, repeatable (default: every one)", action="append", default=[])
-    switch(parser, "--g", "accelerations of the table in g (9.80665 m/s2) instead of the units of the scene")
+    switch(parser, "--g", "accelerations of texts, tables and figures in g, 9.80665 m/s2")
 
 
 def _register_modes(add: AddParser) -> None:
@@ -277,16 +275,16 @@ def _amplitudes(text: str, units: UnitSystem) -> tuple[float, float]:
     ------
     InputError : no lengths > 0, in the order of their size.
     """
-    from ..scene.number_files import UNITS, factor
+    from ..scene.unit_texts import names_for, unit_size, value_and_unit
 
     sizes = []
     for part in text.split(":"):
-        found = _AMPLITUDE.fullmatch(part.strip())
-        with suppress(ValueError):
-            if found is not None and found[2] in ("", *UNITS["m"]):
-                sizes.append(float(found[1]) * (factor(found[2], units) if found[2] else 1.0))
+        number, unit = value_and_unit(part) or (0, "")
+        size = unit_size(unit, "m") if unit else units.exact_size("m")
+        with suppress(OverflowError):
+            sizes += [] if size is None else [float(number * size / units.exact_size("m"))]
     if len(sizes) != len(text.split(":")) or len(sizes) > 2 or not 0.0 < sizes[0] <= sizes[-1] < float("inf"):
-        allowed = f"A or A:B, 0 < A <= B, numbers with one of {', '.join(UNITS['m'])} or in the units of the scene"
+        allowed = f"A or A:B, 0 < A <= B, numbers with one of {names_for('m')} or in the units of the scene"
         raise InputError([Problem("--amplitude", "no range of amplitudes", text, allowed)], "bad argument")
     return sizes[0], sizes[-1]
 
@@ -301,15 +299,15 @@ def _measured(arguments: argparse.Namespace, units: UnitSystem) -> Array | None:
     import numpy as np
     from pydantic_core import PydanticCustomError
 
-    from ..scene.number_files import UNITS, factor, read_columns
+    from ..scene.number_files import factor, read_columns, unit_problem
+    from ..scene.unit_texts import names_for
 
     if arguments.measured is None:
         return None
     length, ratio = arguments.measured_units or ("", "1")
-    for name, known in ((length, ("", *UNITS["m"])), (ratio, UNITS["1"])):
-        if name not in known:
-            listing = ", ".join(filter(None, known))
-            raise InputError([Problem("--measured-units", "unknown unit", name, listing)], "bad argument")
+    for name, unit in ((length, "m"), (ratio, "1")):
+        if name and (what := unit_problem(name, unit)):
+            raise InputError([Problem("--measured-units", what, name, names_for(unit))], "bad argument")
     try:
         table = np.array(read_columns(Path(), str(arguments.measured), [1, 2, 3]), dtype=float).reshape(-1, 3)
     except PydanticCustomError as error:
@@ -363,6 +361,7 @@ def _srs(arguments: argparse.Namespace) -> int:
         spectra = dict(_spectra(tree, arguments, waiting))
         units = units_of(tree.attrs)
         in_g = acceleration_unit(units, arguments.g)
+        units = units.with_g if arguments.g else units
         groups = in_units({name: spectrum_group(*pair) for name, pair in spectra.items()}, units)
         made = _tree(tree, {name: group.dataset() for name, group in groups.items()})
     lines = spectrum_lines({name: spectrum for name, (spectrum, _) in spectra.items()}, units)
@@ -389,18 +388,21 @@ def _is_record(file: Path) -> bool:
 
 def _srs_of_record(arguments: argparse.Namespace, targets: Sequence[Path]) -> int:
     """Spectrum of a file of a recorder."""
+    from ..results.export import acceleration_unit
     from ..results.files import write_netcdf
     from ..results.groups import StoredGroup
     from ..results.spectra import record_csv, record_dataset, record_lines
     from ..results.writing import write_bytes
+    from ..scene.units import SI
 
     given = {key: getattr(arguments, key) for key in ("value_unit", "time_unit", "column", "time_column", "gaps")}
     law = {"file": str(arguments.results), "start": "record"}
     law |= {key: _number_or_text(value) for key, value in given.items() if value is not None}
     made, read_as = _record_spectrum(law, arguments)
-    lines = record_lines(made, f"{arguments.results}, {read_as}")
+    units = SI.with_g if arguments.g else SI
+    lines = record_lines(made, f"{arguments.results}, {read_as}", units)
     tell(arguments, lines, lambda: StoredGroup.of_dataset(record_dataset(made)).report())
-    write_bytes(targets[0], record_csv(made).encode())
+    write_bytes(targets[0], record_csv(made, acceleration_unit(units, arguments.g)).encode())
     write_netcdf(_record_tree(made, str(arguments.results), read_as), targets[1])
     tell_written(arguments, f"spectrum: {', '.join(map(str, targets))}")
     return CONVERGED
@@ -439,7 +441,7 @@ def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tupl
     from ..results.spectra import BAND, shock_response_spectrum
     from ..scene.describe import validation_problems
     from ..scene.laws import CsvLaw
-    from ..scene.number_files import si_unit
+    from ..scene.unit_texts import names_for, si_unit
 
     heading = "no shock response spectrum"
     try:
@@ -450,9 +452,7 @@ def _record_spectrum(law: dict[str, Any], arguments: argparse.Namespace) -> tupl
     unit = record.units[1]
     if unit in (None, "1") or (isinstance(unit, str) and si_unit(unit) != "m s-2"):
         what = "the values are no acceleration" if unit else "the unit of the values is not known"
-        raise InputError.of(
-            heading, "--value-unit", what, str(unit or ""), "g, m/s2, mm/s2, in/s2, ft/s2, or the factor"
-        )
+        raise InputError.of(heading, "--value-unit", what, str(unit or ""), f"{names_for('m s-2')}, or the factor")
     times, values = np.array(record.times), np.array(record.values)
     step = float(times[-1] - times[0]) / (len(times) - 1)
     off = float(np.abs(times - times[0] - step * np.arange(len(times))).max())

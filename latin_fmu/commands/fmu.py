@@ -86,7 +86,7 @@ def _register_fmu(add: AddParser) -> None:
     text = "file to write (default: <name of the scene>.fmu), of a folder of scenes the folder"
     option(parser, "-o --output", "X.fmu", text, output_file)
     parser.add_argument("--fmi", choices=("2", "3"), help="version of the FMI (default: 2; of a reduced model 3)")
-    text = "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for every load"
+    text = "loads, driven faces (boundary.NAME) and the like that become inputs; 'all' for whatever drives the scene"
     option(parser, "--inputs", "NAME,...", text, default="")
     text = "reference run in the FMU: its beginning where it is long (default), the whole of it, or none"
     option(parser, "--reference", "RUN", text, choices=REFERENCES, default=REFERENCES[0])
@@ -179,6 +179,8 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
     checks = import_module("fmu_build.checks")
     inputs, note, lines = checks.with_inputs(scene, names), "", list[str]()
     acting = _acting(inputs.scene)
+    if names == ["all"] and not inputs.laws:
+        acting.append("warning: --inputs all gives no inputs: nothing that can be set from outside drives the scene")
     if arguments.modes is not None and not arguments.model_exchange:
         waiting.reached(0.0, "FMU: reduced bodies and their error")
         inputs, note, lines = _reduced(arguments, inputs, names)
@@ -211,7 +213,7 @@ def _made(arguments: argparse.Namespace, scene: Scene, target: Path, waiting: Wa
 
 def _acting(scene: Scene) -> list[str]:
     """What loads or moves a body in the FMU of a scene, in words."""
-    from ..cosim.input_table import acting_of, given_of
+    from ..cosim.input_table import acting_of, given_of, settable_of
     from ..cosim.variable import input_variable
 
     own, sources = acting_of(scene), given_of(scene)
@@ -221,8 +223,8 @@ def _acting(scene: Scene) -> list[str]:
         return [f"warning: {what}; {remedy}"]
     lines = [f"inputs, until the host sets them: {listed(given)}"] if given else []
     if own:
-        free = [name for name, load in scene.load.items() if not isinstance(load.law, InputLaw)]
-        more = f" (--inputs {free[0]} makes an input of a load)" if free and not given else ""
+        free = [name for name, law in settable_of(scene).items() if not isinstance(law, InputLaw)]
+        more = f" (--inputs {free[0]} makes {free[0]} an input)" if free and not given else ""
         lines.append(f"acts in the FMU as in the scene: {listed(own)}{more}")
     else:
         rest = "" if any(source.start for source in sources) else ": until the host sets an input the FMU stays at rest"

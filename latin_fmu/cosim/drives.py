@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..assembly.segments import SegmentedRun, motion_size, packed_motions, unpacked_motions
-from ..assembly.supports import PrescribedMotion
+from ..assembly.supports import rates_of_steps
 from ..kernels.communication import BY_BOTH, BY_VALUE, FREE
 from ..kernels.inputs import DISPLACEMENT, LOAD, MOTION, WAVE
 from ..latin.initial_conditions import initial_conditions
@@ -84,17 +84,19 @@ class Sources:
 def _own_laws(scene: Scene) -> dict[str, Callable[[Array], Array]]:
     """What samples the laws of the scene that vary or move, as they drive the run, by source."""
     return {
-        source.name: _sampler(source, scene.time.quasi_static, scene.time.end)
+        source.name: sampler(source, scene.time.end)
         for source in sources_of(scene)
         if not isinstance(source.law, InputLaw | ConstantLaw)
         or (isinstance(source.law, ConstantLaw) and source.drives not in (LOAD, WAVE))
     }
 
 
-def _sampler(source: Source, static: bool, end: float) -> Callable[[Array], Array]:
+def sampler(source: Source, end: float) -> Callable[[Array], Array]:
+    """What gives the law of a source at the instants of a run, as it drives the run; of a displacement its rate over
+    the step that begins there. end : last instant of the run, s.
+    """
     if source.drives == DISPLACEMENT:
-        motion = PrescribedMotion(source.law, 1.0, "displacement")
-        return motion.step_velocity if static else partial(motion.velocity, end=end)
+        return partial(rates_of_steps, source.law.sample, end=end)
     return source.law.sample if source.drives == MOTION else partial(sampled, source.law)
 
 

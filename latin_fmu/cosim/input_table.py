@@ -201,6 +201,12 @@ def inputs_of(scene: Scene) -> dict[str, InputLaw]:
     return {source.name: source.law for source in sources_of(scene) if isinstance(source.law, InputLaw)}
 
 
+def settable_of(scene: Scene) -> dict[str, TimeLaw]:
+    """Laws of a scene that can be set from outside, by the names of their inputs: all but temperatures, as stresses
+    follow theirs."""
+    return {source.name: source.law for source in sources_of(scene) if not source.name.startswith(TEMPERATURE)}
+
+
 def acting_of(scene: Scene) -> list[str]:
     """What loads or moves a body without anything set from outside, in words; empty where nothing does."""
     own = [source for source in sources_of(scene) if not isinstance(source.law, InputLaw)]

@@ -25,8 +25,10 @@ from ..file_digest import is_damaged
 from ..kernels import inputs
 from ..latin.outcome import Array
 from ..latin.state_serialization import check_like, check_numbers, unlike
+from ..scene.laws import TableLaw
 from ..scene.number_files import MAX_FILE_BYTES
 from ..scene.schema import Scene
+from .drives import sampler
 from .input_table import given_of
 from .variable import input_variable, is_wave, variable_of
 from .variables import HOLD, LINE
@@ -67,10 +69,10 @@ class GivenLoads:
 
     def __init__(self, scene: Scene) -> None:
         given = given_of(scene)
+        self._sources = {source.name: source for source in given}
         self._start = {source.name: source.start for source in given}
         self.kinds = np.array([source.drives for source in given], dtype=np.int64)
         self._displacements = {source.name for source in given if source.drives == inputs.DISPLACEMENT}
-        self._static = scene.time.quasi_static
         self.reset()
 
     def reset(self) -> None:
@@ -136,27 +138,17 @@ class GivenLoads:
         initial |= {name: float(np.interp(0.0, *history)) for name, history in self.histories.items()}
         return {name: initial[name] for name in sorted(self._displacements)}
 
-    def at_rest(self, n: int) -> dict[str, Array]:
-        """Histories (n,) of the present values, held; of a displacement, its rate at the start."""
-        held = {name: np.full(n, value) for name, value in self.value.items()}
-        return held | {name: np.full(n, self.rate[name]) for name in self._displacements}
-
     def over(self, instants: Array) -> dict[str, Array]:
-        """What drives a run at given instants: histories, else the present values; of displacements their rates, by
-        central differences (without inertia: over the steps)."""
-
-        def at(name: str, times: Array) -> Array:
-            if name not in self.histories:
-                return np.full(len(times), self.value[name])
-            known: Array = np.interp(times, *self.histories[name])
-            return known
-
-        driving = {name: at(name, instants) for name in self._start}
-        for name in self._displacements:
-            dt = float(instants[1] - instants[0])
-            before, after = np.maximum(instants - dt, 0.0), instants + (0.0 if self._static else dt)
-            span = np.where(after > before, after - before, dt)
-            driving[name] = (at(name, after) - at(name, before)) / span
+        """What drives a run at given instants, the last of which ends it: histories as laws of the scene would, else
+        the present values; of displacements their rates."""
+        end, driving = float(instants[-1]), dict[str, Array]()
+        for name, source in self._sources.items():
+            times, values = self.histories.get(name, (np.zeros(1), np.array([self.value[name]])))
+            if len(times) == 1:
+                driving[name] = np.full(len(instants), 0.0 if name in self._displacements else values[0])
+                continue
+            law = TableLaw(times=tuple(times.tolist()), values=tuple(values.tolist()))
+            driving[name] = sampler(source._replace(law=law), end)(instants)
         return driving
 
 
@@ -180,8 +172,7 @@ class Loads(GivenLoads):
     # -- over a simulation ----------------------------------------------------------------------------------------
     def begin(self) -> None:
         """Start a simulation with the present values."""
-        self.memory[inputs.REACHED], self.memory[inputs.SLOPE] = self._given()
-        self.memory[inputs.DRIVEN] = self.memory[inputs.REACHED]
+        self.memory[[inputs.REACHED, inputs.DRIVEN]] = self._given()[0]
         self.memory[[inputs.HELD, inputs.RATED, inputs.CARRIED]], self.span, self.behind = 0.0, 0.0, 0.0
         self._initial = {name: self.get(name) for name in self._start}
 

@@ -26,7 +26,7 @@ from ..latin.state_serialization import check_like, decode, encode, unlike
 from ..machine import provenance
 from ..results.dataset import datatree, result_groups, root_group
 from ..results.estimates import ErrorEstimate
-from ..results.groups import SCHEMA_VERSION, UNITS, in_units
+from ..results.groups import SCHEMA_VERSION, in_units, unit_attributes
 from ..results.quantities import AXES
 from ..results.solution import Solution
 from ..scene.laws import InputLaw, TableLaw
@@ -36,7 +36,7 @@ from .derivatives import Derivatives
 from .input_table import with_laws
 from .loads import Curve, Loads
 from .prescribed import Prescribed
-from .settings import Settings, StepReport, refused, why_not
+from .settings import Settings, StepReport, is_round_off, refused, why_not
 from .step_history import AcceptedStep, StepHistory, curves_of, joined
 from .variable import Variable, input_of
 from .variables import scalar_table
@@ -142,7 +142,8 @@ class Session:
         return self._mode
 
     def step(self, t: float, h: float, early: bool = False) -> StepReport:
-        """Advance from t by h, s, with the loads set before. A step that is refused changes nothing.
+        """Advance from t by h, s, with the loads set before. A step that is refused changes nothing; one below 1e-9 of
+        the time step, or below the last digit of t, moves the clock alone.
 
         early : end the step with the first time step in which there is a contact event (``cosim.outputs``).
         """
@@ -151,6 +152,9 @@ class Session:
             return refused("the session is not initialized")
         if trouble := why_not(t, h, self.time, self._time_step):
             return refused(trouble)
+        if is_round_off(t, h, self._time_step):
+            self.time = t + h
+            return StepReport(True)
         if bad := self._loads.not_finite():
             return refused(f"{bad} is not a finite number", again=True)
         # before the step, which accepts what they follow from
@@ -294,7 +298,7 @@ def result_tree(
     if mode is None or mode.run is None or not segments:
         tree = xr.DataTree(name=scene.name)
         tree.attrs = {**provenance(), "scene_name": scene.name, "schema_version": SCHEMA_VERSION}
-        tree.attrs[UNITS] = scene.unit_system.name
+        tree.attrs.update(unit_attributes(scene.unit_system))
     else:
         problem = mode.run.problem
         outcome = joined(segments, mode.run.timings, problem.warnings)

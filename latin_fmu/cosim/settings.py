@@ -11,7 +11,7 @@ from ..scene.schema import Scene
 from ..scene.settings import MAX_ITERATIONS
 from .variables import CAUSAL, PRESCRIBED, WINDOWED
 
-SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off
+SHORTEST = 1e-9  # of a time step: shorter communication steps are round-off of the times of the host
 MAX_INSTANTS = 1_000_000  # of one communication step, or of the interval of prescribed mode
 EARLY = 1e-6  # of the step: largest distance of its start from the present time
 
@@ -136,9 +136,14 @@ def why_not(t: float, h: float, now: float, time_step: float) -> str:
     """Why no step can be made from t by h at the time ``now``, all in s; empty where it can."""
     if not (math.isfinite(t) and math.isfinite(h)):
         return f"time {t!r} or step size {h!r} is not a finite number"
-    # t + h <= t: late in a simulation a step may be below the last digit of t
-    if h <= SHORTEST * time_step or t + h <= t:
-        return f"the step size {h!r} s is too short; it must exceed {SHORTEST * time_step:.3g} s"
-    if abs(t - now) > EARLY * h:
+    if h <= 0.0:
+        return f"the step size {h!r} s must be greater than 0"
+    if abs(t - now) > max(EARLY * h, SHORTEST * time_step):
         return f"the step starts at {t!r} s, but the present time is {now!r} s: restore a state to go back"
     return ""
+
+
+def is_round_off(t: float, h: float, time_step: float) -> bool:
+    """Whether a step from t by h, s, moves the clock alone: hosts that add up times end with such steps."""
+    # late in a simulation a step may be below the last digit of t
+    return h <= SHORTEST * time_step or t + h <= t

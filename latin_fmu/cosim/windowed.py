@@ -85,7 +85,8 @@ class Windowed:
 
     def _outputs_now(self, loads: Loads) -> None:
         self.run.settle(loads.value)
-        given = loads.at_rest(2)
+        # as the first time step would have it
+        given = loads.driving(GridPart(1, 0.0), self.run.dt, self.rule)
         self.run.reset()
         with one_thread():
             run = self.run.begin(1, given, self._outputs.recorder(given))

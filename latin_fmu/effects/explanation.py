@@ -20,14 +20,14 @@ from ..assembly.build import discretise
 from ..assembly.inactive_substructures import arrival_times, marched_share
 from ..assembly.problem import DiscretisedProblem
 from ..assembly.propagator_choice import chosen_propagators
+from ..assembly.wave_pace import SLOW, load_pace, longest_transit
 from ..interface.laws import FRICTION, coulomb_coefficient
-from ..latin.assembly import Array
 from ..propagator.explicit import ExplicitPropagator
 from ..remarks import Remark, remarks_of
 from ..results.summary import readable
 from ..scene.boundaries import Driven
 from ..scene.fields import GROUND, split_face
-from ..scene.laws import InputLaw, RectangularPulseLaw, StepLaw
+from ..scene.laws import InputLaw
 from ..scene.overrides import key_lines, line_of
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable
@@ -228,7 +228,6 @@ UNRESOLVED = 0.2  # transit of a body over the step
 COSTLY = 0.2  # share of the time
 TENTH = 10  # instants between stored fields
 LATE = 0.7  # share of the instants at which substructures are marched
-SLOW = 10.0  # duration of the run over the longest transit
 CHEAP = 0.4  # cost of another propagator over that of the chosen one
 MORE_STEPS = 10.0  # most steps of an explicit march over those of the scene
 LUMPED = "with a lumped mass: contact forces change by some per cent on coarse meshes"
@@ -401,15 +400,10 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
     """Loads that are slow against the waves."""
     scene = p.scene
     moving = any(s.motion_keys for s in scene.substructure.values())
-    laws = list(scene.force_laws.values())
-    laws += [b.law for b in scene.boundary.values() if isinstance(b, Driven)]
-    laws += [port.law(c) for port in scene.port.values() for c in port.components]
-    # a jump has no pace: its waves are excited however long it lasts
-    sudden = any(isinstance(law, StepLaw | RectangularPulseLaw | InputLaw) for law in laws)
-    transit = _longest_transit(p)
-    if p.run.static or moving or sudden or not laws or transit == 0.0:  # 0: rigid bodies alone
+    transit = longest_transit(p.discretised.bodies)
+    if p.run.static or moving or transit == 0.0:  # 0: rigid bodies alone
         return
-    ratio = min(_pace(law.sample(p.discretised.time), p.discretised.dt) for law in laws) / transit
+    ratio = load_pace(scene, p.discretised.time) / transit
     if not SLOW <= ratio < np.inf:  # inf: constant laws
         return
     n = min(p.run.n_instant, 50)
@@ -426,20 +420,6 @@ def _slow(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:
         _factor(p, iterations),
         "waves and vibrations",
     )
-
-
-def _pace(amplitude: Array, dt: float) -> float:
-    """Time in which a sampled law changes by its largest value, s."""
-    steepest = float(np.abs(np.diff(amplitude)).max(initial=0.0))
-    return float("inf") if steepest == 0.0 else float(np.abs(amplitude).max()) * dt / steepest
-
-
-def _longest_transit(p: Prediction) -> float:
-    """Across the whole assembly at the slowest shear speed, s."""
-    nodes = np.concatenate([b.mesh.nodes for b in p.discretised.bodies.values()])
-    elastic = [b.shape.elasticity for b in p.discretised.bodies.values() if not b.rigid]
-    slowest = min((material.wave_speeds[1] for material in elastic), default=np.inf)
-    return float(np.ptp(nodes, axis=0).max() / slowest)
 
 
 def _late(p: Prediction, _: list[Effect]) -> Iterator[Suggestion]:

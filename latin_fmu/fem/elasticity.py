@@ -17,9 +17,9 @@ in an isotropic body.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -60,6 +60,10 @@ class Elasticity(ABC):
     @abstractmethod
     def stress(self, strain: Array) -> Array:
         """Stress (..., 6), Pa, of strains (..., 6)."""
+
+    @abstractmethod
+    def stiffened(self, factor: float) -> Self:
+        """The same elasticity with every modulus times a factor."""
 
     @property
     @abstractmethod
@@ -147,6 +151,10 @@ class Isotropic(Elasticity):
         stress: Array = 2.0 * shear * strain
         stress[..., :3] += first * strain[..., :3].sum(axis=-1, keepdims=True)
         return stress
+
+    def stiffened(self, factor: float) -> Self:
+        """The same elasticity with every modulus times a factor."""
+        return replace(self, young_modulus=factor * self.young_modulus)
 
     @property
     def wave_speeds(self) -> tuple[float, float]:
@@ -237,6 +245,11 @@ class Orthotropic(Elasticity):
 
     def _christoffel(self, normals: Array) -> Array:
         return np.asarray(np.einsum("ijkl,...j,...l->...ik", self.tensor, normals, normals, optimize=True))
+
+    def stiffened(self, factor: float) -> Self:
+        """The same elasticity with every modulus times a factor."""
+        moduli, shear_moduli = (factor * np.array(m) for m in (self.moduli, self.shear_moduli))
+        return replace(self, moduli=tuple(moduli.tolist()), shear_moduli=tuple(shear_moduli.tolist()))
 
     @cached_property
     def wave_speeds(self) -> tuple[float, float]:

@@ -242,6 +242,7 @@ psi extrapolate. With 0.2 a soft block on the partly covered facets of a stiff p
 forty random places, with 0.5 it took 21."""
 _CONDITION = 1e6  # of the integrals of a facet, beyond which constants take the place of its dual functions
 _INSIDE = 0.95  # such a share of the area in those facets that are covered at all: at the edge of them, no sliver
+_EQUAL = 1e-6  # shares, and relative distances, that differ by less are equal: round-off must not choose between them
 _NOTHING = 1e-6  # a covered share, or a share of the median area of points, that counts as none
 _AFFINE = 1e-9  # a quadrilateral this close to a parallelogram is one
 _CURVED_DEGREE = 12  # of the quadrature where the functions are no polynomials in the plane
@@ -467,8 +468,7 @@ def _finished(points: _Points, least: float) -> Mortar:
     shares = points.areas[touched] / points.whole[touched]
     # near the edge of the owner face a point has less area than the whole: its covered facets count
     shares[points.areas[touched] > _INSIDE * points.near[touched]] = 1.0
-    group = _groups(shares, sp.csr_array(own[:, touched]), places, least)
-    joined = sp.csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+    joined = _groups(shares, sp.csr_array(own[:, touched]), places, least)
     areas = np.asarray(joined @ points.areas[touched])
     # points whose group has next to no area are dropped
     joined = sp.csr_array(joined[areas > _NOTHING * np.median(areas)])
@@ -476,7 +476,7 @@ def _finished(points: _Points, least: float) -> Mortar:
     mean = sp.csr_array(sp.diags_array(1 / areas) @ joined)
     select = sp.csr_array((np.ones(n), (np.arange(n), points.nodes)), shape=(n, len(points.owner.nodes)))
     # a group stands as far off as the worst of its points
-    sags = np.asarray((joined @ sp.diags_array(points.sags[touched])).max(axis=1).toarray()).ravel()
+    sags = np.asarray(((joined > 0) @ sp.diags_array(points.sags[touched])).max(axis=1).toarray()).ravel()
     return Mortar(
         areas,
         np.asarray(joined @ points.vector_areas[touched]),
@@ -490,24 +490,60 @@ def _finished(points: _Points, least: float) -> Mortar:
     )
 
 
-def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> Index:
-    """Number of the group of each point, (n_point,), from the covered shares of their areas.
+def _groups(shares: Array, near: sp.csr_array, places: Array, least: float) -> sp.csr_array:
+    """Part (n_group, n_point) of each point in each group, from the covered shares of their areas.
 
-    From the largest share to the smallest, the nearest neighbour with area enough takes a sliver, else the group of the
-    nearest one with a larger share; where there is none (the other face is smaller than a facet of the owner) the
-    sliver stands for its neighbours. ``near`` (n_point, n_point) has entries where two points share a covered facet.
+    From the largest share to the smallest, the nearest neighbour with area enough takes a sliver, else the groups of
+    the nearest one with a larger share; where there is none (the other face is smaller than a facet of the owner)
+    slivers of one share that are neighbours stand together for theirs. Neighbours that are equally near take equal
+    parts, and equal shares are served together: the order of the nodes does not count. ``near`` (n_point, n_point) has
+    entries where two points share a covered facet.
     """
-    taker = np.where(shares >= least, np.arange(len(shares)), -1)
-    small = np.flatnonzero(taker < 0)
-    for p in small[np.argsort(-shares[small], kind="stable")]:
-        others = near.indices[near.indptr[p] : near.indptr[p + 1]]
-        placed = others[taker[others] >= 0]
-        # neighbours that are points of their own, before slivers that were merged already
-        large = placed[taker[placed] == placed]
-        choice = large if len(large) else placed
-        nearest = choice[np.argmin(np.linalg.norm(places[choice] - places[p], axis=1))] if len(choice) else p
-        taker[p] = taker[nearest] if len(choice) else p  # without neighbours: a group of its own
-    return np.unique(taker, return_inverse=True)[1].astype(np.int64)
+    parts: dict[int, dict[int, float]] = {int(p): {int(p): 1.0} for p in np.flatnonzero(shares >= least)}
+    small = np.flatnonzero(shares < least)
+    small = small[np.argsort(-shares[small], kind="stable")]
+    # shares that differ by round-off are one
+    for level in np.split(small, np.flatnonzero(np.diff(-shares[small]) > _EQUAL) + 1):
+        served: dict[int, dict[int, float]] = {}
+        for p in level.tolist():
+            served[p] = _takers(p, near.indices[near.indptr[p] : near.indptr[p + 1]].tolist(), places, parts)
+        alone = [p for p in served if not served[p]]
+        for p in alone:
+            # the first of those that hang together
+            served[p] = {_first(p, alone, near): 1.0}
+        parts |= served
+    points = sorted(parts)
+    entries = [(group, p, part) for p in points for group, part in parts[p].items()]
+    groups, rows = np.unique([group for group, _, _ in entries], return_inverse=True)
+    columns, values = np.array([p for _, p, _ in entries]), np.array([part for _, _, part in entries])
+    return sp.csr_array((values, (rows, columns)), shape=(len(groups), len(shares)))
+
+
+def _takers(p: int, others: list[int], places: Array, parts: dict[int, dict[int, float]]) -> dict[int, float]:
+    """Parts of a sliver in the groups of its nearest neighbours that have one; none where it has no such neighbour."""
+    placed = [q for q in others if q in parts]
+    # neighbours that are points of their own, before slivers that were merged already
+    choice = np.array([q for q in placed if parts[q].get(q) == 1.0] or placed, dtype=np.int64)
+    if not len(choice):
+        return {}
+    distance = np.linalg.norm(places[choice] - places[p], axis=1)
+    takers = choice[distance <= distance.min() * (1.0 + _EQUAL)].tolist()
+    made: dict[int, float] = {}
+    for q in takers:
+        for group, part in parts[q].items():
+            made[group] = made.get(group, 0.0) + part / len(takers)
+    return made
+
+
+def _first(p: int, alone: list[int], near: sp.csr_array) -> int:
+    """The first of the points ``alone`` that hang together with p as neighbours."""
+    known, look = {p}, [p]
+    while look:
+        q = look.pop()
+        more = set(near.indices[near.indptr[q] : near.indptr[q + 1]].tolist()) & set(alone) - known
+        known |= more
+        look += sorted(more)
+    return min(known)
 
 
 def _collected(entries: list[tuple[Index, Index, Array]], shape_: tuple[int, int]) -> sp.csr_array:

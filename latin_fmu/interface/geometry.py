@@ -86,10 +86,17 @@ class InterfaceGeometry:
         trace = self.traces[side]
         if trace is None:
             return None
-        rotation = sp.block_diag([sp.coo_array(frame[:n_component]) for frame in self.frames], format="csr")
-        local = sp.csr_array(rotation @ trace)
+        local = sp.csr_array(diagonal_blocks(self.frames[:, :n_component]) @ trace)
         local.eliminate_zeros()
         return local
+
+
+def diagonal_blocks(blocks: Array) -> sp.csr_array:
+    """Matrix (n r, n c) with the blocks (n, r, c) on its diagonal."""
+    n, rows, columns = blocks.shape
+    at = np.repeat(columns * np.arange(n)[:, None, None] + np.arange(columns), rows, axis=1)
+    starts = columns * np.arange(n * rows + 1)
+    return sp.csr_array((np.ascontiguousarray(blocks).ravel(), at.ravel(), starts), shape=(n * rows, n * columns))
 
 
 def local_frames(normals: Array) -> Array:

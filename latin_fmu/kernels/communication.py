@@ -22,7 +22,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from ..compiled import kernel
-from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, SLOPE, drive, keep, placed
+from .inputs import DISPLACEMENT, DRIVEN, HOLD, N_MEMORY, REACHED, drive, keep, placed
 from .instants import march_instants, open_accounts, read_start
 from .matrices import add_matrix
 from .outputs import count_iterations, gather, keep_outputs, move, set_ratios
@@ -128,7 +128,6 @@ def present(pools: Any, rule: int, whole: int, by_caller: int) -> int:
         return 0
     move(pools, run.input_value, run.inputs + REACHED * run.n_input, run.n_input)
     move(pools, run.input_value, run.inputs + DRIVEN * run.n_input, run.n_input)
-    move(pools, run.input_rate, run.inputs + SLOPE * run.n_input, run.n_input)
     return open_run(pools, HOLD, 1)
 
 
@@ -156,10 +155,10 @@ def set_sources(pools: Any, to: int, j: int, made: int, whole: int, rule: int) -
     """Amplitudes of the sources after j of the time steps, ``made`` since the start, into the moving block."""
     run, moving, n = pools.run[0], pools.moving, pools.run[0].n_input
     memory, kinds = moving[run.inputs : run.inputs + N_MEMORY * n], pools.fixed_int[run.input_kind : run.input_kind + n]
-    given, span, begin = given_of(pools), moving[run.progress + 3], moving[run.progress + 7]
-    total = (whole + moving[run.progress + 8]) - begin
+    given, at = given_of(pools), run.progress
+    span, begin, rest = moving[at + 3], moving[at + 7], moving[at + 8]
     for e in range(n):
-        moving[to + e] = drive(given, memory, kinds, e, span, j, begin, total, rule, run.dt)
+        moving[to + e] = drive(given, memory, kinds, e, span, j, whole, begin, rest, rule, run.dt)
     own = run.n_source - run.n_input
     row = run.law_table + own * min(made - run.law_first, max(run.law_end, 0))
     for e in range(own):

@@ -13,9 +13,10 @@ n - 1, n, n + 1 and a_w over n, n + 1 as the time scheme does (``TimeScheme.ener
 nodes as marched, v_m the mean velocity of the step, d = ``inertia_drift``, lambda with own weights. K y is K u and the
 forces of Maxwell branches, whose energies and losses are among V and those of C (``maxwell``). The part of C
 that is the viscosity of the contact layer has a term of its own. x = ``inertia_dissipation``; f loads, lambda tractions
-of the interfaces; reactions work where the motion is prescribed and are counted with the loads. The sums hold up to
-round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v follows the
-recursion that the scheme has for v.
+of the interfaces; reactions work where the motion is prescribed and are counted with the loads. That of inertia works
+on the step that the recursion of the scheme makes of v and a: a displacement law departs from it at a corner. The sums
+hold up to round-off. Each step costs one product, K u (EXPLICIT classes: K v too): M a comes from the march, and M v
+follows the recursion that the scheme has for v.
 """
 
 from __future__ import annotations
@@ -170,7 +171,7 @@ def _account_weighted(pools: Any, c: int, instant: int, flat: Array) -> None:
         # u and v, which stand in the first half of the scratch, have been read
         account_branches(pools, c, instant, new[:wide], then[:wide], scratch[: 2 * wide])
     if row.kind != STATIC and row.n_motion > 0:
-        _account_moved_inertia(pools, c, instant, step, of_loads, of_scheme)
+        _account_moved_inertia(pools, c, instant, of_loads, of_scheme)
     before, old, now = run.energy_before, run.energy_old, run.energy_new
     # (K y)_w - mean K y
     add_work(m, (before, old - 0.5, now - 0.5), step, earlier[:wide], then[:wide], new[:wide], of_scheme)
@@ -250,7 +251,7 @@ def _account_inertia(pools: Any, c: int, of_scheme: Array) -> None:
 
 
 @kernel
-def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loads: Array, of_scheme: Array) -> None:
+def _account_moved_inertia(pools: Any, c: int, instant: int, of_loads: Array, of_scheme: Array) -> None:
     """What prescribed motions add to x a_w.M Da, and their reactions M a_w."""
     row, run = pools.classes[c], pools.run[0]
     m, size, wide = row.m, row.n * row.m, (row.n + row.n_motion) * row.m
@@ -268,7 +269,13 @@ def _account_moved_inertia(pools: Any, c: int, instant: int, step: Array, of_loa
         _add_drift(pools, c, instant, a, kept, image, of_scheme)
     image[:] = 0.0
     add_borders(pools, c, MASS, mean, image)
-    add_dot(m, 1.0, step[size:], image[size:], of_loads)
+    # M a_w works on the step of the recursion, with which the kinetic energy of the whole motion closes
+    followed, before = mean[size:], row.motions + (run.n_time + instant - 1) * (wide - size)
+    for i in range(wide - size):
+        a_new = a[size + i]
+        a_old = a_new - kept[size + i]
+        followed[i] = run.u_v * pools.moving[before + i] + run.u_a * a_old + run.displacement_gain * a_new
+    add_dot(m, 1.0, followed, image[size:], of_loads)
     copied(a, kept)
 
 
@@ -368,13 +375,8 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     add_dot(m, 1.0, inner, new[3 * wide : 3 * wide + inner_size], totals[INTERFACE_WORK * m : (INTERFACE_WORK + 1) * m])
     load_old, load = past[_LOAD * wide : _LOAD * wide + size], new[2 * wide : 2 * wide + size]
     add_work(m, (0.0, 0.5, 0.5), step[:size], load_old, load_old, load, of_loads)
-    if row.n_motion > 0:  # reactions
-        moved, k_v_old = step[size:], past[_K_V * wide + size : (_K_V + 1) * wide]
-        mass_v_old = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide]
-        k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
-        # of M Dv / dt and C v, then of K u + dt/2 K v
-        add_work(m, (-1 / dt, 1 / dt, 1.0), moved, mass_v_old, mass_v[size:], damping[size:], of_loads)
-        add_work(m, (0.0, 1.0, 0.5 * dt), moved, k_u_old, k_u_old, k_v_old, of_loads)
+    if row.n_motion > 0:
+        _account_explicit_reactions(pools, c, v, new[:wide], damping, of_loads)
     if row.n_branch > 0:
         _account_strains(pools, c, instant, past, new[:wide])
     copied(u, past[:wide])
@@ -383,6 +385,31 @@ def _account_explicit(pools: Any, c: int, instant: int, flat: Array) -> None:
     copied(new[2 * wide : 3 * wide], past[_LOAD * wide : (_LOAD + 1) * wide])
     copied(new[:wide], past[_K_U * wide : (_K_U + 1) * wide])
     copied(mass_v, past[_OLD_MASS_V * wide : (_OLD_MASS_V + 1) * wide])
+
+
+@kernel
+def _account_explicit_reactions(pools: Any, c: int, v: Array, k_u: Array, damping: Array, of_loads: Array) -> None:
+    """Work of the reactions of an EXPLICIT class; ``k_u`` K u and ``damping`` C v of the step (n + n_motion, m)."""
+    row, dt = pools.classes[c], pools.run[0].dt
+    size, wide = row.n * row.m, len(v)
+    past = pools.moving[row.past : row.past + FIELDS * wide]
+    # behind u and v
+    scratch = pools.moving[row.extended + 2 * wide : row.extended + 4 * wide]
+    # Du stands in the place of the old displacements
+    moved, v_old = past[size:wide], past[_V * wide + size : (_V + 1) * wide]
+    k_v_old, k_v = past[_K_V * wide + size : (_K_V + 1) * wide], past[7 * wide + size : 8 * wide]
+    mass_v_old, mass_v = past[_OLD_MASS_V * wide + size : (_OLD_MASS_V + 1) * wide], past[8 * wide + size : 9 * wide]
+    k_u_old = past[_K_U * wide + size : (_K_U + 1) * wide]
+    # of C v and K u + dt/2 K v
+    add_work(row.m, (1.0, 1.0, 0.5 * dt), moved, damping[size:], k_u_old, k_v_old, of_loads)
+    # of M Dv / dt, which works on dt v_m; the rest e = Du - dt v_m of the step adds e.(K Du / 2 + dt/4 K Dv)
+    followed, rest = scratch[: wide - size], scratch[wide : 2 * wide - size]
+    for i in range(wide - size):
+        followed[i] = 0.5 * dt * (v_old[i] + v[size + i])
+        rest[i] = moved[i] - followed[i]
+    add_work(row.m, (-1 / dt, 1 / dt, 0.0), followed, mass_v_old, mass_v, mass_v_old, of_loads)
+    add_work(row.m, (-0.5, 0.5, 0.0), rest, k_u_old, k_u[size:], k_u_old, of_loads)
+    add_work(row.m, (-0.25 * dt, 0.25 * dt, 0.0), rest, k_v_old, k_v, k_v_old, of_loads)
 
 
 @kernel

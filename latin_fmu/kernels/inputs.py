@@ -2,9 +2,11 @@
 
 Over a communication step of ``total`` time steps from value V, rate r and the amplitude p reached before, at x time
 steps from its start: HOLD V; RATE V + r x dt; LINE p + (V - p) x / total; CAUSAL as RATE, with the rate of the causal
-line (``cosim.loads``) where none was ever set. A motion starts at p by every rule, a displacement drives by its rate
-over the time step. A wave without a rate is the straight line from p, as if it had travelled for the step: a wave that
-is held gains energy, and so does one that is extrapolated.
+line (``cosim.loads``) where none was ever set; PATH as LINE, with the rate r of a displacement after the step, where
+the whole history is known. A motion starts at p by every rule, a displacement drives by its rate over the time step
+that begins at an instant, at the end of a communication step by that over the last one. A wave without a rate is the
+straight line from p, as if it had travelled for the step: a wave that is held gains energy, and so does one that is
+extrapolated.
 
 A communication step may begin and end inside a time step. The run stands at the last instant of its grid, and the
 integral of the input since that instant is carried along. In the time step in which it began, a fraction f after its
@@ -16,10 +18,10 @@ so that the time step has the integral of what was set: a held input its mean, a
 points its own amplitude. Beginnings at instants have f = 0, no integral, and u alone. A displacement needs none: its
 rate over the time step is that of the amplitudes that drive the run.
 
-``memory`` (7, n_input) : REACHED, SLOPE amplitude at the end of the last communication step, and its rate there over
-the last time step, s-1; BEFORE value set for that step; HELD 1 where the value before that one was the same; RATED 1
-where a rate other than 0 was set; CARRIED integral since the last instant, s; DRIVEN amplitude that drove the run
-there. ``span`` : length of the last communication step, s, 0 before the first.
+``memory`` (6, n_input) : REACHED amplitude at the end of the last communication step; BEFORE value set for that step;
+HELD 1 where the value before that one was the same; RATED 1 where a rate other than 0 was set; CARRIED integral since
+the last instant, s; DRIVEN amplitude that drove the run there. ``span`` : length of the last communication step, s, 0
+before the first.
 
 ``begin`` : f. ``total`` : length of the communication step, time steps. ``whole`` : time steps that end in it.
 ``rest`` : fraction of a time step after the last of them.
@@ -31,13 +33,13 @@ from typing import Any, Final
 
 from ..compiled import entry, kernel
 
-HOLD, RATE, LINE, CAUSAL = 0, 1, 2, 3
+HOLD, RATE, LINE, CAUSAL, PATH = 0, 1, 2, 3, 4
 """Rules of interpolation."""
 LOAD, MOTION, DISPLACEMENT, WAVE = 0, 1, 2, 3
 """Kinds of inputs."""
-REACHED, SLOPE, BEFORE, HELD, RATED, CARRIED, DRIVEN = 0, 1, 2, 3, 4, 5, 6
+REACHED, BEFORE, HELD, RATED, CARRIED, DRIVEN = 0, 1, 2, 3, 4, 5
 """Rows of the memory."""
-N_MEMORY: Final = 7
+N_MEMORY: Final = 6
 _SAME_STEP, _DRIFT = 1e-9, 1e-12
 """Of a time step, and of the time since the start: differences that add up from round-off."""
 
@@ -64,7 +66,7 @@ def amplitude(
         rule = LINE
     if rule == HOLD:
         return float(value)
-    if rule == LINE:
+    if rule in (LINE, PATH):
         # the value itself at the end, whatever the round-off
         return float(value if x == total else x * ((value - reached) / total) + reached)
     return float(value + rate_over(given, memory, kinds, e, span, rule) * (x * dt))
@@ -89,15 +91,28 @@ def at_instant(
 
 @kernel
 def drive(
-    given: Any, memory: Any, kinds: Any, e: int, span: float, j: int, begin: float, total: float, rule: int, dt: float
+    given: Any,
+    memory: Any,
+    kinds: Any,
+    e: int,
+    span: float,
+    j: int,
+    whole: int,
+    begin: float,
+    rest: float,
+    rule: int,
+    dt: float,
 ) -> float:
-    """What drives the run after j of the time steps: the amplitude, of a displacement its rate over the time step."""
-    now = at_instant(given, memory, kinds, e, span, j, begin, total, rule, dt)
+    """What drives the run after j of the ``whole`` time steps that a communication step ends: the amplitude, of a
+    displacement its rate over the time step that begins there, after the last one over that."""
+    total = (whole + rest) - begin
     if kinds[e] != DISPLACEMENT:
-        return now
-    if j == 0:
-        return float(memory[SLOPE * len(kinds) + e])
-    return (now - at_instant(given, memory, kinds, e, span, j - 1, begin, total, rule, dt)) / dt
+        return float(at_instant(given, memory, kinds, e, span, j, begin, total, rule, dt))
+    if rule == PATH and j == whole:
+        return float(given[1][e])
+    first = max(min(j, whole - 1), 0)
+    old = at_instant(given, memory, kinds, e, span, first, begin, total, rule, dt)
+    return float((at_instant(given, memory, kinds, e, span, first + 1, begin, total, rule, dt) - old) / dt)
 
 
 @kernel
@@ -126,11 +141,7 @@ def keep(
             middle = amplitude(given, memory, kinds, e, span, ended - 0.5 * part, total, rule, dt)
             # what was carried is carried on as long as no instant is reached
             carried = part * dt * middle + (memory[CARRIED * n + e] if done == 0 else 0.0)
-        last = at_instant(given, memory, kinds, e, span, done, begin, total, rule, dt)
-        if done > 0:
-            old = at_instant(given, memory, kinds, e, span, done - 1, begin, total, rule, dt)
-            memory[SLOPE * n + e] = (last - old) / dt
-        memory[DRIVEN * n + e] = last
+        memory[DRIVEN * n + e] = at_instant(given, memory, kinds, e, span, done, begin, total, rule, dt)
         memory[REACHED * n + e] = amplitude(given, memory, kinds, e, span, ended, total, rule, dt)
         memory[CARRIED * n + e] = carried
         # BEFORE is still that of the step before
@@ -178,10 +189,9 @@ def interpolate(
 ) -> None:
     """Write what drives a run over a communication step into ``lines`` (n_input, whole + 1)."""
     whole = lines.shape[1] - 1
-    total = (whole + rest) - begin
     for e in range(len(kinds)):
         for j in range(whole + 1):
-            lines[e, j] = drive((value, rate), memory, kinds, e, span, j, begin, total, rule, dt)
+            lines[e, j] = drive((value, rate), memory, kinds, e, span, j, whole, begin, rest, rule, dt)
 
 
 @entry("f8[::1], f8[::1], f8[::1], i8[::1], f8, i8, f8[::1]")

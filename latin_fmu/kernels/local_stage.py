@@ -90,6 +90,23 @@ def prepare(pools: Any, g: int, i: int, low: int, high: int) -> None:
         # a penetrated point is not pushed out; without inertia, where ``deepest`` is -inf, it is
         for j in range(end - begin):
             reach[j] = max(start[j], deepest) * rate
+    # derivatives (``tangent_march``) are those of the run, whose states they keep
+    if group.law == NO_SLIP and run.linear == 0:
+        _hold_pressed(pools, g, i, low, high)
+
+
+@kernel
+def _hold_pressed(pools: Any, g: int, i: int, low: int, high: int) -> None:
+    """Points without slip that were pressed at the end of the instant before are closed, whatever gap the time scheme
+    leaves them: it enters with the free velocity, of which the law along N takes the sum with ``reach`` alone."""
+    group, run, work = pools.groups[g], pools.run[0], pools.moving
+    h = group.n_component
+    # inside a window the iterate of the instant before
+    before = (run.f_hat if i == 0 else run.local_f + (i - 1) * run.n_flat) + group.start
+    for p in range(low, high):
+        if work[before + p * h] < 0.0 and work[group.reach + p] > 0.0:
+            work[group.jump + p * h] += work[group.reach + p]
+            work[group.reach + p] = 0.0
 
 
 @kernel

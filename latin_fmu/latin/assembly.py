@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interface import Behaviour, InterfaceGeometry
-from ..interface.laws import NoSlip
 from ..propagator import Propagator
 from ..propagator.base import channel_displacement, channel_velocity
 from ..propagator.interface_probing import Points
@@ -152,9 +151,6 @@ def class_points(layout: Layout, interfaces: Sequence[InterfaceUnit], channels: 
     if not at:
         return Points(np.zeros((0, 3)), np.zeros((0, 3), dtype=row.dtype), np.zeros(0, dtype=row.dtype))
     return Points(np.concatenate(positions), np.concatenate(at), np.repeat(np.arange(len(at)), list(map(len, at))))
-
-
-_TOUCH = 0.1  # gap that counts as closed without slip, over the distance that the loads close within an instant
 
 
 class GroundState(NamedTuple):
@@ -353,13 +349,6 @@ class Assembly:
         """
         self.time, self.dt = time, dt
         self.ground.begin(dt, ground, start)
-        for group in self.layout.groups:
-            if isinstance(group.behaviour, NoSlip):
-                impedance = self.impedance
-                # of both sides: what a traction makes them yield within a step
-                yielding = np.divide(dt, impedance, out=np.zeros_like(impedance), where=impedance > 0)
-                compliance = group.block(yielding)[..., 0].sum(axis=0)
-                group.parameters[:, 0] = _TOUCH * self.characteristic_traction * compliance
 
     def _rigid_channels(self) -> Index:
         """Channels of points where a side cannot move at all (ground, or every direction held)."""

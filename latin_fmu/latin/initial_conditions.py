@@ -25,7 +25,7 @@ import scipy.sparse.linalg as spla
 from ..interface import Contact
 from ..interface.laws import bonds
 from ..laws.maxwell_joint import MaxwellJoint
-from ..propagator.base import MassFactor, Propagator, channel_velocity
+from ..propagator.base import MassFactor, Propagator, balance, channel_velocity, forces_of_motion
 from ..propagator.interface_sweeps import MassCompliance
 from .assembly import Array, Assembly, Group
 from .instant_solve import PointByPoint
@@ -45,26 +45,35 @@ def initial_conditions(assembly: Assembly) -> tuple[Array, Array]:
         for propagator, own in zip(propagators, channels, strict=True):
             propagator.start(traction[own], None)
         return traction, np.zeros(assembly.layout.n_flat)
-    unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
-    level = (
-        (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
-        * assembly.characteristic_traction
-        * float(assembly.layout.area.sum())
-    )
-    ground = assembly.ground.initial_acceleration()
-    accelerates = ground.any() or any(np.abs(u).max(initial=0.0) > level for u in unbalance)
+    left_over = [balance(p, traction[c]) for p, c in zip(propagators, channels, strict=True)]
+    motion = [forces_of_motion(p) for p in propagators]
+    scale = assembly.characteristic_traction * float(assembly.layout.area.sum())
+    level = scale * (_STATIC if assembly.start_tractions and not assembly.sets_off else _ROUND_OFF)
+    balanced = all(np.abs(force).max(initial=0.0) <= level for force in left_over)
+    round_off = [force if balanced else 0.0 for force in left_over]
     closed = closed_points(assembly)
-    accelerates |= bool(closed) and any(channel_velocity(p).any() for p in propagators)  # friction brakes sliding
+    # no forces cancel in the inertia of a prescribed motion: it acts however small it is, so that the state at t = 0 is
+    # a linear function of the motion. Damping forces of a rigid motion do cancel
+    accelerates = (
+        not balanced
+        or bool(assembly.ground.initial_acceleration().any())
+        or any(inertia.any() or np.abs(viscous).max(initial=0.0) > _ROUND_OFF * scale for viscous, inertia in motion)
+        # friction brakes sliding
+        or (bool(closed) and any(channel_velocity(p).any() for p in propagators))
+    )
     factors = [p.mass_factor() if accelerates else None for p in propagators]
     if accelerates:
         known = [f for f in factors if f is not None]
-        contact = _contact_tractions(assembly, closed, traction, unbalance, known)
-        if contact.any():
-            traction += contact
-            unbalance = [p.initial_unbalance(traction[c]) for p, c in zip(propagators, channels, strict=True)]
-        traction += _perfect_tractions(assembly, unbalance, known)
-    for propagator, own, factor in zip(propagators, channels, factors, strict=True):
-        propagator.start(traction[own], factor)
+
+        def unbalance() -> list[Array]:
+            parts = zip(propagators, channels, motion, round_off, strict=True)
+            return [balance(p, traction[c]) - zero - sum(moving) for p, c, moving, zero in parts]
+
+        contact = _contact_tractions(assembly, closed, traction, unbalance(), known)
+        traction += contact
+        traction += _perfect_tractions(assembly, unbalance(), known)
+    for propagator, own, factor, zero in zip(propagators, channels, factors, round_off, strict=True):
+        propagator.start(traction[own], factor, zero)
     return traction, assembly.velocity()
 
 
@@ -109,8 +118,9 @@ def _channel_accelerations(propagator: Propagator, factor: Any, unbalance: Array
         spread[ops.dofs] = ops.trace.T if isinstance(ops.trace, np.ndarray) else ops.trace.T.toarray()
         compliance = ops.trace @ factor.solve(spread)[ops.dofs]
     free: Array = ops.trace @ factor.solve(unbalance)[ops.dofs]
-    imposed = propagator.forcing.channel_acceleration(0)
-    return free if imposed is None else free + imposed, compliance
+    if propagator.forcing.moves:
+        free = free + propagator.members[0].trace @ propagator.forcing.imposed_a(0)
+    return free, compliance
 
 
 def _free_accelerations(

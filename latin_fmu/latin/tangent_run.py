@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import SolverError
+from ..interface.laws import NoSlip
 from ..kernels import entries
 from ..kernels.callouts import TANGENTS
 from ..laws.dispatch import LAWS, apply_law, law_tangents
@@ -166,6 +167,11 @@ class TangentRun(RunState):
                 closed = f[..., 0] < 0.0
                 jump[..., 0] = np.where(closed, z[:, 0] * f[..., 0], np.maximum(jump[..., 0] + reach[..., 0], 0.0))
                 jump[..., 0] -= reach[..., 0]
+                if isinstance(behaviour, NoSlip):
+                    # closed as they were pressed: their gap is part of the jump (``kernels.local_stage``)
+                    held = group.block(solved.rows.f_hat[first - 1 : first + n - 1])[:, 0, :, 0] < 0.0
+                    jump[..., 0] += np.where(held, reach[..., 0], 0.0)
+                    reach[..., 0] = np.where(held, 0.0, reach[..., 0])
         flat = jump.reshape(n * p, h), np.tile(z, (n, 1)), reach.reshape(n * p, -1), rate
         return flat, moves
 

@@ -1,16 +1,17 @@
 """Contact without slip.
 
-The normal law is that of contact. Tangentially a point whose gap at the start of the instant is at most ``touch`` does
-not slide within the instant, pressed or not; a point that closes within the instant slides freely until it has closed:
+The normal law is that of contact. Tangentially a point that is closed at the start of the instant does not slide within
+the instant, pressed or not; a point that closes within the instant slides freely until it has closed:
 
-    F_hat_t = G   where the gap is at most ``touch``,   else 0
+    F_hat_t = G   where the gap at the start is at most ``touch``,   else 0
 
-``touch`` is a small part of the distance that the loads can close within an instant: with touch = 0 a pressed point
-would slide over a gap of the size of a rounding error. It is the limit of Coulomb's law for mu -> infinity that stays
-solvable: the closure of Coulomb's cone is the half space P >= 0, shear without pressure belongs to it. Stick then
-depends on the past only, the problem of the instant is convex and the iteration converges, where a very large friction
-coefficient (stick from the smallest pressure on) may not. The status follows the traction: stick wherever there is
-any, separation only where there is none.
+``touch`` is round-off of a distance. A point that was pressed at the end of the instant before is closed, too, whatever
+gap the time scheme leaves it: the local stage hands it to the law with the gap 0 (``kernels.local_stage``). Whether a
+point is closed thus depends on this point alone, and on no load elsewhere. It is the limit of Coulomb's law for
+mu -> infinity that stays solvable: the closure of Coulomb's cone is the half space P >= 0, shear without pressure
+belongs to it. Stick then depends on the past only, the problem of the instant is convex and the iteration converges,
+where a very large friction coefficient (stick from the smallest pressure on) may not. The status follows the traction:
+stick wherever there is any, separation only where there is none.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ _FORMS: Final[Mapping[str, tuple[list[int], list[int]]]] = {
 """Columns of a brick that a cell has: corners, and middle nodes in the order of VTK."""
 
 _HEADER: Final = 10  # numbers before the nodes of an element: material, type, real constant, ..., element number
-_TYPE, _NUMBER = 1, 8
+_MATERIAL, _TYPE, _NUMBER = 0, 1, 8
 
 
 def is_archive(start: bytes) -> bool:
@@ -129,8 +129,9 @@ class _Archive:
 
     def content(self) -> MeshContent:
         """Everything by rows and names."""
-        # (cell type, element type of the file) -> number and nodes of its elements
-        cells: dict[tuple[str, int], list[tuple[int, list[int]]]] = {}
+        # (cell type, group) -> number and nodes of its elements
+        cells: dict[tuple[str, str], list[tuple[int, list[int]]]] = {}
+        groups = self._groups()
         skipped: dict[str, int] = {}
         for row in self.archive.elem:
             numbers = [int(n) for n in row]
@@ -138,7 +139,8 @@ class _Archive:
             number = self.types.get(owner, 0)
             kind, some = self._cell(number, nodes, numbers[_NUMBER])
             if kind:
-                cells.setdefault((kind, owner), []).append((numbers[_NUMBER], some))
+                group = groups[owner, numbers[_MATERIAL] if kind in CORNERS else 0]
+                cells.setdefault((kind, group), []).append((numbers[_NUMBER], some))
             else:
                 skipped[f"element type {number}"] = skipped.get(f"element type {number}", 0) + 1
         tables = {
@@ -147,19 +149,33 @@ class _Archive:
         }
         content = MeshContent(np.concatenate(self.points), skipped=skipped)
         places = {key: content.add_solids(key[0], t) for key, (_, t) in tables.items() if key[0] in CORNERS}
-        for (kind, owner), (_, table) in tables.items():
+        for (kind, group), (_, table) in tables.items():
             if kind in CORNERS:
-                content.add_volume(f"type_{owner}", kind, places[kind, owner])
+                content.add_volume(group, kind, places[kind, group])
             else:
-                content.add_facets(f"type_{owner}", kind, table)
+                content.add_facets(group, kind, table)
         self._components(content, tables, places)
         return content
+
+    def _groups(self) -> dict[tuple[int, int], str]:
+        """Names of groups by element type and material, 0 for surfaces: elements of one type and several materials are
+        several bodies, unless components of elements say which these are."""
+        owners: dict[int, dict[int, None]] = {}
+        for row in self.archive.elem:
+            owners.setdefault(int(row[_TYPE]), {})[int(row[_MATERIAL])] = None
+        alone = bool(self.archive.element_components)
+        names = {(owner, 0): f"type_{owner}" for owner in owners}
+        for owner, materials in owners.items():
+            for material in materials:
+                several = len(materials) > 1 and not alone
+                names[owner, material] = f"type_{owner}_material_{material}" if several else f"type_{owner}"
+        return names
 
     def _components(
         self,
         content: MeshContent,
-        tables: dict[tuple[str, int], tuple[Index, Index]],
-        places: dict[tuple[str, int], Index],
+        tables: dict[tuple[str, str], tuple[Index, Index]],
+        places: dict[tuple[str, str], Index],
     ) -> None:
         """Named sets of elements and nodes."""
         for name, members in (self.archive.element_components or {}).items():

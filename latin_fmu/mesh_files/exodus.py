@@ -18,6 +18,7 @@ _SOLIDS: Final = {
     ("HEX", 27): "hexahedron27",
     ("WED", 6): "wedge",
     ("WED", 15): "wedge15",
+    ("WED", 18): "wedge18",
     ("PYR", 5): "pyramid",
     ("PYR", 13): "pyramid13",
 }
@@ -36,6 +37,8 @@ _FLAT: Final = {
 # Places of the nodes of HEX27 in the order of VTK; its centre comes before those of the faces below, above, left,
 # right, in front and behind (Exodus II manual, HEX27)
 _HEX27: Final = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22, 20]
+# WEDGE18 is WEDGE15 with the middles of its sides 1 to 3
+_COLUMNS: Final = {"hexahedron27": _HEX27, "wedge18": [*range(9), 12, 13, 14, 9, 10, 11, 15, 16, 17]}
 # Sides of a cell by number of corners (Exodus II manual, table of element sides)
 _SIDES: Final = {
     4: ((0, 1, 3), (1, 2, 3), (0, 3, 2), (0, 2, 1)),
@@ -129,14 +132,14 @@ def _add_block(content: MeshContent, problems: FileProblems, name: str, element:
     key = (element.upper()[:3], cells.shape[1])
     # HEX20 and WEDGE15 of Exodus have vertical edges before upper ones
     if kind := _SOLIDS.get(key):
-        ordered = cells[:, _HEX27] if kind == "hexahedron27" else upper_edges_last(cells)
+        ordered = cells[:, _COLUMNS[kind]] if kind in _COLUMNS else upper_edges_last(cells)
         content.add_volume(name, kind, content.add_solids(kind, ordered))
         return kind
     if kind := _FLAT.get(key):
         content.add_facets(name, kind, cells)
         return kind
     if key[0] in ("HEX", "TET", "WED", "PYR"):
-        known = "HEX8, HEX20, HEX27, TET4, TET10, WEDGE6, WEDGE15, PYRAMID5, PYRAMID13"
+        known = "HEX8, HEX20, HEX27, TET4, TET10, WEDGE6, WEDGE15, WEDGE18, PYRAMID5, PYRAMID13"
         problems.add("element type not known", f"{element}, {cells.shape[1]} nodes", known)
     content.skipped[element] = content.skipped.get(element, 0) + len(cells)
     return ""

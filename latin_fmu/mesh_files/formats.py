@@ -18,6 +18,7 @@ from .cgns import read_cgns
 from .content import Include, MeshContent
 from .exodus import read_exodus
 from .gmsh import is_gmsh, read_gmsh
+from .kratos import read_mdpa
 from .library import read_with_library
 from .lsdyna import read_lsdyna
 from .med import read_med
@@ -88,7 +89,7 @@ FORMATS: Final = (
     Format("Netgen", (".vol", ".vol.gz"), read_netgen),
     Format("universal file", (".unv",), read_unv),
     Format("MOAB", (".h5m",), read_with_library, library=_LIBRARY),
-    Format("Kratos", (".mdpa",), read_with_library, library=_LIBRARY),
+    Format("Kratos", (".mdpa",), read_mdpa),
     Format("FLAC3D", (".f3grid",), read_with_library, library=_LIBRARY),
     Format("UGRID", (".ugrid",), read_with_library, library=_LIBRARY),
     Format("AVS-UCD", (".avs",), read_with_library, library=_LIBRARY),

@@ -46,50 +46,39 @@ FACES: Final[Mapping[str, Corners]] = {
 _N_CORNER: Final = {"triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 
 
-# orders that a writer may leave as they are where the format has another
-_GMSH: Final[Mapping[str, Corners]] = {
-    "tetra10": ((0, 1), (1, 2), (2, 0), (0, 3), (2, 3), (1, 3)),
-    "pyramid13": ((0, 1), (0, 3), (0, 4), (1, 2), (1, 4), (2, 3), (2, 4), (3, 4)),
-    "wedge15": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5)),
-    "hexahedron20": (
-        *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
-    ),
-}
-_UPPER_LAST: Final[Mapping[str, Corners]] = {
-    "wedge15": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)),
-    "hexahedron20": (
-        *((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7)),
-        *((4, 5), (5, 6), (6, 7), (7, 4)),
-    ),
-}
 _SAMPLE: Final = 2000  # cells that are looked at
 _BETTER: Final = 0.25  # sum of squares of another order, of that of the order in the file, from which on it is that one
+_FAR: Final = 1e-4  # sum of squares of distances of nodes from their places, of that of cell sizes; less is curvature
 
 
 def in_another_order(points: NDArray[np.float64], kind: str, cells: NDArray[np.int64]) -> bool:
-    """Whether the middle nodes of cells fit their edges in the order of another format, and badly in that of VTK.
+    """Whether the middle nodes of cells lie badly in the order of VTK, and well in another one.
 
-    The sum of squares of the distances between the nodes and the middles of the chords of their edges is compared.
+    The places of middle nodes are the middles of the corners of their edge, face or cell. The order in which the sum of
+    squares of the distances between nodes and places is the smallest solves an assignment; it is compared with the sum
+    in the order of VTK.
 
     Parameters
     ----------
     points : (n_point, 3). cells : (n_cell, n_node) of a type, in the order of VTK.
     """
-    edges = EDGES.get(kind)
-    if edges is None or not len(cells):
+    from scipy.optimize import linear_sum_assignment  # few files need it
+
+    if kind not in EDGES or not len(cells):
         return False
     some = points[cells[:: max(1, len(cells) // _SAMPLE)]]
     corners = _N_CORNER[kind.rstrip("0123456789")]
-    nodes = some[:, corners : corners + len(edges)]
-
-    def misfit(order: Corners) -> float:
-        middles = np.stack([0.5 * (some[:, a] + some[:, b]) for a, b in order], axis=1)
-        return float(((nodes - middles) ** 2).sum())
-
+    places: list[Sequence[int]] = [*EDGES[kind], *FACES.get(kind, ()), range(corners)]
+    nodes = some[:, corners:]
     with np.errstate(all="ignore"):  # absurd coordinates are refused later
-        here = misfit(edges)
-        others = [misfit(table[kind]) for table in (_GMSH, _UPPER_LAST) if kind in table]
-    return bool(others) and min(others) < _BETTER * here
+        middles = np.stack([some[:, list(place)].mean(axis=1) for place in places[: nodes.shape[1]]], axis=1)
+        # (n_node, n_place) sums over the cells
+        distances = ((nodes[:, :, None] - middles[:, None]) ** 2).sum(axis=(0, 3))
+        size = ((some[:, :corners] - some[:, :corners].mean(axis=1, keepdims=True)) ** 2).sum()
+        here = float(np.trace(distances))
+        if not np.isfinite(distances).all() or here <= _FAR * size:
+            return False
+        return float(distances[linear_sum_assignment(distances)].sum()) < _BETTER * here
 
 
 def n_node_of(kind: str) -> int:

@@ -115,7 +115,10 @@ def unused_content(content: MeshContent, groups: Collection[str], taken: Collect
         names = list(content.properties.get(word, ()))
         of = f" ({_named(names)})" if names else ""
         yield f"{count} {word}{of} {'are' if count > 1 else 'is'} not used: {remedy}"
-    yield from _facets_on_no_solid(content)
+    apart = list(_facets_on_no_solid(content))
+    yield from apart
+    if not apart and not content.skipped:  # these have nodes of their own
+        yield from _nodes_of_no_cell(content)
     if groups:
         yield from _cells_of_no_part(content, groups)
 
@@ -131,6 +134,23 @@ def _facets_on_no_solid(content: MeshContent) -> Iterator[str]:
         which = listed(f"{name}: {number}" for name, number in apart.items() if number)
         verb = "surface cell lies on no solid and is" if count == 1 else "surface cells lie on no solid and are"
         yield f"{count} {verb} not used ({which}): for a plate {_SHELL}"
+
+
+# nodes, and part of all nodes, from which on they are more than points of reference
+_LOOSE: Final = 4
+_LOOSE_PART: Final = 0.01
+
+
+def _nodes_of_no_cell(content: MeshContent) -> Iterator[str]:
+    """Nodes that no cell has: what is left of cells that a writer leaves out."""
+    tables = [cells.ravel() for cells in content.solids.values()]
+    reference = np.array([item.node for item in content.attached], dtype=np.int64)
+    loose = len(content.points) - len(np.unique(np.concatenate([NO_ROWS, reference, *tables])))
+    if loose >= max(_LOOSE, _LOOSE_PART * len(content.points)):
+        yield (
+            f"{loose} of its {len(content.points)} nodes belong to no cell: compare volume and mass with the program "
+            "that wrote it, which may leave out cells or middle nodes that the format does not have"
+        )
 
 
 def _named(names: list[str]) -> str:

@@ -21,7 +21,9 @@ import math
 import re
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from threading import Lock
 from typing import Any, Final
@@ -59,6 +61,9 @@ from ..scene.overrides import parse_value
 from ..scene.raw_scene import plain
 from ..scene.schema import Scene, toml_value, with_settings
 from ..scene.settings import QUANTITY_OWNERS
+from ..scene.unit_texts import si_unit, unit_size, value_and_unit
+from ..scene.unit_values import value_in_scene_units
+from ..scene.units import system_named
 
 MOST_POINTS: Final = 20_000
 """Largest number of points of a study."""
@@ -67,7 +72,7 @@ SAMPLE: Final = "sample"
 """Dimension of a study of samples."""
 _TRIED: Final = 200  # points of which one must be valid
 
-_FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.press.pressure=0:2e8:5"
+_FORM: Final = "name.key=from:to:count or name.key=value,value,..., e.g. load.press.pressure=0:2e8:5 or =1MPa:2MPa:5"
 _RANGE: Final = re.compile(r"\s*([^:,\[\]\"'{}]+):([^:,\[\]\"'{}]+):\s*([0-9]+)\s*")
 _HEADING: Final = "the study cannot be made"
 _NO_FIELDS: Final = ("fields", "stress", "nodal_stress", "principal_stress", "strain", "surfaces")
@@ -126,18 +131,30 @@ def _range(key: str, first: str, last: str, count: str) -> tuple[Any, ...]:
     n = int(count) if len(count) < 10 else MOST_POINTS + 1
     if not 2 <= n <= MOST_POINTS:
         raise InputError.of(_HEADING, f"--vary {key}", "number of values", count, f"2 to {MOST_POINTS}")
-    try:
-        ends = float(first), float(last)
-    except ValueError:
-        ends = math.nan, math.nan
-    if not all(map(math.isfinite, ends)):
-        raise InputError.of(_HEADING, f"--vary {key}", "ends of the range", f"{first}:{last}", "two numbers", _FORM)
+    ends, unit = _ends(key, first, last)
     digits = 12 - math.ceil(math.log10(max(map(abs, ends)) or 1.0))  # round-off of steps such as 0.1 is left out
     values = [float(value) for value in np.round(np.linspace(*ends, n), digits) + 0.0]  # no -0.0
+    if unit:
+        return tuple(f"{value!r} {unit}" for value in values)
     whole = all(re.fullmatch(r"\s*[+-]?[0-9]+\s*", end) for end in (first, last))
     if whole and all(value.is_integer() for value in values):
         return tuple(int(value) for value in values)
     return tuple(values)
+
+
+def _ends(key: str, first: str, last: str) -> tuple[tuple[float, float], str]:
+    """Ends of a range, and the unit of both, empty where they are numbers alone."""
+    one, other = value_and_unit(first), value_and_unit(last)
+    with suppress(OverflowError):
+        if one is not None and other is not None:
+            known = si_unit(one[1])
+            size = Fraction(1) if one[1] == other[1] else None
+            if known is not None and (begin := unit_size(one[1], known)) and (end := unit_size(other[1], known)):
+                size = end / begin
+            if size is not None:
+                return (float(one[0]), float(other[0] * size)), one[1]
+    what, allowed = "ends of the range", "two numbers, or two values with units of the same kind"
+    raise InputError.of(_HEADING, f"--vary {key}", what, f"{first}:{last}", allowed, _FORM)
 
 
 def _listed(key: str, written: str) -> tuple[Any, ...]:
@@ -171,6 +188,28 @@ def parameters_of(vary: Mapping[str, Sequence[Any]] | Sequence[str]) -> tuple[Pa
     if problems:
         raise InputError(problems, _HEADING)
     return made
+
+
+def in_scene_units(parameters: Sequence[Parameter], tables: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Parameters with numbers in the units of the scene in the place of texts with units; checked again.
+
+    tables : of the scene, as written.
+
+    Raises
+    ------
+    InputError : texts that are no values of their keys; the same value twice.
+    """
+    system, problems, made = system_named(tables.get("units")), list[Problem](), []
+    for p in parameters:
+        values = []
+        for value in p.values:
+            number, misfits = value_in_scene_units(Scene, tables, p.key, value, system)
+            problems += [Problem(f"--vary {p.key}", m.what, m.value, m.allowed, m.remedy) for m in misfits]
+            values.append(number)
+        made.append(Parameter(p.key, tuple(values)))
+    if problems or (problems := list(_set_problems(made))):
+        raise InputError(problems, _HEADING)
+    return tuple(made)
 
 
 def _set_problems(parameters: Sequence[Parameter]) -> Iterator[Problem]:

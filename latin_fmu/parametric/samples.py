@@ -115,7 +115,7 @@ class SampledBands:
         """One line a quantity: the band to first order and that of the samples."""
         made = []
         for q in self.bands.quantities:
-            label, own = units.label(q.unit), self.scalars[q.quantity]
+            label, own = units.shown(q.unit), self.scalars[q.quantity]
             text = (
                 f"{q.text(label)}; samples {readable(float(own.mean), label)} +- {readable(float(own.half), label, 3)}"
             )

@@ -45,7 +45,7 @@ from ..machine import memory_room
 from ..reader import read_tables
 from ..results.checkpoint import scene_digest
 from ..results.files import write_netcdf
-from ..results.groups import SCENE_KEY, UNITS, root_attributes
+from ..results.groups import SCENE_KEY, label_in, root_attributes, unit_attributes
 from ..results.quantities import AXES, LABELS
 from ..results.writing import check_target, unwritable, write_bytes
 from ..scene.schema import Scene, with_settings
@@ -62,6 +62,7 @@ from .point import (
     Quantity,
     Record,
     failed,
+    in_scene_units,
     parameters_of,
     solve_point,
     value_text,
@@ -193,7 +194,8 @@ def sweep(
     >>> study.sizes["interface_wall_gap"]
     2
     """
-    grid = Grid(*tables_of(scene, settings), parameters_of(vary))
+    tables, base_dir = tables_of(scene, settings)
+    grid = Grid(tables, base_dir, in_scene_units(parameters_of(vary), tables))
     plan = Plan(grid, histories, guesses, max_cpu)
     checked, records, done = solved_points(plan, output, jobs, scheduler, log)
     study = dataset_of(grid, checked, records, histories)
@@ -306,8 +308,7 @@ def dataset_of(grid: Grid, scene: Scene, records: Mapping[Index, Record], histor
     if histories:
         _add_histories(study, records)
     for variable in study.variables.values():
-        if "units" in variable.attrs:
-            variable.attrs["units"] = scene.unit_system.label(variable.attrs["units"])
+        label_in(variable.attrs, scene.unit_system)
     return study
 
 
@@ -322,7 +323,11 @@ def _coordinate(parameter: Parameter, along: str) -> Any:
 
 
 def _attributes(scene: Scene) -> dict[str, Any]:
-    return {**root_attributes("parametric study", scene.name, scene.text()), "kind": KIND, UNITS: scene.units}
+    return {
+        **root_attributes("parametric study", scene.name, scene.text()),
+        "kind": KIND,
+        **unit_attributes(scene.unit_system),
+    }
 
 
 def _add_quantity(study: xr.Dataset, records: Mapping[Index, Record], quantity: Quantity) -> None:

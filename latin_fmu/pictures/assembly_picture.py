@@ -240,7 +240,7 @@ def _arrows(axis: Axes, scene: Scene, bodies: Mapping[str, Body], view: View) ->
 
 def _amount(scene: Scene, value: float | Array, unit: str) -> str:
     """A number, or the size of a vector, with its unit in the system of the scene."""
-    return readable(float(np.linalg.norm(value)), scene.unit_system.label(unit), 3, figure=True)
+    return readable(float(np.linalg.norm(value)), scene.unit_system.shown(unit), 3, figure=True)
 
 
 def _loads(scene: Scene, bodies: Mapping[str, Body], everything: Array, length: float) -> Iterator[_Vector]:

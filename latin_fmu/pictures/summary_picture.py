@@ -24,7 +24,7 @@ from ..results.quantities_of_interest import (
 from ..results.sensors import loss_text, share_lost
 from ..results.spectra import ShockSpectrum, stored_spectra
 from ..results.summary import percent, prefix_for, readable
-from ..scene.units import SI, UnitSystem, unit_text
+from ..scene.units import SI, UnitSystem
 from .style import BAD, DISTINCT, TimeAxis, curve_styles, styled
 
 if TYPE_CHECKING:
@@ -330,15 +330,17 @@ def _spectrum_panels(tree: xr.DataTree) -> list[_Panel]:
 def spectrum_panel(axis: Axes, spectra: Mapping[str, tuple[ShockSpectrum, Array | None]], unit: str) -> None:
     """Maximax of each sensor along the axis of its largest value, in ``unit`` (UDUNITS)."""
     top, low = 0.0, np.inf
+    # one unit for all, without prefix: the axis is logarithmic
+    size, label_of_unit = prefix_for(0.0, unit, figure=True)
     for (name, (spectrum, error)), look in zip(spectra.items(), curve_styles(len(spectra)), strict=True):
         along = int(np.argmax(spectrum.acceleration[0].max(axis=0)))
-        values = spectrum.acceleration[0][:, along]
+        values = spectrum.acceleration[0][:, along] / size
         if error is not None:
             _error_band(axis, spectrum.frequency, values, error[0, :, along], color=look["color"], alpha=0.18)
         label = f"{name}, along {'xyz'[along]}, Q = {spectrum.quality:g}"
         axis.plot(spectrum.frequency, values, label=label, linewidth=1.3, **look)
         top, low = max(top, float(values.max())), min(low, float(values.min()))
-    axis.set(ylabel=f"acceleration ({unit_text(unit, figure=True)})")
+    axis.set(ylabel=f"acceleration ({label_of_unit})")
     _spectrum_axes(axis, low, max(top, 1e-300))
     _own_legend(axis)
 
@@ -413,8 +415,8 @@ def spectra_figure(
         axis = int(np.argmax(largest)) if along is None else "xyz".index(along)
         kinds = (("absolute acceleration", "acceleration", "m s-2"), ("pseudo-velocity", "pseudo_velocity", "m s-1"))
         for panel, (what, kind, unit) in zip(panels, kinds, strict=True):
-            label = f"{what} ({unit_text(units.label(unit), figure=True)})"
-            values = getattr(spectrum, kind)[:, :, axis]
+            size, shown = prefix_for(0.0, units.shown(unit), figure=True)
+            label, values = f"{what} ({shown})", getattr(spectrum, kind)[:, :, axis] / size
             _draw_spectrum(panel, spectrum.frequency, values, None if error is None else error[0, :, axis])
             title = f"{name}, along {'xyz'[axis]}, Q = {spectrum.quality:g}"
             panel.set(title=title, ylabel=label)

@@ -292,21 +292,24 @@ class Propagator(ABC):
         self.begun = True
 
     @abstractmethod
-    def initial_unbalance(self, traction: Array) -> Array:
-        """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the present state, (n_dof, n_member), N."""
 
     @abstractmethod
     def mass_factor(self) -> MassFactor:
         """Solver with the mass matrix, for the accelerations at t = 0."""
 
-    def start(self, traction: Array, factor: MassFactor | None) -> None:
-        """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium."""
-        unbalance = self.initial_unbalance(traction)
+    def start(self, traction: Array, factor: MassFactor | None, round_off: Array | float = 0.0) -> None:
+        """Consistent accelerations at t = 0 with tractions, Pa; ``factor`` None for a start at rest in equilibrium.
+
+        round_off : part of the balance that accelerates nothing (``balance`` of an equilibrium), N.
+        """
+        unbalance = balance(self, traction) - sum(forces_of_motion(self))
         # f - C v - K u: the inertia of prescribed motions is no force, and is taken out of M a again
         inertia = self.forcing.inertia(0)
         residual = unbalance if inertia is None else unbalance + inertia
         u, v = self.state.u, self.state.v
-        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance)
+        a = np.zeros_like(unbalance) if factor is None else factor.solve(unbalance - round_off)
         mass_old, force_old = self.scheme.old_weights
         # as ``substructure.keep_memory`` leaves it
         if force_old:
@@ -359,6 +362,21 @@ def nodal_forces(propagator: Propagator, traction: Array) -> Array:
 
 
 # -- reading the state ----------------------------------------------------------------------------------------------
+def balance(propagator: Propagator, traction: Array) -> Array:
+    """M a of the free dofs at t = 0 under loads and tractions (n_channel, n_member), as if nothing moved: zero but for
+    round-off in an equilibrium; (n_dof, n_member), N."""
+    forces = propagator.forcing.elastic(0) - propagator.internal_forces()[0]
+    return forces + nodal_forces(propagator, traction) if traction.any() else forces
+
+
+def forces_of_motion(propagator: Propagator) -> tuple[Array, Array]:
+    """Forces of damping, and of the inertia of prescribed motions, which M a lacks at t = 0; (n_dof, n_member)."""
+    viscous = propagator.internal_forces()[1] + propagator.forcing.viscous(0)
+    # a lumped mass of driven dofs does not couple with others
+    inertia = None if propagator.scheme.explicit else propagator.forcing.inertia(0)
+    return viscous, np.zeros_like(viscous) if inertia is None else inertia
+
+
 def channel_velocity(propagator: Propagator) -> Array:
     """Velocities at the channels, (n_channel, n_member), m s-1."""
     return _at_channels(propagator, propagator.state.v, propagator.forcing.channel_velocity(propagator.instant))

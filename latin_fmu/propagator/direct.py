@@ -26,7 +26,7 @@ import scipy.sparse.linalg as spla
 from ..cholesky.factor import CholeskyFactor, LowRankFactor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
-from .base import MassFactor, Propagator, nodal_forces
+from .base import MassFactor, Propagator
 from .interface_matrices import projected, with_dashpots
 from .interface_sweeps import DashpotPattern, InterfaceCompliance
 from .model import Array, Index, Operators, SubstructureModel, operator_weights
@@ -224,20 +224,17 @@ class DirectPropagator(Propagator):
     def _build(self, dt: float) -> ImplicitOperators:
         return build_operators(self.members[0], self.scheme, dt)
 
-    def initial_unbalance(self, traction: Array) -> Array:
-        """M a of the free dofs at t = 0 under tractions (n_channel, n_member); (n_dof, n_member), N."""
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the free dofs, (n_dof, n_member), N."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0)  # a fresh array, which may be changed
+        elastic, viscous = np.zeros_like(state.u), np.zeros_like(state.u)
         if state.u.any():
-            unbalance -= ops.stiffness @ state.u
-        if traction.any():
-            unbalance += nodal_forces(self, traction)
+            elastic = ops.stiffness @ state.u
         if ops.damping is not None and state.v.any():
-            unbalance -= ops.damping @ state.v
+            viscous = ops.damping @ state.v
         if ops.modal is not None and state.v.any():
-            unbalance -= ops.modal.T @ (ops.modal @ state.v)
-        inertia = self.forcing.inertia(0)
-        return unbalance if inertia is None else unbalance - inertia
+            viscous = viscous + ops.modal.T @ (ops.modal @ state.v)
+        return elastic, viscous
 
     def mass_factor(self) -> MassFactor:
         """Factor of M: needed once, where the start is not balanced."""

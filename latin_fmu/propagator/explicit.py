@@ -16,7 +16,7 @@ import scipy.sparse.linalg as spla
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor
 from ..errors import SolverError
 from ..time_scheme import TimeScheme
-from .base import MassFactor, Propagator, nodal_forces
+from .base import MassFactor, Propagator
 from .interface_matrices import projected, projected_diagonal
 from .model import Array, Histories, Operators, SubstructureModel, lumped
 from .stable_step import StableStep
@@ -101,16 +101,12 @@ class ExplicitPropagator(Propagator):
         )
 
     # -- start ------------------------------------------------------------------------------------------------
-    def initial_unbalance(self, traction: Array) -> Array:
-        """M a of the free dofs at t = 0 (the masses of driven dofs are their own)."""
-        unbalance: Array = self.forcing.at(0)
-        if self.state.u.any():
-            unbalance -= self._stiffness @ self.state.u
-        if traction.any():
-            unbalance += nodal_forces(self, traction)
-        if self._damping is not None and self.state.v.any():
-            unbalance -= self._damping @ self.state.v
-        return unbalance
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the free dofs, (n_dof, n_member), N."""
+        state, damping = self.state, self._damping
+        elastic = self._stiffness @ state.u if state.u.any() else np.zeros_like(state.u)
+        viscous = np.zeros_like(state.v) if damping is None or not state.v.any() else damping @ state.v
+        return elastic, viscous
 
     def mass_factor(self) -> MassFactor:
         """Solver with the lumped mass."""

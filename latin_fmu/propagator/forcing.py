@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from ..time_scheme import TimeScheme
 from .model import Array, Histories, Index, SubstructureModel, damping_forces
@@ -50,8 +49,11 @@ class Sum:
 class Forcing:
     """Reduced nodal forces at each instant, prescribed motions included.
 
-    A prescribed motion enters as known displacement, velocity and acceleration of its dofs that satisfy the
-    recursion of the time scheme, so that the energy identity of the scheme holds for them too.
+    A prescribed motion enters as known displacement, velocity and acceleration of its dofs. Velocity and acceleration
+    satisfy the recursion of the time scheme, and so does the displacement of one given by velocities or accelerations.
+    That of a displacement law is where the law says, while its velocity at an instant is the mean of the rates before
+    and after it: the recursion for given places would alternate for ever after a corner. The account of energies takes
+    the step of the recursion where inertia works (``kernels.energy``), so that it closes all the same.
     """
 
     def __init__(self, members: Sequence[SubstructureModel], scheme: TimeScheme) -> None:
@@ -96,7 +98,7 @@ class Forcing:
         self._varying.amplitudes = list(varying.values())
         for motion, history in zip(self._motion, histories, strict=True):
             if motion is not None:
-                motion.begin(history.imposed_velocity, dt, history.accelerated)
+                motion.begin(history.imposed, history.motion_kinds, dt)
 
     @property
     def kind(self) -> tuple[bool, tuple[tuple[int, int], ...]] | None:
@@ -130,11 +132,22 @@ class Forcing:
 
         Prescribed motions act through C and K here; their inertia (``inertia``) is not a force of the scheme.
         """
+        return self.elastic(instant) - self.viscous(instant)
+
+    def elastic(self, instant: int) -> Array:
+        """Loads less what K of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
         force = self.loads(instant)
         for column, motion in enumerate(self._motion):
             if motion is not None:
-                # what K and C of the motion exert on the free dofs, on the right-hand side
-                force[:, column] -= motion.reduced_force(instant)
+                force[:, column] -= motion.reduced_elastic(instant)
+        return force
+
+    def viscous(self, instant: int) -> Array:
+        """What C of prescribed motions exerts on the free dofs, (n, n_member), N (a fresh array)."""
+        force = np.zeros((self._n, len(self.members)))
+        for column, motion in enumerate(self._motion):
+            if motion is not None:
+                force[:, column] = motion.reduced_viscous(instant)
         return force
 
     def inertia(self, instant: int) -> Array | None:
@@ -211,15 +224,16 @@ class Forcing:
         """Part of the channel velocities that prescribed motions bring; None when there are none."""
         return self.members[0].trace @ self.imposed_v(instant) if self.moves else None
 
-    def channel_acceleration(self, instant: int) -> Array | None:
-        """Part of the channel accelerations that prescribed motions bring; None when there are none."""
-        return self.members[0].trace @ self.imposed_a(instant) if self.moves else None
-
 
 def _mean_over_steps(amplitude: Array) -> Array:
     """Mean over the step that ends at each instant."""
     mean: Array = np.concatenate([amplitude[:1], 0.5 * (amplitude[1:] + amplitude[:-1])])
     return mean
+
+
+def _numbers(kinds: Sequence[str], kind: str) -> Index:
+    """Numbers of the motions of a kind."""
+    return np.array([k for k, found in enumerate(kinds) if found == kind], dtype=np.int64)
 
 
 class _Motion:
@@ -237,16 +251,22 @@ class _Motion:
         self._stiffness = reduce @ (member.stiffness @ self.pattern)
         self._damping = None if (damped := damping_forces(member, self.pattern)) is None else reduce @ damped
 
-    def begin(self, given: Array, dt: float, accelerated: NDArray[np.bool_] | None = None) -> None:
-        """Histories from given velocities, or where ``accelerated`` from accelerations (n_time, n_motion)."""
-        forced = np.flatnonzero(np.zeros(given.shape[1]) if accelerated is None else accelerated)
-        scheme, pushed, v = self._scheme, given[:, forced], given.copy()
+    def begin(self, given: Array, kinds: Sequence[str], dt: float) -> None:
+        """Histories from what drives the motions, (n_time, n_motion), of these kinds (``Histories``)."""
+        forced, placed = (_numbers(kinds, kind) for kind in ("acceleration", "displacement"))
+        scheme, pushed, rates, v = self._scheme, given[:, forced], given[:, placed], given.copy()
+        if scheme.operator(dt)[0] == 0.0:
+            # increments of load have the velocity of the step
+            v[0, placed], v[1:, placed] = 0.0, rates[:-1]
+        else:
+            v[1:, placed] = 0.5 * (rates[:-1] + rates[1:])
         u, a = np.zeros_like(v), np.zeros_like(v)
         # a first guess of the acceleration, which only the recursion of the next instant reads
         u[0], a[0] = self._initial, (v[1] - v[0]) / dt
         v[0, forced], a[0, forced] = self._speed[forced], pushed[0]
         if self.start is not None:
-            u[0], a[0], v[0, forced] = *self.start[:2], self.start[2][forced]
+            integrated = np.concatenate([forced, placed])
+            u[0], a[0], v[0, integrated] = *self.start[:2], self.start[2][integrated]
         for i in range(len(v) - 1):
             free, kept = scheme.predict(u[i], v[i], a[i], dt)
             # from given velocities: a that makes v follow the recursion of the scheme, so that its energy identity
@@ -257,6 +277,7 @@ class _Motion:
                 a[i + 1, forced] = scheme.free_acceleration(a[i, forced], pushed[i], pushed[i + 1])
                 v[i + 1, forced] = kept[forced] + scheme.velocity_gain(dt) * a[i + 1, forced]
             u[i + 1] = free + scheme.displacement_gain(dt) * a[i + 1]
+            u[i + 1, placed] = u[i, placed] + dt * rates[i]
         self.histories = (u, v, a)
         self._dt = dt
         self._strain(u, v, dt)
@@ -288,12 +309,12 @@ class _Motion:
         force: Array = self._mass @ self.histories[2][instant]
         return force
 
-    def reduced_force(self, instant: int) -> Array:
-        v = self.histories[1][instant]
+    def reduced_elastic(self, instant: int) -> Array:
         force: Array = self._stiffness @ self._strained[instant]
-        if self._damping is not None:
-            force += self._damping @ v
         return force
+
+    def reduced_viscous(self, instant: int) -> Array | float:
+        return 0.0 if self._damping is None else self._damping @ self.histories[1][instant]
 
     def add_to(
         self, sums: dict[str, Sum], at_channels: Array, of: tuple[int, int], lumped: Array | None, always: bool

@@ -182,14 +182,15 @@ class Histories:
     Attributes
     ----------
     time : (n_time,), s. amplitudes : per load term of the model, (n_time,).
-    imposed_velocity : (n_time, n_motion) velocities of the prescribed motions, m s-1.
-    accelerated : (n_motion,) motions that this array gives the accelerations of, m s-2; None: no motion.
+    imposed : (n_time, n_motion) what drives the prescribed motions, for each as ``motion_kinds`` says: "velocity" at
+        the instants, m s-1; "displacement" the rate of the displacement over the step that begins at an instant,
+        m s-1; "acceleration" at the instants, m s-2.
     """
 
     time: Array
     amplitudes: list[Array]
-    imposed_velocity: Array
-    accelerated: NDArray[np.bool_] | None = None
+    imposed: Array
+    motion_kinds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

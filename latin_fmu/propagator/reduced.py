@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from ..cholesky.factor import CholeskyFactor, DiagonalFactor, InterfaceFactor
 from ..time_scheme import TimeScheme
-from .base import Propagator, nodal_forces
+from .base import Propagator
 from .model import Array, Index, LoadTerm, SubstructureModel, closest_reduced, operator_weights
 from .reduction import modal_damping, reduce_model
 
@@ -131,16 +131,11 @@ class ReducedPropagator(Propagator):
         )
 
     # -- start ------------------------------------------------------------------------------------------------
-    def initial_unbalance(self, traction: Array) -> Array:
-        """M a of the modes at t = 0 under tractions (n_channel, n_member), N kg-1/2."""
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the modes, (n_mode, n_member), N kg-1/2."""
         ops, state = self.operators, self.state
-        unbalance: Array = self.forcing.at(0) - ops.diagonal[:, None] * state.u
-        if traction.any():
-            unbalance += nodal_forces(self, traction)
-        if ops.damp is not None:
-            unbalance -= ops.damp @ state.v
-        inertia = self.forcing.inertia(0)
-        return unbalance if inertia is None else unbalance - inertia
+        viscous = np.zeros_like(state.v) if ops.damp is None else ops.damp @ state.v
+        return ops.diagonal[:, None] * state.u, viscous
 
     def mass_factor(self) -> _Unit:
         """Solver with the mass matrix, the unit matrix here."""

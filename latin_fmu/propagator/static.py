@@ -183,11 +183,11 @@ class StaticPropagator(Propagator):
         # velocities per force are as 1 / dt
         return replace(operators, compliance=operators.compliance * (known / dt))
 
-    def initial_unbalance(self, traction: Array) -> Array:  # noqa: ARG002, as other propagators
-        """Zeros: nothing acts at t = 0 but what is in equilibrium."""
-        return np.zeros_like(self.state.u)
+    def internal_forces(self) -> NoReturn:
+        """Refused: at t = 0 nothing acts but what is in equilibrium."""
+        raise TypeError("no inertia: a quasi-static substructure starts in equilibrium")
 
-    def start(self, traction: Array, factor: object) -> None:
+    def start(self, traction: Array, factor: object, round_off: Array | float = 0.0) -> None:
         """Equilibrium at t = 0: displacements as they are, no velocity."""
 
     def mass_factor(self) -> NoReturn:

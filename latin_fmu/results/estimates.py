@@ -17,6 +17,9 @@ from .quantities import rows
 from .quantities_of_interest import FLOOR, ByQuantity, definition_of
 from .summary import aligned, finite, percent, readable
 
+MOST_OF_HISTORY: Final = 1.0
+"""Relative error of the history of a force beyond which what rests on it has no error."""
+
 
 @dataclass(frozen=True)
 class QuantityEstimate:
@@ -28,6 +31,8 @@ class QuantityEstimate:
     order : observed order of convergence, NaN where none is observed.
     bound_only : the changes do not decrease from one refinement to the next: the estimate is no more than a bound.
     expected_order : order of convergence that the estimate counts on.
+    history : estimated relative error of the history of the force, of a quantity that rests on it: above
+        ``MOST_OF_HISTORY`` its own error is infinite.
     """
 
     quantity: str
@@ -36,6 +41,7 @@ class QuantityEstimate:
     order: float = math.nan
     bound_only: bool = True
     expected_order: float = 1.0
+    history: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -83,6 +89,22 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
     cpu: float = 0.0
     spectra: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The remarks, and quantities without an error with the reason."""
+        bare = [q for q in self.quantities if not q.history <= MOST_OF_HISTORY]
+        owners = dict.fromkeys(q.quantity.rpartition(".")[0] for q in bare)
+        made = []
+        for owner in owners:
+            own = [q for q in bare if q.quantity.rpartition(".")[0] == owner]
+            size = max(q.history for q in own)
+            off = f"is {percent(size)}" if math.isfinite(size) else "is unknown"
+            made.append(
+                f"{', '.join(q.quantity for q in own)}: no error: the history of the force, on which it rests, has one "
+                f"that {off}, more than {percent(MOST_OF_HISTORY)}; refine steps and mesh"
+            )
+        return (*self.remarks, *made)
+
     def report(self, units: UnitSystem = SI) -> dict[str, Any]:
         """Plain data for strict JSON."""
         quantities = {
@@ -90,7 +112,7 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
             | {name: finite(row.of(q)) for name, row in _NUMBERS.items()}
             for q in self.quantities
         }
-        return {"quantities": quantities, "cpu_seconds": self.cpu, "remarks": list(self.remarks)}
+        return {"quantities": quantities, "cpu_seconds": self.cpu, "remarks": list(self.notes)}
 
     def lines(self, units: UnitSystem = SI) -> list[str]:
         """Text of one row a quantity, then the remarks."""
@@ -100,7 +122,7 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
             f"{line.strip()}{note}"
             for line, note in zip(aligned([head, *(_row(q, units) for q in self.quantities)]), notes, strict=True)
         ]
-        return table + [f"  note: {remark}" for remark in self.remarks]
+        return table + [f"  note: {note}" for note in self.notes]
 
     def group(self, units: UnitSystem = SI) -> StoredGroup:
         """Group ``accuracy``: one entry a quantity."""
@@ -110,13 +132,13 @@ class ErrorEstimate(ByQuantity[QuantityEstimate]):
         bounds = np.array([q.bound_only for q in self.quantities], dtype=np.int8)
         stored = [(row, np.array([row.of(q) for q in self.quantities], dtype=float)) for row in _NUMBERS.values()]
         texts = [(_TEXTS["quantity_unit"], own), *stored, (_TEXTS["bound_only"], bounds)]
-        attrs = {"remarks": "\n".join(self.remarks), "cpu_seconds": self.cpu}
+        attrs = {"remarks": "\n".join(self.notes), "cpu_seconds": self.cpu}
         return StoredGroup.of(texts, [(_TEXTS["quantity"], names)], attrs)
 
 
 def _row(q: QuantityEstimate, units: UnitSystem) -> tuple[str, ...]:
     order = "-" if math.isnan(q.order) else f"{q.order:.1f}"
-    return q.quantity, readable(q.value, units.label(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
+    return q.quantity, readable(q.value, units.shown(q.unit)), error_text(q.error), f"{order} ({q.expected_order:g})"
 
 
 def error_text(error: float) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, Problem
-from ..scene.number_files import GRAVITY
+from ..scene.unit_texts import GRAVITY
 from ..scene.units import UnitSystem
 from .groups import units_of
 from .quantities import AXES
@@ -35,13 +35,13 @@ _ABSCISSA: Final = {_TIME: (17, "Time", "s"), _SPECTRUM: (18, "Frequency", "Hz")
 
 
 def acceleration_unit(units: UnitSystem, in_g: bool) -> tuple[float, str]:
-    """Factor and unit of accelerations in a table; in g, 9.80665 m s-2, where ``in_g``.
+    """Factor and unit of accelerations in a table; in g, 9.80665 m s-2, where ``in_g`` or where the units show them so.
 
     Raises
     ------
     InputError : the results are pure numbers.
     """
-    if not in_g:
+    if not (in_g or units.in_g):
         return 1.0, units.label("m s-2")
     if not units.measurable:
         what = "the results have no units, so that accelerations cannot be given in g"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..machine import provenance
-from ..scene.units import UnitSystem, system_named
+from ..scene.units import ACCELERATION, AS_G, UnitSystem, system_named
 from .quantities import Columns
 
 if TYPE_CHECKING:
@@ -128,6 +128,9 @@ def with_labels(groups: Mapping[str, StoredGroup]) -> Iterator[tuple[str, Stored
 
 
 UNITS: Final = "unit_system"
+SHOWN_ACCELERATION: Final = "shown_acceleration"
+SHOWN: Final = "shown_units"
+"""Attributes of a file, and of a variable, that figures and tables show in another unit than it is stored in."""
 """Attribute of the root: the system of units of the scene."""
 CONVENTIONS = "CF-1.11 UGRID-1.0"
 SCHEMA_VERSION = "2.0"
@@ -168,23 +171,36 @@ def root_attributes(title: str, scene_name: str, scene: str, made: Mapping[str, 
 def in_units(groups: dict[str, StoredGroup], units: UnitSystem) -> dict[str, StoredGroup]:
     """``groups`` with the names that their units have in the system of a scene, in place; the root names the system."""
     # SI has no names of its own: nothing to do
-    for group in groups.values() if units.names else ():
+    for group in groups.values() if units.names or units.in_g else ():
         for variable in group.variables.values():
-            if "units" in variable.attrs:
-                variable.attrs["units"] = units.label(variable.attrs["units"])
+            label_in(variable.attrs, units)
     if "/" in groups:
-        groups["/"].attrs[UNITS] = units.name
+        groups["/"].attrs.update(unit_attributes(units))
     return groups
+
+
+def label_in(attributes: dict[Any, Any], units: UnitSystem) -> None:
+    """The unit of a variable as it is called in a system, and how it is shown, in place."""
+    if "units" in attributes:
+        if units.in_g and attributes["units"] == ACCELERATION:
+            attributes[SHOWN] = "g"
+        attributes["units"] = units.label(attributes["units"])
+
+
+def unit_attributes(units: UnitSystem) -> dict[str, str]:
+    """Attributes of the root of a file that name the system of its units, and how accelerations are shown."""
+    return {UNITS: units.name} | ({SHOWN_ACCELERATION: "g"} if units.in_g else {})
 
 
 def units_of(attributes: Mapping[Any, Any]) -> UnitSystem:
     """System of units of results, from the attributes of their root; SI where they do not say."""
-    return system_named(attributes.get(UNITS))
+    return system_named(attributes.get(UNITS), attributes.get(SHOWN_ACCELERATION) == "g")
 
 
 def unit_of(variable: xr.DataArray, si: str) -> str:
-    """Unit (UDUNITS) of stored values; ``si``: that of files without one."""
-    return str(variable.attrs.get("units", si))
+    """Unit (UDUNITS) of stored values for ``readable``, marked where they are shown in g; ``si``: that of files without
+    one."""
+    return str(variable.attrs.get("units", si)) + (AS_G if variable.attrs.get(SHOWN) == "g" else "")
 
 
 def datasets_of(tree: xr.DataTree, kind: str) -> dict[str, xr.Dataset]:

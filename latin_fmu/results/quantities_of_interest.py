@@ -494,6 +494,56 @@ def slip_in_contact(history: InterfaceHistory, time: Array) -> Array:
     return slid
 
 
+STUCK: Final = 1e-3
+"""Slip over the largest elastic relative motion up to which a joint sticks: below, points whose force vanishes slide by
+round-off of the motion of the faces."""
+
+
+def elastic_relative_motion(history: InterfaceHistory, time: Array) -> float:
+    """Largest motion of a point of a face relative to the rigid motion of this face (least squares), over sides and
+    instants, m: the elastic deformation of the joint since the first instant."""
+    x = history.points - history.points.mean(axis=0)
+    one, zero = np.ones(len(x)), np.zeros(len(x))
+    turns = [np.stack(t, 1) for t in ((zero, -x[:, 2], x[:, 1]), (x[:, 2], zero, -x[:, 0]), (-x[:, 1], x[:, 0], zero))]
+    shifts = [np.outer(one, axis) for axis in np.eye(3)]
+    # columns of one size: lengths of the rotations are those of the face
+    motions = np.stack([(m / (np.abs(m).max() or 1.0)).ravel() for m in (*shifts, *turns)], axis=1)
+    basis = np.linalg.svd(motions, full_matrices=False)[0]
+    largest = 0.0
+    for side in (0, 1):
+        velocity = history.velocity[:, side].reshape(len(time), -1)
+        # without inertia velocities are those over the step that ends at the instant
+        mean = velocity[1:] if history.quasi_static else 0.5 * (velocity[1:] + velocity[:-1])
+        motion = np.cumsum(mean * np.diff(time)[:, None], axis=0)
+        motion -= (motion @ basis) @ basis.T
+        largest = max(largest, float(np.linalg.norm(motion.reshape(len(motion), -1, 3), axis=2).max(initial=0.0)))
+    return largest
+
+
+def friction_used(history: InterfaceHistory, fields: InterfaceFields) -> float:
+    """Largest ratio of the resultant of friction to its limit, mu times the normal one, of loaded instants."""
+    normal = np.abs(history.normal_resultant())
+    loaded = normal > CONTACT_SHARE * normal.max(initial=0.0)
+    return float((friction_resultant(fields)[loaded] / normal[loaded]).max(initial=0.0) / history.mu)
+
+
+def sticks(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> bool:
+    """Whether a joint with friction sticks: nearly no point ever slips; or friction stays below its limit as a whole at
+    every instant, and no point slips by more than ``STUCK`` times the largest elastic relative motion."""
+    if (largest_slip_share(fields) or 0.0) < LITTLE_AREA:
+        return True
+    if friction_used(history, fields) > AS_A_WHOLE:
+        return False
+    slid = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max(initial=0.0))
+    return slid < STUCK * elastic_relative_motion(history, time)
+
+
+LITTLE_AREA: Final = 5e-3
+"""Share of an area that sentences leave out."""
+AS_A_WHOLE: Final = 0.99
+"""Share of the limit of friction from which a joint slips as a whole."""
+
+
 def first_contact_time(fields: InterfaceFields) -> float | None:
     """First instant at which the normal resultant exceeds 1 % of its peak, after a gap that at which the gap closes,
     between the instants of the run, s; None if never."""

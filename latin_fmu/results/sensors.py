@@ -55,8 +55,8 @@ def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | Low
     """Group ``sensors/<name>``: motions (time, component), behind a filter too where one is given, and the place of the
     sensor."""
     motions = columns(SENSOR, history)
-    if chosen is not None and (step := uniform_step(time)) and not list(filter_problems("", chosen, step, time[-1])):
-        motions += [(FILTERED[row.name], low_pass(values, chosen, step)) for row, values in motions]
+    behind = filtered_motions(history, time, chosen)
+    motions += [(FILTERED[row.name], behind[row.name]) for row, _ in motions if row.name in behind]
     attrs: dict[str, object] = {"substructure": history.substructure}
     if history.face is not None:
         attrs["face"] = history.face
@@ -72,6 +72,13 @@ def sensor_group(history: SensorHistory, time: Array, chosen: ChannelClass | Low
     if history.acceleration is not None and history.remark:
         group.variables["acceleration"].attrs["comment"] = history.remark
     return group
+
+
+def filtered_motions(history: SensorHistory, time: Array, chosen: ChannelClass | LowPass | None) -> dict[str, Array]:
+    """Motions (n_time, 3) behind a filter, by name; none without a filter that suits the instants."""
+    if chosen is None or not (step := uniform_step(time)) or list(filter_problems("", chosen, step, time[-1])):
+        return {}
+    return {row.name: low_pass(values, chosen, step) for row, values in columns(SENSOR, history)}
 
 
 def uniform_step(time: Array) -> float:
@@ -319,7 +326,7 @@ def sensor_lines(outcome: Outcome, units: UnitSystem = SI) -> list[str]:
     for name, history in outcome.sensors.items():
         largest = [_largest(history, row, outcome.time) for row in SENSOR.values()]
         cells = [
-            readable(None if pair is None else pair[0], units.label(str(row.unit)))
+            readable(None if pair is None else pair[0], units.shown(str(row.unit)))
             for pair, row in zip(largest, SENSOR.values(), strict=True)
         ]
         # the highest derivative there is: of a quasi-static run the displacement
@@ -334,7 +341,7 @@ def spectrum_lines(spectra: Mapping[str, ShockSpectrum], units: UnitSystem = SI)
     for name, s in spectra.items():
         i, axis = np.unravel_index(int(np.argmax(s.acceleration[0])), s.acceleration[0].shape)
         ends = f"{readable(s.frequency[0], 'Hz', 3)} to {readable(s.frequency[-1], 'Hz', 3)}"
-        largest = readable(float(s.acceleration[0, i, axis]), units.label("m s-2"))
+        largest = readable(float(s.acceleration[0, i, axis]), units.shown("m s-2"))
         rows.append((name, f"{s.quality:g}", ends, largest, readable(s.frequency[i], "Hz", 3), "xyz"[axis]))
     return aligned(rows) if len(rows) > 1 else []
 

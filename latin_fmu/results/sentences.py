@@ -10,10 +10,13 @@ from typing import Final
 import numpy as np
 
 from ..latin.outcome import Array, BoltHistory, InterfaceHistory, Outcome, ReactionHistory, SensorHistory
+from ..scene.sensors import ChannelClass, LowPass, Sensor
+from ..scene.unit_texts import GRAVITY
 from ..scene.units import SI, UnitSystem
 from .estimates import ErrorEstimate, QuantityEstimate, error_text
 from .quantities_of_interest import (
     ACCELERATION_PEAK,
+    AS_A_WHOLE,
     CONTACT_SHARE,
     DISPLACEMENT_PEAK,
     FIRST_CONTACT,
@@ -29,12 +32,13 @@ from .quantities_of_interest import (
     InterfaceFields,
     QuantityOfInterest,
     first_contact_time,
-    friction_resultant,
+    friction_used,
     separation_time,
     slip_in_contact,
     status_shares,
+    sticks,
 )
-from .sensors import TensionEnd, bolt_ends, largest_of, loss_text
+from .sensors import TensionEnd, bolt_ends, filtered_motions, largest_of, loss_text
 from .spectra import ShockSpectrum
 from .summary import percent, readable
 
@@ -43,7 +47,6 @@ _LITTLE: Final = 5e-3  # of an area or a force: smaller shares are left out
 _APART: Final = 0.1  # of a force: two values are given apart, however large their errors are
 WIDTH: Final = 110
 """Columns of the text."""
-STANDARD_GRAVITY: Final = 9.80665  # m s-2
 
 
 def sentences(
@@ -51,11 +54,13 @@ def sentences(
     units: UnitSystem = SI,
     estimate: ErrorEstimate | None = None,
     spectra: Mapping[str, ShockSpectrum] | None = None,
+    requests: Mapping[str, Sensor] | None = None,
 ) -> list[str]:
     """Lines of text on each interface, bolt, sensor and support of a run, beginning with its name.
 
     Errors are relative estimates; ``at most`` where they are only a bound. Instants are those of the estimate where
-    there is one, so that one instant has one value everywhere.
+    there is one, so that one instant has one value everywhere. requests : tables of the sensors in the scene, whose
+    filters the largest motions are behind.
     """
     errors = {} if estimate is None else estimate.by_quantity
     time = outcome.interface_time
@@ -66,8 +71,11 @@ def sentences(
         spectrum = (spectra or {}).get(name)
         known = None if estimate is None else estimate.spectra.get(name)
         more = [] if spectrum is None else [_spectrum(spectrum, known, units)]
-        lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors) + more))
-    lines += [(f"support {name}", _support(h, outcome.time, units)) for name, h in outcome.reactions.items()]
+        chosen = None if requests is None or name not in requests else requests[name].filter
+        lines.append((f"sensor {name}", _sensor(history, outcome.time, units, errors, chosen) + more))
+    static = any(h.quasi_static for h in outcome.interfaces.values())
+    static |= any(h.acceleration is None for h in outcome.sensors.values())
+    lines += [(f"support {name}", _support(h, outcome.time, units, static)) for name, h in outcome.reactions.items()]
     return named_lines([(name, "; ".join(clauses)) for name, clauses in lines])
 
 
@@ -120,17 +128,11 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     name, force = history.name, Force(time, history.normal_resultant())
     first = first_contact_time(fields)
     if history.contact_status is None:
-        return [f"carries up to {_up_to(history.force(), time, units)}"]
+        return [f"carries up to {_up_to(history.force(), time, units, history.quasi_static)}"]
     if first is None:
         apart = f"never touches, {readable(_nearest(history), units.label('m'), 3)} apart at least"
         return ["carries no force" if joined else apart]
-    duration = force.peak_duration(history.peak_duration)
-    peak, begin = force.peak_mean(duration)
-    text = f"peak {readable(peak, units.label('N'))}{_error(errors, name, PEAK_FORCE)}"
-    # the middle of the interval of the largest mean
-    text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
-    clauses = [f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text]
-    clauses += _raw_peak(name, peak, force.raw_peak(), units, errors)
+    clauses = list(_peak(history, force, units, errors))
     clauses.append(_contact(history, time, first, separation_time(fields), errors, joined))
     clauses += [*_slipping(history, fields, time, units), *_opening(history)]
     if history.friction_power is not None and history.has_friction and f"{name}.{FRICTION_WORK.key}" in errors:
@@ -145,6 +147,29 @@ def _interface(history: InterfaceHistory, time: Array, units: UnitSystem, errors
     return clauses
 
 
+def _peak(history: InterfaceHistory, force: Force, units: UnitSystem, errors: Errors) -> Iterator[str]:
+    """The largest mean of the normal force and when, and the largest value where it is another; without inertia, whose
+    time only orders the increments, the largest value."""
+    name, normal = history.name, units.label("N")
+    if history.quasi_static:
+        size = np.abs(force.value)
+        when = _at(float(force.time[size.argmax()]), force.time, True)
+        yield f"peak {readable(float(size.max()), normal)}{_error(errors, name, PEAK_FORCE_RAW)}{when}"
+        return
+    duration = force.peak_duration(history.peak_duration)
+    peak, begin = force.peak_mean(duration)
+    text = f"peak {readable(peak, normal)}{_error(errors, name, PEAK_FORCE)}"
+    # the middle of the interval of the largest mean
+    text += f" at {readable(begin + 0.5 * duration, 's', 3)}"
+    yield f"{text} (mean of {readable(duration, 's', 3)})" if duration > 0.0 else text
+    yield from _raw_peak(name, peak, force.raw_peak(), units, errors)
+
+
+def _at(when: float, time: Array, static: bool) -> str:
+    """An instant behind a value; of an equilibrium that of the end, where loads are whole, goes without saying."""
+    return "" if static and when >= time[-1] else f" at {readable(when, 's', 3)}"
+
+
 def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Errors) -> Iterator[str]:
     """The largest force of a single instant, where it is above the largest mean by more than its error or a tenth."""
     found = errors.get(f"{name}.{PEAK_FORCE_RAW.key}")
@@ -153,10 +178,10 @@ def _raw_peak(name: str, peak: float, raw: float, units: UnitSystem, errors: Err
         yield f"raw peak {readable(raw, units.label('N'))}{_error(errors, name, PEAK_FORCE_RAW)} (a single instant)"
 
 
-def _up_to(forces: Array, time: Array, units: UnitSystem) -> str:
+def _up_to(forces: Array, time: Array, units: UnitSystem, static: bool) -> str:
     """The largest of forces (n_time, 3), and when."""
     largest, when = largest_of(forces, time)
-    return f"{readable(largest, units.label('N'))} at {readable(when, 's', 3)}"
+    return f"{readable(largest, units.label('N'))}{_at(when, time, static)}"
 
 
 def _nearest(history: InterfaceHistory) -> float | None:
@@ -188,19 +213,17 @@ def _slipping(history: InterfaceHistory, fields: InterfaceFields, time: Array, u
     """On how much of the face it slips, how far, and the largest ratio of the resultants."""
     if not history.has_friction:
         return
-    share = status_shares(fields)[:, _SLIP]
-    if share.max() < _LITTLE:
+    if sticks(history, fields, time):
         yield "sticks throughout"
         return
+    share = status_shares(fields)[:, _SLIP]
     far = float(np.linalg.norm(slip_in_contact(history, time), axis=2).max())
     text = f"slips on up to {100 * share.max():.0f} % of the face, by up to {readable(far, units.label('m'), 3)}"
-    normal = np.abs(history.normal_resultant())
-    loaded = normal > CONTACT_SHARE * normal.max()
-    used = float((friction_resultant(fields)[loaded] / normal[loaded]).max() / history.mu)
+    used = friction_used(history, fields)
     if used < 0.01:  # the friction forces of the points cancel
         yield text
     else:
-        yield text + (", as a whole" if used > 0.99 else f", at {100 * used:.0f} % of what friction holds")
+        yield text + (", as a whole" if used > AS_A_WHOLE else f", at {100 * used:.0f} % of what friction holds")
 
 
 def _opening(history: InterfaceHistory) -> Iterator[str]:
@@ -242,9 +265,12 @@ def _bolt(bolt: BoltHistory, end: TensionEnd, units: UnitSystem, errors: Errors)
     return clauses
 
 
-def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Errors) -> list[str]:
-    """Largest acceleration, velocity and displacement: in the band of the estimate where there is one."""
-    clauses = []
+def _sensor(
+    history: SensorHistory, time: Array, units: UnitSystem, errors: Errors, chosen: ChannelClass | LowPass | None
+) -> list[str]:
+    """Largest acceleration, velocity and displacement: in the band of the estimate where there is one, else behind the
+    filter of the sensor."""
+    clauses, behind = [], filtered_motions(history, time, chosen)
     motions = (
         ("acceleration", history.acceleration, ACCELERATION_PEAK),
         ("velocity", history.velocity, VELOCITY_PEAK),
@@ -253,35 +279,36 @@ def _sensor(history: SensorHistory, time: Array, units: UnitSystem, errors: Erro
     for motion, values, definition in motions:
         if values is None or (motion == "velocity" and history.acceleration is None):
             continue
-        largest, when = largest_of(values, time)
+        largest, when = largest_of(behind.get(motion, values), time)
         found = errors.get(f"{history.name}.{definition.key}")
         value = largest if found is None else found.value
-        text = f"{motion} up to {readable(value, units.label(definition.unit), 3)}"
+        text = f"{motion} up to {readable(value, units.shown(definition.unit), 3)}"
         if definition is ACCELERATION_PEAK:
             text += _in_g(value, units)
         text += _error(errors, history.name, definition)
         # with an estimate in the band of the filter or of the mesh, which a note gives in hertz
-        limited = "" if definition is DISPLACEMENT_PEAK else " (band-limited)" if found is not None else " (unfiltered)"
-        seen = "" if found is not None else f" at {readable(when, 's', 3)}"
+        unfiltered = " (unfiltered)" if chosen is None or motion not in behind else f" ({chosen.label})"
+        limited = "" if definition is DISPLACEMENT_PEAK else " (band-limited)" if found is not None else unfiltered
+        seen = "" if found is not None else _at(when, time, history.acceleration is None)
         clauses.append(f"{text}{seen}{limited}")
     return clauses
 
 
 def _in_g(acceleration: float, units: UnitSystem) -> str:
-    if not units.measurable:
+    if not units.measurable or units.in_g:
         return ""
-    return f" ({acceleration * units.size('m s-2') / STANDARD_GRAVITY:.3g} g)"
+    return f" ({acceleration * units.size('m s-2') / GRAVITY:.3g} g)"
 
 
 def _spectrum(spectrum: ShockSpectrum, error: Array | None, units: UnitSystem) -> str:
     """Largest value of a shock response spectrum; ``error`` as from ``spectra.spectrum_error``, None if not known."""
     maximax = spectrum.acceleration[0]
     i, axis = (int(k) for k in np.unravel_index(int(np.argmax(maximax)), maximax.shape))
-    largest = readable(float(maximax.max()), units.label("m s-2"), 3)
+    largest = readable(float(maximax.max()), units.shown("m s-2"), 3)
     off = "" if error is None else _error_of(float(error[0, i, axis]))
     text = f"spectrum (Q {spectrum.quality:g}) up to {largest}{_in_g(float(maximax.max()), units)}{off}"
     return f"{text} at {readable(spectrum.frequency[i], 'Hz', 3)}"
 
 
-def _support(history: ReactionHistory, time: Array, units: UnitSystem) -> list[str]:
-    return [f"reaction up to {_up_to(history.force, time, units)}"]
+def _support(history: ReactionHistory, time: Array, units: UnitSystem, static: bool) -> list[str]:
+    return [f"reaction up to {_up_to(history.force, time, units, static)}"]

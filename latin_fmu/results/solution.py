@@ -167,7 +167,7 @@ class Solution:
         details : also the course of the iteration, energies, tables of the same, and all estimated errors.
         """
         lines = [f"{self.scene_name}: {self.status}", *(f"  warning: {warning}" for warning in self.warnings)]
-        if said := sentences(self.outcome, self.units, self.estimate, self.spectra):
+        if said := sentences(self.outcome, self.units, self.estimate, self.spectra, self.sensor_tables):
             lines += ["", *said]
         if self.sensitivities is not None and (self.bands is None or not self.bands.alone):
             lines += ["", *self.sensitivities.lines(self.units)]

@@ -39,6 +39,7 @@ from ..scene.sensors import Spectrum, spectrum_problems
 from ..scene.units import SI, UnitSystem
 from .groups import StoredGroup
 from .quantities import AXES, LABELS, SPECTRUM, named
+from .summary import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -368,21 +369,23 @@ def record_dataset(spectrum: ShockSpectrum) -> xr.Dataset:
     return xr.Dataset(data, labels, attrs)
 
 
-def record_csv(spectrum: ShockSpectrum) -> str:
-    """Spectrum of one component as comma-separated values in SI, one row a frequency."""
-    names = [f"{r} acceleration [m s-2]" for r in RESPONSES] + [f"{r} pseudo_velocity [m s-1]" for r in RESPONSES]
-    table = np.stack([spectrum.frequency, *spectrum.acceleration, *spectrum.pseudo_velocity], axis=1)
+def record_csv(spectrum: ShockSpectrum, acceleration: tuple[float, str] = (1.0, "m s-2")) -> str:
+    """Spectrum of one component as comma-separated values, one row a frequency, in SI; ``acceleration`` : factor and
+    unit of accelerations."""
+    size, unit = acceleration
+    names = [f"{r} acceleration [{unit}]" for r in RESPONSES] + [f"{r} pseudo_velocity [m s-1]" for r in RESPONSES]
+    table = np.stack([spectrum.frequency, *(size * spectrum.acceleration), *spectrum.pseudo_velocity], axis=1)
     rows = [",".join(f"{value:.9g}" for value in row) for row in table]
     return "\n".join([",".join(["frequency [Hz]", *names]), *rows]) + "\n"
 
 
-def record_lines(spectrum: ShockSpectrum, of: str) -> list[str]:
+def record_lines(spectrum: ShockSpectrum, of: str, units: UnitSystem = SI) -> list[str]:
     """The largest value of the spectrum of one component, and how its samples were interpolated."""
     i = int(spectrum.acceleration[0].argmax())
     lines = [
         f"spectrum of {of}",
         f"Q {spectrum.quality:g}, {spectrum.frequency[0]:.4g} to {spectrum.frequency[-1]:.4g} Hz: largest maximax "
-        f"{spectrum.acceleration[0, i]:.4g} m/s2 at {spectrum.frequency[i]:.4g} Hz",
+        f"{readable(float(spectrum.acceleration[0, i]), units.shown('m s-2'))} at {spectrum.frequency[i]:.4g} Hz",
     ]
     if spectrum.interpolation == LARGER:
         what = "the record starts or ends with a jump, which no band holds: the larger of both readings, band and lines"

@@ -220,7 +220,7 @@ class Bands(ByQuantity[QuantityBand]):
         return [head, *named_lines(made)]
 
     def _text(self, q: QuantityBand, units: UnitSystem) -> str:
-        text = q.text(units.label(q.unit))
+        text = q.text(units.shown(q.unit))
         if q.shares.any():
             most = int(np.argmax(q.shares))
             text += (

@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..latin.outcome import InterfaceHistory, Outcome, Resultants, Timings
-from ..scene.units import PREFIXED, SI, UnitSystem, unit_text
-from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time
+from ..latin.outcome import Array, InterfaceHistory, Outcome, Resultants, Timings
+from ..scene.unit_texts import GRAVITY, unit_size
+from ..scene.units import ACCELERATION, AS_G, PREFIXED, SI, UnitSystem, unit_text
+from .quantities_of_interest import InterfaceFields, first_contact_time, largest_slip_share, separation_time, sticks
 
 _UNPREFIXED: Final = ("m s-2",)  # 4e4 m/s2 rather than 40 km/s2
 _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
@@ -18,19 +19,24 @@ _PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k"
 
 def _takes_prefix(unit: str) -> bool:
     """Whether a UDUNITS unit is written with a prefix, which belongs to its first factor alone."""
-    return unit not in _UNPREFIXED and unit.split()[0] in PREFIXED
+    return unit not in _UNPREFIXED and not unit.endswith(AS_G) and unit.split()[0] in PREFIXED
 
 
 def prefix_for(largest: float, unit: str, figure: bool = False) -> tuple[float, str]:
     """Divisor and prefixed unit that bring ``largest`` between 1 and 1000; ``unit`` is a UDUNITS string.
 
     There is no prefix where the first factor of the unit has a power or is no unit of SI. Micro is written "u", which
-    every terminal can print; ``figure``: "µ", and raised digits.
+    every terminal can print; ``figure``: "µ", and raised digits. Accelerations may be shown in g, see
+    ``UnitSystem.shown``.
 
     >>> prefix_for(2.5e-5, "s"), prefix_for(1.5e-3, "N s"), prefix_for(4e-6, "m2"), prefix_for(0.02, "kg")
     ((1e-06, 'us'), (0.001, 'mN s'), (1.0, 'm2'), (0.001, 'g'))
     """
     size = abs(largest)
+    if unit.endswith(AS_G):
+        own = unit_size(unit.removesuffix(AS_G), ACCELERATION)
+        assert own is not None, unit
+        return GRAVITY / float(own), "g"
     if not _takes_prefix(unit) or not math.isfinite(size) or size == 0.0:
         return 1.0, unit_text(unit, figure)
     # the prefix of kg belongs to the gram
@@ -51,7 +57,7 @@ def readable(value: float | None, unit: str, digits: int = 4, figure: bool = Fal
     if value is None:
         return "-"
     divisor, label = prefix_for(value, unit, figure)
-    number = _digits(value / divisor, digits) if _takes_prefix(unit) else f"{value:.{digits}g}"
+    number = _digits(value / divisor, digits) if _takes_prefix(unit) else f"{value / divisor:.{digits}g}"
     return f"{number} {label}".rstrip()
 
 
@@ -228,21 +234,38 @@ def _table(outcome: Outcome, units: UnitSystem) -> list[str]:
 
 def _row(outcome: Outcome, history: InterfaceHistory, units: UnitSystem) -> tuple[str, ...]:
     fields = InterfaceFields.of_history(history, outcome.interface_time)
-    last, (peak, duration, raw) = separation_time(fields), fields.peaks
-    slip = largest_slip_share(fields) if history.has_friction else None
+    last, (peak, duration, largest) = separation_time(fields), fields.peaks
+    slip = _slip_text(history, fields, outcome.interface_time)
+    # a bond holds by forces of all directions: those of a thread along its flanks, say
+    bonded, mean, impulse = history.contact_status is None, readable(duration, "s", 3), "-"
+    raw: float | None = largest
+    if bonded or history.quasi_static:
+        whole = np.linalg.norm(history.force(), axis=1) if bonded else np.abs(history.normal_resultant())
+        peak, mean, raw = float(whole.max(initial=0.0)), "-", None
+    if not history.quasi_static:
+        total = history.impulse(outcome.interface_time)[-1]
+        impulse = readable_vector([float(x) for x in total], units.label("N s"))
     indicator = outcome.interface_indicator.get(history.name)
     return (
         history.name,
         history.behaviour,
         readable(peak, units.label("N")),
-        readable(duration, "s", 3),
+        mean,
         readable(raw, units.label("N")),
-        readable_vector([float(x) for x in history.impulse(outcome.interface_time)[-1]], units.label("N s")),
+        impulse,
         readable(first_contact_time(fields), "s"),
         "not yet" if last == outcome.interface_time[-1] else readable(last, "s"),
-        "-" if slip is None else f"max {100 * slip:.0f} %",
+        slip,
         "-" if indicator is None else f"{indicator:.1e}",
     )
+
+
+def _slip_text(history: InterfaceHistory, fields: InterfaceFields, time: Array) -> str:
+    """Largest share of the area that slips at one instant, where a joint with friction does not stick."""
+    slip = largest_slip_share(fields) if history.has_friction else None
+    if slip is None:
+        return "-"
+    return "sticks" if sticks(history, fields, time) else f"max {100 * slip:.0f} %"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -70,7 +70,8 @@ class DampingRatios(SceneTable):
 class DampingTable(SceneTable):
     """One damping ratio for every material, spring and elastic layer that has no damping of its own.
 
-    A mode of the assembly has this ratio within the band (`damping_ratios`), whatever it is cut into.
+    A mode of the assembly has this ratio within the band (`damping_ratios`), whatever it is cut into. Couplings have no
+    strain to damp, and faces that may open, soft contacts among them, none that is always there.
     """
 
     ratio: Annotated[Real, about("ratio to the critical damping", "1", gt=0, lt=_LARGEST_RATIO)]

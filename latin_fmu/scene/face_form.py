@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Direction, LocalAxes, Real, SceneTable, Series, Text, Vector, _as_list, about, refusal
-from .laws import base_dir_of, units_in
+from .fields import Direction, LocalAxes, Real, SceneTable, Series, Text, Vector, _as_list, about, refusal, units_in
+from .laws import base_dir_of
 from .number_files import Column, LengthUnit, factor, is_column, read_columns
 
 Array = NDArray[np.float64]
@@ -78,6 +78,12 @@ class Polynomial(SceneTable):
     ]
     axes: Annotated[LocalAxes, about(_AXES)]
     centre: Annotated[Vector | None, about(_CENTRE, "m")] = None
+
+    @classmethod
+    def unit_of_item(cls, key: str, _: Any, __: str, index: tuple[int, ...]) -> str:
+        """Unit of a coefficient by its powers: c_ij x^i y^j is a length."""
+        power = 1 - sum(index) if key == "coefficients" else 1
+        return f"m{power}" if power not in (0, 1) else "m" if power else "1"
 
     @model_validator(mode="after")
     def _check_powers(self) -> Self:

@@ -5,9 +5,23 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from .unit_values import Misfit, in_scene_units
+from .units import SI, UnitSystem
 
 GROUND = "ground"
 BOX_FACES = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
@@ -22,6 +36,9 @@ FACE_RULE = 'written "substructure.face"'
 class SceneTable(BaseModel):
     """A table of the scene file: immutable, and an unknown key is an error.
 
+    Texts with units in a table made in Python are numbers of SI, or of the system of the context; the scene that the
+    table becomes part of converts them into its own.
+
     Modules with tables do without ``from __future__ import annotations``: pydantic would evaluate every text again.
     """
 
@@ -33,6 +50,33 @@ class SceneTable(BaseModel):
         defer_build=True,
         model_title_generator=lambda table: table.__name__.removesuffix("Table"),
     )
+
+    _texts: dict[str, Any] = PrivateAttr(default_factory=dict)  # keys as written, where texts with units were
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read_units(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+        try:
+            return handler(data)
+        # the tables of a scene have numbers by now: only a table on its own comes here with texts
+        except ValidationError:
+            if not isinstance(data, dict):
+                raise
+            numbers, misfits = in_scene_units(cls, data, units_in(info.context))
+            if misfits:
+                details = [InitErrorDetails(type=_refusal_of(m), loc=m.place, input=m.value) for m in misfits]
+                raise ValidationError.from_exception_data(cls.__name__, details) from None
+            if numbers is data:
+                raise
+            made = handler(dict(numbers))
+            made._texts = {key: data[key] for key, value in numbers.items() if value is not data[key]}
+            return made
+
+
+def units_in(context: Any) -> UnitSystem:
+    """System of units of the scene that is read; SI for a table on its own."""
+    given = context.get("units") if isinstance(context, dict) else None
+    return given if isinstance(given, UnitSystem) else SI
 
 
 def about(
@@ -58,6 +102,10 @@ def refusal(
         value = value[:_LONGEST_VALUE].encode("utf-8", "backslashreplace").decode()
     context = {"what": what, "value": value, "allowed": allowed, "remedy": remedy}
     return PydanticCustomError("scene_problem", "{what}", context)
+
+
+def _refusal_of(misfit: Misfit) -> PydanticCustomError:
+    return refusal(misfit.what, value=misfit.value, allowed=misfit.allowed, remedy=misfit.remedy)
 
 
 def _check_text(text: str) -> str:

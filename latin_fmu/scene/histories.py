@@ -9,8 +9,10 @@ import numpy as np
 from ..errors import Problem
 from .boundaries import Driven
 from .laws import CsvLaw
-from .number_files import QUANTITIES, UNITS, factor, si_unit
+from .number_files import factor
+from .ports import INPUT_UNITS, TRANSLATIONS
 from .records import FEWEST_SAMPLES, inside_run, misfits, peak_of
+from .unit_texts import names_for, si_unit, words_for
 from .units import UnitSystem
 
 _INTEGRALS: Final = {
@@ -22,7 +24,7 @@ _INTEGRALS: Final = {
     "m s-2": "m s-1",
     "N m-3": "N s m-3",
     "K": "K s",
-    "s-1": "1",
+    "rad s-1": "rad",
 }
 """Units of integrals over time, by that of the quantity; UDUNITS."""
 _FIRST_SAMPLES: Final = 2  # inside the run, of a record
@@ -84,8 +86,8 @@ class SceneHistory:
         unit = law.units[1]
         name = si_unit(unit) if isinstance(unit, str) else None
         if name not in (None, "1", self.unit):
-            what = f"the header says {QUANTITIES[str(name)]}, but the law multiplies {QUANTITIES.get(self.unit, '')}"
-            allowed = ", ".join(UNITS.get(self.unit, ()))
+            what = f"the header says {words_for(str(name))}, but the law multiplies {words_for(self.unit)}"
+            allowed = names_for(self.unit)
             yield Problem(f"{self.where}.value_unit", what, str(unit), allowed, "name another column")
         count = inside_run(law.times, end)[2]
         outside = law.times[0] >= end or law.times[-1] <= 0.0
@@ -127,11 +129,9 @@ def _laws(scene: Any) -> Iterator[tuple[str, Any, str, float]]:
         if isinstance(boundary, Driven):
             yield f"boundary.{name}.law", boundary.law, _DRIVEN[boundary.type], _norm(boundary.value)
     for name, port in scene.port.items():
-        moved = port.causality == "motion_in"
+        along, about = INPUT_UNITS[port.causality == "motion_in"]
         for component, law in port.laws.items():
-            turns = "r" in component
-            unit = ("s-1" if moved else "N m") if turns else ("m s-1" if moved else "N")
-            yield f"port.{name}.laws.{component}", law, unit, 1.0
+            yield f"port.{name}.laws.{component}", law, along if component in TRANSLATIONS else about, 1.0
     for name, body in scene.substructure.items():
         yield f"substructure.{name}.body_force_law", body.body_force_law, "N m-3", _norm(body.body_force)
     for name, interface in scene.interface.items():

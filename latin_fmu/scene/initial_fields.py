@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final, Self
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from ..errors import Problem, shown
-from .fields import BodyName, Real, SceneTable, Text, Vector, _as_list, about, refusal
-from .laws import base_dir_of, units_in
+from .fields import BodyName, Real, SceneTable, Text, Vector, _as_list, about, refusal, units_in
+from .laws import base_dir_of
 from .number_files import Column, LengthUnit, SpeedUnit, factor, is_column, read_columns
 from .raw_scene import RawTable, chosen_type, given, named_tables, single_table
 

@@ -189,7 +189,7 @@ class Interface(SceneTable):
         Literal["automatic", "E", "Ep"],
         about(
             "side whose nodes give the points where nodes do not match; automatic: the side that is wholly covered, "
-            "else the one with the smaller facets"
+            "else the one with the smaller facets, then of the softer, then of the smaller body; E where all are alike"
         ),
     ] = "automatic"
     search: Annotated[

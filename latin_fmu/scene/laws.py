@@ -21,16 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged
-from .number_files import TIME_UNITS, VALUE_UNITS, Column, TimeUnit, ValueUnit, is_column
+from .fields import Real, SceneTable, Series, Text, _as_list, about, refusal, tagged, units_in
+from .number_files import MULTIPLIED, Column, TimeUnit, ValueUnit, is_column
 from .records import GAPS, STARTS, filled
-from .units import SI, UnitSystem
-
-
-def units_in(context: Any) -> UnitSystem:
-    """System of units of the scene that is read; SI for a table on its own."""
-    given = context.get("units") if isinstance(context, dict) else None
-    return given if isinstance(given, UnitSystem) else SI
+from .unit_texts import names_for
 
 
 def base_dir_of(context: Any) -> Path:
@@ -132,16 +126,14 @@ class CsvLaw(_PointsLaw):
     ] = None
     time_unit: Annotated[
         TimeUnit | None,
-        about(
-            f"unit of the times: {', '.join(TIME_UNITS)}, or the factor to s; left out: that of the header, else s", "s"
-        ),
+        about(f"unit of the times: {names_for('s')}, or the factor to s; left out: that of the header, else s", "s"),
     ] = None
     value_unit: Annotated[
         ValueUnit | None,
         about(
             "unit of the values, of the quantity that the law multiplies (which then is 1 along its direction): "
-            f"{', '.join(VALUE_UNITS)}, or the factor to the units of the scene; 1 where left out, which a header with "
-            "another unit refuses",
+            f"{', '.join(map(names_for, MULTIPLIED))}, or the factor to the units of the scene; 1 where left out, "
+            "which a header with another unit refuses",
             "1",
         ),
     ] = None

@@ -9,82 +9,59 @@ quoted in messages only where it heads a column of numbers: a file that is no ta
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator
 
 from ..errors import did_you_mean
 from .fields import refusal
-from .units import INCH, POUND, SI, UnitSystem
+from .unit_texts import names_for, si_unit, unit_size, words_for
+from .units import SI, UnitSystem
 
 MAX_FILE_BYTES: Final = 500_000_000
 _TWO_COLUMNS = "two columns, time and value, separated by a comma, semicolon, tab or blank"
 _LARGEST_FACTOR = 1e300
-
-GRAVITY: Final = 9.80665
-UNITS: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType(
-    {
-        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-        "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6, "lbf": POUND, "kip": 1e3 * POUND},
-        "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "psi": POUND / INCH**2},
-        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": INCH, "ft": 12 * INCH},
-        "m s-1": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": INCH, "ft/s": 12 * INCH},
-        "m s-2": {"m/s2": 1.0, "mm/s2": 1e-3, "g": GRAVITY, "in/s2": INCH, "ft/s2": 12 * INCH},
-        "N m-3": {"N/m3": 1.0, "kN/m3": 1e3, "N/mm3": 1e9},
-        "K": {"K": 1.0},
-        "1": {"1": 1.0, "%": 1e-2},
-    }
-)
-"""Factors to SI by the unit in SI, then by the name in a scene."""
-QUANTITIES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "s": "a time",
-        "N": "a force",
-        "Pa": "a pressure",
-        "m": "a displacement",
-        "m s-1": "a velocity",
-        "m s-2": "an acceleration",
-        "N m-3": "a force per volume",
-        "K": "a change of temperature",
-        "1": "a pure number",
-    }
-)
-"""What has a unit, in words."""
-TIME_UNITS: Final = tuple(UNITS["s"])
-VALUE_UNITS: Final = tuple(name for unit, names in UNITS.items() if unit != "s" for name in names)
-
-
-def si_unit(name: str) -> str | None:
-    """Unit in SI of a unit by its name; None for a name that no unit has."""
-    return next((unit for unit, names in UNITS.items() if name in names), None)
+MULTIPLIED: Final = ("N", "N m", "Pa", "m", "m s-1", "m s-2", "N m-3", "K", "rad s-1", "1")
+"""Units (UDUNITS, SI) of what laws multiply, and of their own values."""
 
 
 def factor(unit: Any, system: UnitSystem = SI) -> float:
     """Factor to the units of a scene of a unit, by its name or the factor itself; 1 for what is none."""
     if isinstance(unit, str):
         known = si_unit(unit)
-        # names are those of SI: into the units of the scene
-        return 1.0 if known is None else UNITS[known][unit] / system.size(known)
+        size = None if known is None else unit_size(unit, known)
+        return 1.0 if known is None or size is None else float(size / system.exact_size(known))
     return float(unit) if isinstance(unit, int | float) else 1.0
 
 
-def _check_unit(value: object, names: Sequence[str]) -> object:
-    if isinstance(value, str) and value in names:
-        return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < abs(value) <= _LARGEST_FACTOR:
-        return float(value)
-    remedy = did_you_mean(value, names) if isinstance(value, str) else None
-    what = "unknown unit" if isinstance(value, str) else "not a unit"
+def unit_problem(name: str, unit: str) -> str | None:
+    """What is wrong with a text as a unit of the dimension of one of SI; None where nothing is."""
+    if unit_size(name, unit) is not None:
+        return None
+    known = si_unit(name)
+    if known is None:
+        return "unknown unit"
+    return f"a unit of {words_for(known)}, not of {words_for(unit)}"
+
+
+def _check_unit(value: object, *units: str) -> object:
+    """A unit by its name, of the dimension of one of these of SI, or a factor."""
+    names = ", ".join(names_for(unit) for unit in units)
+    if isinstance(value, str):
+        if any(unit_size(value, unit) is not None for unit in units):
+            return value
+        what, remedy = unit_problem(value, units[0]), did_you_mean(value, names.split(", "))
+        what = what if len(units) == 1 else "unknown unit"
+    else:
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < abs(value) <= _LARGEST_FACTOR:
+            return float(value)
+        what, remedy = "not a unit", None
     raise refusal(
-        what,
-        value=value,
-        allowed=f"{', '.join(names)}, or the factor to the units of the scene, a number",
-        remedy=remedy,
+        str(what), value=value, allowed=f"{names}, or the factor to the units of the scene, a number", remedy=remedy
     )
 
 
@@ -100,10 +77,10 @@ def _check_column(value: object) -> object:
 
 
 Column = Annotated[str | int, BeforeValidator(_check_column)]
-TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, TIME_UNITS))]
-ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, VALUE_UNITS))]
-LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, tuple(UNITS["m"])))]
-SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, tuple(UNITS["m s-1"])))]
+TimeUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "s"))]
+ValueUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, *MULTIPLIED))]
+LengthUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m"))]
+SpeedUnit = Annotated[str | float, BeforeValidator(lambda value: _check_unit(value, "m s-1"))]
 
 
 MOST_HEADER_LINES: Final = 200

@@ -20,6 +20,8 @@ INPUTS: Final = {
     "wave": ("incident", "incidentMoment"),
 }
 """Words of the inputs of a port by its causality, of translations and of rotations."""
+INPUT_UNITS: Final = (("N", "N m"), ("m s-1", "rad s-1"))
+"""Units of inputs that are forces, and of those that are motions; of translations and of rotations."""
 MOTIONS: Final = (("displacement", "rotation"), ("velocity", "angularVelocity"))
 """Words of the measured motion of a port, of translation and rotation."""
 REFLECTED: Final = ("reflected", "reflectedMoment")
@@ -61,6 +63,13 @@ class Port(SceneTable):
         about("time law of the input of a component, in SI units; input where left out"),
         Field(default_factory=dict),
     ]
+
+    @classmethod
+    def unit_of_item(cls, key: str, raw: Any, unit: str, index: tuple[int, ...]) -> str:
+        """Unit of an impedance, of a translation or of a rotation."""
+        components = raw.get("components", TRANSLATIONS)
+        turns = components[index[0]] not in TRANSLATIONS if index and index[0] < len(components) else False
+        return "N m s" if key == "impedance" and turns else unit
 
     @model_validator(mode="after")
     def _check_port(self) -> Self:
@@ -148,8 +157,8 @@ def _motion_problems(raw: Any, where: str, table: RawTable) -> Iterator[Problem]
 
 
 def port_laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
-    """Place of every law of a port, the law as written, and the unit of its input; None for a rotation."""
+    """Place of every law of a port, the law as written, and the unit of its input."""
     for name, table in named_tables(raw, "port").items():
-        unit = "m s-1" if table.get("causality") == "motion_in" else "N"
+        along, about = INPUT_UNITS[table.get("causality") == "motion_in"]
         for component, law in single_table(table, "laws").items():
-            yield f"port.{name}.laws.{component}", law, unit if component in TRANSLATIONS else None
+            yield f"port.{name}.laws.{component}", law, along if component in TRANSLATIONS else about

@@ -25,7 +25,8 @@ def plain(data: Any, depth: int = _DEPTH) -> Any:
     """The data with tables built in Python replaced by dictionaries of what was given, their types included."""
     if isinstance(data, BaseModel):  # other keys that were not given stay away
         keys = [key for key in type(data).model_fields if key in data.model_fields_set or key == "type"]
-        return {key: plain(getattr(data, key), depth) for key in keys}
+        texts = getattr(data, "_texts", {})
+        return {key: plain(texts.get(key, getattr(data, key)), depth) for key in keys}
     if isinstance(data, list | tuple):
         return [plain(item, depth - 1) for item in data] if depth > 0 else data
     if depth > 0 and isinstance(data, Mapping):

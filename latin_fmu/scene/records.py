@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fields import refusal
-from .number_files import TIME_UNITS, UNITS, Column, NumberTable, factor, number_table, si_unit
-from .units import UnitSystem, unit_text
+from .number_files import MULTIPLIED, Column, NumberTable, factor, number_table
+from .unit_texts import QUANTITIES, plain_unit, unit_size
+from .units import UnitSystem
 from .universal_files import is_universal, universal_history
 
 STARTS: Final = ("file", "record", "cut")
@@ -30,28 +31,27 @@ _BEFORE = 1e-3  # of the median interval: round-off of a first sample at t = 0
 
 _TIMES: Final[Mapping[str, str]] = MappingProxyType(
     {
-        **dict.fromkeys(("s", "S", "sec", "secs", "second", "seconds", "sekunde", "sekunden", "seconde"), "s"),
-        **dict.fromkeys(("ms", "mS", "msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
-        **dict.fromkeys(("us", "uS", "usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
-        **dict.fromkeys(("ns", "nS", "nsec", "nanosecond", "nanoseconds"), "ns"),
-        **dict.fromkeys(("min", "minute", "minutes", "minuten"), "min"),
-        **dict.fromkeys(("h", "hour", "hours", "stunden"), "h"),
+        **dict.fromkeys(("S", "sec", "secs", "second", "seconds", "sekunde", "sekunden", "seconde"), "s"),
+        **dict.fromkeys(("mS", "msec", "millisecond", "milliseconds", "millisekunden"), "ms"),
+        **dict.fromkeys(("uS", "usec", "microsecond", "microseconds", "mikrosekunden"), "us"),
+        **dict.fromkeys(("nS", "nsec", "nanosecond", "nanoseconds"), "ns"),
+        **dict.fromkeys(("minute", "minutes", "minuten"), "min"),
+        **dict.fromkeys(("hour", "hours", "stunden"), "h"),
     }
 )
 _VALUES: Final[Mapping[str, str]] = MappingProxyType(
     {
-        **{name: name for names in UNITS.values() for name in names if name not in TIME_UNITS and name != "1"},
         **dict.fromkeys(("G", "gn", "g_n", "g0", "grav", "gravity"), "g"),
-        **dict.fromkeys(("m/s/s", "ms-2", "m.s-2", "m/s^2", "meter/s2", "m/sec2"), "m/s2"),
+        **dict.fromkeys(("ms-2", "meter/s2", "m/sec2"), "m/s2"),
         **dict.fromkeys(("newton", "newtons"), "N"),
         **dict.fromkeys(("micron", "microns"), "um"),
-        **dict.fromkeys(("inch", "inches"), "in"),
-        **dict.fromkeys(("ms-1", "m.s-1", "m/sec"), "m/s"),
+        **dict.fromkeys(("inches",), "in"),
+        **dict.fromkeys(("ms-1", "m/sec"), "m/s"),
         **dict.fromkeys(("pascal",), "Pa"),
     }
 )
-_OTHERS: Final = ("V", "mV", "uV", "kV", "volt", "volts", "A", "mA", "dB", "Hz", "kHz", "rad/s", "deg/s", "degC")
-_MARKS: Final = str.maketrans({"²": "2", "³": "3", "µ": "u", "μ": "u", "^": None, "·": " ", "\u2212": "-", "*": " "})
+"""Words of recorders for units, beside the texts of units."""
+_OTHERS: Final = ("V", "mV", "uV", "kV", "volt", "volts", "A", "mA", "dB", "Hz", "kHz", "degC")
 _BRACKETS: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 _BEHIND: Final = re.compile(r"(?:/\s*|[,:;]\s*|\sin\s+)([^\s,:;]+)$")
 _LAST_WORD: Final = re.compile(r"[\s_.]([^\s_.]+)$")
@@ -92,17 +92,21 @@ class History:
 
 def named_unit(text: str, time: bool) -> str | None:
     """Name in a scene of a unit as people write it; None where a scene has none."""
-    known = _TIMES if time else _VALUES
-    plain = " ".join(text.replace("**", "").translate(_MARKS).split())
-    for word in (plain, unit_text(plain) if " " in plain else plain, plain.casefold() if len(plain) > 2 else plain):
-        if word in known:
-            return known[word]
+    plain = plain_unit(text)
+    for word in (plain, plain.casefold() if len(plain) > 2 else plain):
+        name = (_TIMES if time else _VALUES).get(word, word)
+        unit = next((u for u in (("s",) if time else MULTIPLIED) if unit_size(name, u) is not None), None)
+        # "1" in a header is a number of something
+        if unit is not None and name != "1":
+            # one spelling, so that names can be compared
+            same = (n for n in QUANTITIES[unit].names if unit_size(n, unit) == unit_size(name, unit))
+            return next(same, name)
     return None
 
 
 def _is_unit(text: str) -> bool:
     """Whether a text is a unit, of whatever."""
-    plain = text.translate(_MARKS)
+    plain = plain_unit(text)
     others = plain in _OTHERS or plain.casefold() in _OTHERS
     return others or named_unit(text, True) is not None or named_unit(text, False) is not None
 
@@ -194,7 +198,7 @@ def _time_unit(named: Any, head: ColumnHead) -> Any:
             raise refusal(what, value=head.words(), remedy="name the column of the times: time_column")
     if named is None:
         return head.known
-    if isinstance(named, str) and named in TIME_UNITS and head.known not in (None, named):
+    if isinstance(named, str) and head.known is not None and named_unit(named, True) not in (None, head.known):
         what = f"the header gives the times in {head.known}"
         remedy = "leave time_unit out, or write the factor to s where the header is wrong"
         raise refusal(what, value=f'time_unit = "{named}"', remedy=remedy)
@@ -212,7 +216,7 @@ def _value_unit(named: Any, head: ColumnHead, system: UnitSystem) -> Any:
         remedy = f'{known}the factor to the units of the scene, or "1" where the numbers are to be taken as they are'
         what = f"the header gives the values in {head.unit[:20]}, and the scene does not say what they are"
         raise refusal(what, value=head.words(), remedy=f"write {remedy}")
-    if head.known is not None and named != "1" and si_unit(named) is not None and head.known != named:
+    if head.known is not None and named != "1" and named_unit(named, False) not in (None, head.known):
         what = f"the header gives the values in {head.known}"
         remedy = f'value_unit = "{head.known}", another column, or the factor where the header is wrong'
         raise refusal(what, value=f'value_unit = "{named}", {head.words()}', remedy=remedy)

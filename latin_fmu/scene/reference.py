@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -21,12 +21,18 @@ that only has a type: law = "constant". A key that is not listed here is an erro
 reported at once. Settings on the command line follow the same path:
 --set solver.tolerance=1e-4 or --set substructure.bar.box.elements.2=100.
 
-Units are SI as stated with each key; a key without one has no dimension. units = "mm-t-s-MPa" or
-"in-lbf-s-psi" says that all numbers of the scene are in another system: nothing is converted but files
-whose unit is named beside them; results, messages and figures have its units, and checks of plausible
-numbers are scaled. Read mm for m, t for kg, MPa for Pa, mJ for J there, or in, lbf s2/in, lbf, psi.
-units = "none" is for pure numbers, as in papers: no labels, no remarks on sizes, gaps and strains; times
-are in s."""
+Units are SI as stated with each key; a key without one has no dimension. A text is a value with its unit:
+mass = "100 g", duration = "6 ms", torque = "5.5 N m" or "44 lbf in", force = [0, 0, "-2 kN"],
+acceleration = [0, 0, "-1 g"]; it is converted into the units of the scene, also in [spread], with --set and
+--vary, and in Python. A product is written with blanks or dots, powers behind names, brackets where several
+names stand behind a stroke: "7.8 g/cm3", "3 N s/m", "5 kN/(m s)". g is the acceleration of gravity or a gram
+by the unit of the key; "5 %" is a pure number.
+
+units = "mm-t-s-MPa" or "in-lbf-s-psi" says that all numbers of the scene are in another system: nothing is
+converted but texts with units and files whose unit is named beside them; results, messages and figures have
+its units, and checks of plausible numbers are scaled. Read mm for m, t for kg, MPa for Pa, mJ for J there,
+or in, lbf s2/in, lbf, psi. units = "none" is for pure numbers, as in papers: no labels, no remarks on sizes,
+gaps and strains, no texts with units; times are in s."""
 
 CONVENTIONS = """\
 Faces          "substructure.face". The faces of a box are xmin xmax ymin ymax zmin zmax; those of a mesh
@@ -37,8 +43,9 @@ Interface      The normal N points from the first side (E) to the second (E'). F
                results are those the interface exerts on side E, in global axes: two bodies pressed together
                along z, the first one below, give a negative z component.
 Meshes         Nodes of the two faces that stand opposite each other one to one are the points of the interface.
-               Else the points are those of one side (points_from: the wholly covered one, else the finer), over
-               the part that the faces have in common, and the other side takes part through integrals over it
+               Else the points are those of one side (points_from: the wholly covered one, else the one with the
+               smaller facets on average, of the softer, of the smaller body; E where all are alike, which is said),
+               over the part that the faces have in common, and the other side takes part through integrals over it
                (mortar). Faces may be curved and closed. Points with hardly any common area are merged into
                their neighbours.
 Gap            Distance of the two sides along N at the points, open > 0. Measured on the meshes where left out or
@@ -189,7 +196,8 @@ Static start   time.start = "static" solves the equilibrium under what acts at t
                displaced faces; faces driven by a velocity or an acceleration and the ground stand still. The motion
                starts from its displacements, tractions, gaps, stick and slip. Substructures with an initial velocity
                are left out; [motion] gives one to all, and a tightened assembly starts in its equilibrium with it. A
-               substructure that friction cannot hold is an error.
+               substructure that friction cannot hold is an error. Of bodies that only contacts without pressure hold,
+               or nothing, the place is that of least displacement (mean square over the mass) without overlap.
 Boundaries     fixed and symmetry block displacement; velocity, displacement and acceleration prescribe value *
                a(t) along the components. A face with an acceleration starts as fast as its body and moves as the
                time scheme would move a free body: after a pulse its velocity and path are the exact integrals of the
@@ -280,7 +288,28 @@ class _Schema(GenerateJsonSchema):
 
 def reference_schema() -> dict[str, Any]:
     """JSON schema of a scene (units under "unit"); it does not hold the checks between tables."""
-    return Scene.model_json_schema(schema_generator=_Schema)
+    schema: dict[str, Any] = _with_texts(Scene.model_json_schema(schema_generator=_Schema), False)
+    return schema
+
+
+_WITH_UNIT: Final = {"type": "string", "pattern": r"^\s*[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?\s*[^\s0-9.,]"}
+_OF_NUMBERS: Final = ("type", "exclusiveMinimum", "minimum", "exclusiveMaximum", "maximum")
+
+
+def _with_texts(node: Any, measured: bool) -> Any:
+    """A JSON schema in which numbers with units may be texts; ``measured``: inside a key that has a unit."""
+    if isinstance(node, list):
+        # a number beside any text: these are among them
+        free = {"type": "string"} in node
+        return [item if free and item == {"type": "number"} else _with_texts(item, measured) for item in node]
+    if not isinstance(node, dict):
+        return node
+    measured = measured or isinstance(node.get("unit"), str)
+    made = {key: _with_texts(value, measured) for key, value in node.items()}
+    if not measured or node.get("type") != "number":
+        return made
+    number = {key: made.pop(key) for key in _OF_NUMBERS if key in made}
+    return {"anyOf": [number, _WITH_UNIT], **made}
 
 
 def _title(text: str) -> str:

@@ -5,7 +5,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
-from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 
 from ..errors import Problem, SceneError, shown
 from .attachments import CouplingTable, PointMass, Spring, attachment_problems, joints_of
@@ -13,19 +21,18 @@ from .bolts import Bolt, bolt_problems, with_screws
 from .boundaries import Boundary, Periodic, boundary_problems
 from .damping import DampingTable
 from .describe import is_named, path_text, validation_problems
-from .fields import BodyName, Name, SceneTable, Text, about, split_face
+from .fields import BodyName, Name, SceneTable, Text, about, split_face, units_in
 from .histories import history_problems
 from .initial_fields import InitialStateTable, field_problems
 from .interfaces import MEANINGLESS, ContactSearch, Interface, interface_problems
-from .laws import TimeLaw, base_dir_of, units_in
+from .laws import TimeLaw, base_dir_of
 from .materials import MaterialTable, material_problems
-from .number_files import QUANTITIES, UNITS, si_unit
 from .overrides import apply_overrides, number_at, with_value
 from .ports import Port, port_laws, port_problems
 from .raw_scene import given, named_tables, oversized_integers, plain, single_table
 from .sensors import Sensor, sensor_problems
-from .settings import Accuracy, Output, Solver, Time, settings_problems, with_defaults
-from .spread import Distribution, SpreadTable, spread_problems
+from .settings import Accuracy, Fmu, Output, Solver, Time, settings_problems, with_defaults
+from .spread import Distribution, SpreadTable, flat, spread_problems
 from .substructures import (
     Gravity,
     Load,
@@ -37,6 +44,8 @@ from .substructures import (
     substructure_problems,
     temperature_problems,
 )
+from .unit_texts import names_for, si_unit, words_for
+from .unit_values import Misfit, in_scene_units, value_in_scene_units
 from .units import SystemName, UnitSystem, system_named
 
 
@@ -53,7 +62,7 @@ def toml_text(data: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-_SINGLE = ("gravity", "damping", "motion", "initial_state", "time", "solver", "output", "accuracy")
+_SINGLE = ("gravity", "damping", "motion", "initial_state", "time", "solver", "output", "accuracy", "fmu")
 
 
 def _block(header: str, table: Mapping[str, Any]) -> str:
@@ -88,6 +97,35 @@ BODY_FORCE, GRAVITY, TEMPERATURE = "body_force.", "gravity.acceleration", "tempe
 def _of_parts(problem: Problem) -> bool:
     """Whether a problem comes from parts that could not be had: no substructures or materials, or incomplete ones."""
     return problem.what == "this key is missing" and problem.where.startswith(("substructure", "material"))
+
+
+def _with_numbers(root: type[BaseModel], raw: Any) -> tuple[Any, list[Problem]]:
+    """The scene with numbers in its units in the place of texts such as "5.5 N m", and what is wrong with texts."""
+    if not isinstance(raw, Mapping):
+        return raw, []
+    system = system_named(raw.get("units"))
+    made, misfits = in_scene_units(root, raw, system)
+    problems = [Problem(path_text(m.place), m.what, m.value, m.allowed, m.remedy) for m in misfits]
+    spread = flat(single_table(raw, "spread"))
+    numbers: dict[str, Any] = {}
+    for name, written in spread.items():
+        many = isinstance(written, list | tuple)
+        found = [_spread_number(root, raw, name, item, system) for item in (written if many else [written])]
+        wrong = [misfit for _, misfits in found for misfit in misfits]
+        problems += [Problem(f"spread.{name}", m.what, m.value, m.allowed, m.remedy) for m in wrong]
+        if not wrong:
+            values = [value for value, _ in found]
+            numbers[name] = values if many else values[0]
+    return (made if numbers == spread else {**made, "spread": numbers}), problems
+
+
+def _spread_number(
+    root: type[BaseModel], raw: Any, name: str, written: Any, system: UnitSystem
+) -> tuple[Any, list[Misfit]]:
+    """A number of a spread in the units of what scatters; a share of the value stays as it is."""
+    if not isinstance(written, str) or written.strip().endswith("%"):
+        return written, []
+    return value_in_scene_units(root, raw, name, written, system)
 
 
 def _with_parts(raw: Any, base_dir: Path, context: Any) -> tuple[Any, list[Problem]]:
@@ -128,7 +166,8 @@ _UNITS_OF: Final = {"velocity": "m s-1", "displacement": "m", "acceleration": "m
 def _laws(raw: Any) -> Iterator[tuple[str, Any, str | None]]:
     """Place of every law, the law as written, and the unit of what it multiplies."""
     for name, load in named_tables(raw, "load").items():
-        yield f"load.{name}.law", load.get("law"), "N" if given(load, "force") else "Pa"
+        own = "N" if given(load, "force") else "N m" if given(load, "moment") else "Pa"
+        yield f"load.{name}.law", load.get("law"), own
     for name, boundary in named_tables(raw, "boundary").items():
         yield f"boundary.{name}.law", boundary.get("law"), _UNITS_OF.get(str(boundary.get("type")))
     yield from port_laws(raw)
@@ -153,8 +192,8 @@ def _unit_problems(raw: Any) -> Iterator[Problem]:
             )
             continue
         if own is not None and unit is not None and own not in (unit, "1"):
-            what = f"{QUANTITIES[own]}, but the law multiplies {QUANTITIES[unit]}"
-            yield Problem(f"{where}.value_unit", what, shown(name), ", ".join((*UNITS[unit], *UNITS["1"])))
+            what = f"{words_for(own)}, but the law multiplies {words_for(unit)}"
+            yield Problem(f"{where}.value_unit", what, shown(name), f"{names_for(unit)}, {names_for('1')}")
 
 
 _CHECKS: Final = (
@@ -241,6 +280,7 @@ class Scene(SceneTable):
     solver: Annotated[Solver, about("settings of the iteration")] = Solver()
     output: Annotated[Output, about("what the results keep")] = Output()
     accuracy: Annotated[Accuracy, about("error estimate of a run, target accuracy")] = Accuracy()
+    fmu: Annotated[Fmu, about("author, version, copyright and licence of an FMU of the scene")] = Fmu()
     spread: Annotated[
         SpreadTable,
         about(
@@ -263,14 +303,16 @@ class Scene(SceneTable):
         if oversized := [Problem(path_text(path), "too large for a number") for path in oversized_integers(raw)]:
             raise SceneError(oversized, _HEADING)
         base_dir = data.base_dir if isinstance(data, Scene) else base_dir_of(info.context)
-        written, unreadable = _with_parts(raw, base_dir, info.context)
+        numbers, unreadable = _with_numbers(cls, raw)
+        places = {problem.where for problem in unreadable}
+        written, unread = _with_parts(numbers, base_dir, info.context)
         written, unmatched = with_screws(written)
-        unreadable += [*_in_unknown_units(raw, info.context), *unmatched]
+        unreadable += [*unread, *_in_unknown_units(raw, info.context), *unmatched]
         try:
             completed = with_defaults(written)
             scene = handler(data if completed is raw else completed)
         except ValidationError as error:
-            problems = validation_problems(cls, error, written)
+            problems = [p for p in validation_problems(cls, error, written) if p.where not in places]
             if named_tables(written, "mesh"):  # its parts are not known, so neither are names and faces
                 problems = [p for p in problems if not _of_parts(p)] + unreadable
             else:
@@ -323,8 +365,8 @@ class Scene(SceneTable):
 
     @property
     def unit_system(self) -> UnitSystem:
-        """Units of all numbers of the scene and of its results."""
-        return system_named(self.units)
+        """Units of all numbers of the scene and of its results, and how accelerations are shown."""
+        return system_named(self.units, self.output.acceleration == "g")
 
     @property
     def force_laws(self) -> dict[str, TimeLaw]:

@@ -206,6 +206,13 @@ class Output(SceneTable):
             "or none; changes that are flagged, or that the run contradicts, are those of that run"
         ),
     ] = "all"
+    acceleration: Annotated[
+        Literal["scene", "g"],
+        about(
+            "unit in which summary, figures, tables and spectra show accelerations: that of the scene, or g, "
+            "9.80665 m/s2; results are stored in the units of the scene"
+        ),
+    ] = "scene"
     peak_duration: Annotated[
         Real | None,
         about(
@@ -225,6 +232,17 @@ class Output(SceneTable):
     def recovers(self) -> bool:
         """Whether stresses or strains are recovered from the kept fields when the results are written."""
         return self.strain or self.nodal_stress or self.principal_stress
+
+
+class Fmu(SceneTable):
+    """Who made an FMU of the scene, and its terms of use; what is left out is absent from the FMU. `generationTool`
+    names this package; the licences of the software inside are in `documentation/licenses` of the FMU."""
+
+    author: Annotated[Text, about("author of the model, a person or an organisation")] = ""
+    version: Annotated[Text, about("version of the model")] = ""
+    copyright: Annotated[Text, about("copyright of the model")] = ""
+    licence: Annotated[Text, about("licence of the model, attribute `license` of the FMI")] = ""
+    description: Annotated[Text, about("what the model is; that of the scene where left out")] = ""
 
 
 QUANTITY_OWNERS: Final[Mapping[str, str]] = MappingProxyType(
@@ -393,7 +411,10 @@ class OperatorFolder(SceneTable):
     directions reads them, whatever its loads, friction, gaps and bolt forces are. Results are the same to the last
     bit. It may be shared by runs at the same time; an entry that is damaged, or of another version, is made anew."""
 
-    folder: Annotated[Text, about("relative to the file of the scene; made where it does not exist")]
+    folder: Annotated[
+        Text,
+        about("relative to the scene file, and below its folder unless --set names it; made where it does not exist"),
+    ]
     limit: Annotated[Real, about("size of all entries; the ones used longest ago are removed", "GB", gt=0)] = 10.0
 
 
@@ -501,10 +522,13 @@ def settings_problems(raw: Any) -> Iterator[Problem]:
     yield from _propagator_problems(raw)
     yield from _accuracy_problems(raw)
     yield from _static_problems(raw)
-    yield from _output_problems(single_table(raw, "output"))
+    yield from _output_problems(single_table(raw, "output"), raw.get("units"))
 
 
-def _output_problems(output: RawTable) -> Iterator[Problem]:
+def _output_problems(output: RawTable, units: object) -> Iterator[Problem]:
+    if output.get("acceleration") == "g" and units == "none":
+        what = "the numbers of the scene have no units, so that accelerations cannot be shown in g"
+        yield Problem("output.acceleration", what, "g", '"scene"', "leave it out")
     every = number(output, "interfaces_every")
     if output.get("energy") is True and every is not None and every > 1:
         yield Problem(

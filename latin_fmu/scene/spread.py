@@ -30,19 +30,19 @@ def _check_spread(written: Any) -> Any:
     return tuple(map(float, written)) if isinstance(written, list | tuple) else written
 
 
-def _flat(written: Any) -> Any:
+def flat(written: Any) -> Any:
     """Names with dots, which TOML reads as tables in tables, as one key each."""
     if not isinstance(written, Mapping):
         return written
     made: dict[Any, Any] = {}
     for key, value in written.items():
-        inner = _flat(value)
+        inner = flat(value)
         made |= {f"{key}.{name}": item for name, item in inner.items()} if isinstance(inner, dict) else {key: inner}
     return made
 
 
 SpreadValue = Annotated[Real | Text | tuple[Real, Real], BeforeValidator(_check_spread)]
-SpreadTable = Annotated[Mapping[Text, SpreadValue], BeforeValidator(_flat)]
+SpreadTable = Annotated[Mapping[Text, SpreadValue], BeforeValidator(flat)]
 
 
 @dataclass(frozen=True)

@@ -1,21 +1,26 @@
 """Systems of units: what a unit of SI is called in the system of a scene, and how large it is there.
 
-Nothing is converted. The equations hold in every consistent system; its names label the results, and its sizes scale
-what is compared with numbers in SI: plausible ranges, and units named beside files of numbers.
+Numbers are not converted. The equations hold in every consistent system; its names label the results, and its sizes
+scale what is compared with numbers in SI, such as plausible ranges, and what has a unit beside it: files of numbers and
+texts such as "5.5 N m".
 """
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from math import prod
 from types import MappingProxyType
 from typing import Final, Literal
 
-POUND, INCH = 4.4482216152605, 0.0254
-"""Newtons in a pound-force, and metres in an inch."""
+from .unit_texts import unit_size
+
 _FACTOR: Final = re.compile(r"([A-Za-z%]+|1)(-?[0-9]+)?")
 _RAISED: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
+ACCELERATION: Final = "m s-2"
+AS_G: Final = " as g"
+"""Behind a unit of acceleration whose numbers are shown in g."""
 SystemName = Literal["SI", "mm-t-s-MPa", "in-lbf-s-psi", "none"]
 
 
@@ -48,8 +53,9 @@ class UnitSystem:
 
     Attributes
     ----------
-    name : as in a scene. names : by the unit of SI, a UDUNITS string each; those of SI where left out.
-    sizes : of these units in SI; none in a system of pure numbers, which leaves only the second.
+    name : as in a scene. names : by the unit of SI, a UDUNITS string each; those of SI where left out, and "1" in a
+    system of pure numbers, which leaves only the second. in_g : whether accelerations are shown in g, 9.80665 m s-2,
+    by figures, texts and tables; numbers and stored results stay in the system.
 
     >>> UNIT_SYSTEMS["mm-t-s-MPa"].label("N s m-1"), UNIT_SYSTEMS["mm-t-s-MPa"]["kg m-3"]
     ('N s mm-1', 't/mm3')
@@ -59,7 +65,7 @@ class UnitSystem:
 
     name: SystemName
     names: Mapping[str, str]
-    sizes: Mapping[str, float]
+    in_g: bool = False
 
     def label(self, unit: str) -> str:
         """What a unit of SI is called, both UDUNITS strings."""
@@ -77,51 +83,63 @@ class UnitSystem:
         label = self.label(unit)
         return "units" if label == "1" else unit_text(label)
 
+    def shown(self, unit: str) -> str:
+        """Unit for ``readable`` of what has one of SI: that of ``label``, marked where it is shown in g.
+
+        >>> SI.shown("m s-2"), SI.with_g.shown("m s-2"), SI.with_g.shown("N")
+        ('m s-2', 'm s-2 as g', 'N')
+        """
+        return self.label(unit) + AS_G if self.in_g and unit == ACCELERATION else self.label(unit)
+
+    @property
+    def with_g(self) -> "UnitSystem":
+        """The same system, with accelerations shown in g."""
+        return replace(self, in_g=True)
+
     @property
     def measurable(self) -> bool:
         """Whether numbers can be compared with those in SI."""
         return self.name != "none"
 
     # one object for each name: systems are compared by identity after unpickling, too
-    def __reduce__(self) -> tuple[Callable[[object], "UnitSystem"], tuple[str]]:
-        return system_named, (self.name,)
+    def __reduce__(self) -> tuple[Callable[[object, bool], "UnitSystem"], tuple[str, bool]]:
+        return system_named, (self.name, self.in_g)
 
     def size(self, unit: str) -> float:
         """Size in SI of what a unit of SI is called here."""
-        return float(prod(self.sizes.get(name, 1.0) ** float(power) for name, power in _factors(unit)))
+        return float(self.exact_size(unit))
+
+    def exact_size(self, unit: str) -> Fraction:
+        """Size in SI of what a unit of SI is called here, without round-off."""
+        return prod((self._size(name) ** int(power) for name, power in _factors(unit)), start=Fraction(1))
+
+    def _size(self, name: str) -> Fraction:
+        """Of one name of SI; 1 of one that is the same here, and of pure numbers."""
+        size = unit_size(self.names[name], name) if name in self.names else None
+        return Fraction(1) if size is None else size
 
 
-def _system(name: SystemName, names: dict[str, str], length: float, force: float) -> UnitSystem:
-    """A system of seconds, by its units of length, m, and force, N."""
-    sizes = {"m": length, "N": force, "Pa": force / length**2, "J": force * length, "W": force * length}
-    # s is the same in all
-    return UnitSystem(name, MappingProxyType(names), MappingProxyType(sizes | {"kg": force / length}))
-
-
-SI: Final = UnitSystem("SI", MappingProxyType({}), MappingProxyType({}))
-UNIT_SYSTEMS: Final[Mapping[str, UnitSystem]] = MappingProxyType(
+_NAMES: Final[Mapping[SystemName, dict[str, str]]] = MappingProxyType(
     {
-        system.name: system
-        for system in (
-            SI,
-            _system("mm-t-s-MPa", {"m": "mm", "kg": "t", "Pa": "MPa", "J": "mJ", "W": "mW"}, 1e-3, 1.0),
-            _system(
-                "in-lbf-s-psi",
-                {"m": "in", "kg": "lbf s2 in-1", "N": "lbf", "Pa": "psi", "J": "lbf in", "W": "lbf in s-1"},
-                INCH,
-                POUND,
-            ),
-            UnitSystem(
-                "none", MappingProxyType(dict.fromkeys(("m", "kg", "N", "Pa", "J", "W"), "1")), MappingProxyType({})
-            ),
-        )
+        "mm-t-s-MPa": {"m": "mm", "kg": "t", "Pa": "MPa", "J": "mJ", "W": "mW"},
+        "in-lbf-s-psi": {
+            "m": "in", "kg": "lbf s2 in-1", "N": "lbf", "Pa": "psi", "J": "lbf in", "W": "lbf in s-1",
+        },
+        "none": dict.fromkeys(("m", "kg", "N", "Pa", "J", "W"), "1"),
     }
+)  # fmt: skip
+"""What units of SI are called in other consistent systems of seconds."""
+
+SI: Final = UnitSystem("SI", MappingProxyType({}))
+UNIT_SYSTEMS: Final[Mapping[str, UnitSystem]] = MappingProxyType(
+    {"SI": SI, **{name: UnitSystem(name, MappingProxyType(names)) for name, names in _NAMES.items()}}
 )
 """The systems by name; "none": pure numbers, as in papers."""
 PREFIXED: Final = frozenset({"m", "kg", "s", "N", "Pa", "J", "W", "Hz", "B"})
 """Units that are written with a prefix, such as kN: those of SI. Those of other systems stay as they are."""
 
 
-def system_named(name: object) -> UnitSystem:
+def system_named(name: object, in_g: bool = False) -> UnitSystem:
     """The system of a name; SI for what names none."""
-    return UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
+    system = UNIT_SYSTEMS.get(name, SI) if isinstance(name, str) else SI
+    return system.with_g if in_g and system.measurable else system

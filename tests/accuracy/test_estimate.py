@@ -13,7 +13,15 @@ import pytest
 
 import latin_fmu
 from latin_fmu.accuracy import estimate as estimate_module
-from latin_fmu.accuracy.estimate import Changes, coarser_runs_of, estimate_error, estimated_error, observed_order
+from latin_fmu.accuracy.estimate import (
+    Changes,
+    coarser_runs_of,
+    estimate_error,
+    estimated_error,
+    observed_order,
+    quantity_estimate,
+)
+from latin_fmu.accuracy.quantities import Quantities
 from latin_fmu.accuracy.runs import (
     MeasuredRun,
     Resolution,
@@ -27,7 +35,8 @@ from latin_fmu.accuracy.runs import (
 )
 from latin_fmu.cli import main
 from latin_fmu.errors import Problem
-from latin_fmu.results.quantities_of_interest import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST
+from latin_fmu.results.estimates import ErrorEstimate
+from latin_fmu.results.quantities_of_interest import FORCE_RMS, IMPULSE, PEAK_FORCE, QUANTITIES_OF_INTEREST, Force
 
 from ..test_cli import SCENE
 from ..verification.known_answers import MODELS, shipped
@@ -113,6 +122,28 @@ def test_sampling_and_iteration_count() -> None:
     plain, _ = estimated_error(IMPULSE, Changes(half, quarter))
     assert estimated_error(IMPULSE, Changes(half, quarter, iteration=0.1))[0] == pytest.approx(plain + 0.1)
     assert estimated_error(IMPULSE, Changes(half, quarter, sampling=0.1))[0] >= 0.1
+
+
+@pytest.mark.parametrize("key", ["friction_work", "separation"])
+@pytest.mark.parametrize(("late", "known"), [(0.0, True), (0.02, True), (0.5, False)])
+def test_numbers_that_agree_by_chance_have_no_error(key: str, late: float, known: bool) -> None:
+    """Two runs with the same work and instant, and forces that have nothing in common: no number, and the reason."""
+    time = np.linspace(0.0, 1.0, 201)
+    runs = []
+    for start in (0.1, 0.1 + late):
+        force = Force(time, np.clip(np.sin(np.pi * (time - start) / 0.3), 0.0, None) * (time < start + 0.3))
+        made = Quantities(forces={"meet": force}, durations={"meet": 0.03})
+        made.add("meet", {key: (0.4, 0.4), "force_rms": (force.root_mean_square(),) * 2})
+        runs.append((Resolution(1.0, 1.0) if not runs else Resolution(0.5, 0.5), made))
+    found = quantity_estimate(shipped("impact_bar"), f"meet.{key}", runs)
+    assert math.isfinite(found.error) is known
+    assert (found.history <= 1.0) is known
+    notes = ErrorEstimate((found,), ("a remark",)).notes
+    assert notes[0] == "a remark"
+    assert len(notes) == 2 - known
+    if not known:
+        assert f"meet.{key}: no error: the history of the force, on which it rests" in notes[1]
+        assert ErrorEstimate((found,)).report()["remarks"] == [notes[1]]
 
 
 # -- Which coarser runs a scene allows --------------------------------------------------------------------------------

@@ -68,6 +68,8 @@ class Both:
         self.session.initialize()
         by_python(self.session)
         assert self.run.image.call(entries.PRESENT) == 0
+        # the simulation has begun: outputs as with a first step of one time step
+        assert self.run.image.call(entries.PRESENT, rule, 1) == 0
         self.rows = [(self.session.row.copy(), self.run.outputs().copy())]
 
     def _set(self, t: float) -> None:

@@ -1,8 +1,8 @@
 """Meshes of every type of cells, curved where they are quadratic, as gmsh and meshio write them in every format:
 volume, first moment and areas of named faces are the integrals by scikit-fem over the same coordinates.
 
-The integrals are over the surface, so that cells that scikit-fem does not have count, too: V = 1/3 int x.n dA, the
-first moment along x_i is 1/2 int x_i^2 n_i dA. What a writer is known to write wrongly is listed, and refused.
+The integrals are over the surface (``surface_integrals``). What a writer is known to write wrongly is listed, and
+refused.
 """
 
 from __future__ import annotations
@@ -18,9 +18,6 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-import skfem
-from skfem.quadrature import get_quadrature
-from skfem.refdom import RefQuad, RefTri
 
 from latin_fmu.errors import MeshError
 from latin_fmu.fem.elements import Elements
@@ -32,16 +29,10 @@ from latin_fmu.mesh_files.reading import read_content
 
 from .conftest import GMSH_ORDER, GMSH_TYPE
 from .meshes import TYPES, typed_box
+from .surface_integrals import integrals
 
 gmsh = pytest.importorskip("gmsh")
 
-FACETS = {
-    "triangle": (skfem.ElementTriP1(), RefTri),
-    "triangle6": (skfem.ElementTriP2(), RefTri),
-    "quad": (skfem.ElementQuad1(), RefQuad),
-    "quad8": (skfem.ElementQuadS2(), RefQuad),
-    "quad9": (skfem.ElementQuad2(), RefQuad),
-}
 NAMES = {"foot": "zmin", "roof": "zmax", "side": "xmax"}
 MSH = {f"gmsh {v} {'binary' if b else 'text'}": (".msh", v, b) for v in (2.2, 4.1) for b in (0, 1)}
 GMSH = {
@@ -120,25 +111,6 @@ def curved(kind: str) -> Mesh:
         nodes[:, 1] += 0.08 * x * x + 0.06 * z * z
     faces = {name: mesh.faces[old] for name, old in NAMES.items()}
     return replace(mesh, nodes=nodes, faces=faces)
-
-
-def integrals(nodes: np.ndarray, surface: FacetSet) -> np.ndarray:
-    """Volume and first moments behind a closed surface, and its vector area: 7 numbers."""
-    total = np.zeros(7)
-    for block in surface.blocks:
-        element, domain = FACETS[block.kind]
-        points, weights = get_quadrature(domain, 10)
-        basis = [element.lbasis(points, i) for i in range(block.facets.shape[1])]
-        values = np.array([np.broadcast_to(phi, weights.shape) for phi, _ in basis])
-        slopes = np.array([[np.broadcast_to(d, weights.shape) for d in dphi] for _, dphi in basis])
-        corners = nodes[block.facets]
-        x = np.einsum("fni,nq->fqi", corners, values)
-        along = np.einsum("fni,ndq->dfqi", corners, slopes)
-        normal = np.cross(along[0], along[1]) * weights[:, None]
-        total[0] += (x * normal).sum() / 3.0
-        total[1:4] += 0.5 * (x**2 * normal).sum(axis=(0, 1))
-        total[4:] += normal.sum(axis=(0, 1))
-    return total
 
 
 def write_by_gmsh(path: Path, mesh: Mesh, version: float, binary: int) -> None:

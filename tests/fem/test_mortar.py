@@ -231,3 +231,34 @@ def test_clipped_polygons() -> None:
     corners, count = clip(turned[None], square[None])
     assert count[0] == 8
     assert areas(corners)[0] == pytest.approx(1 - 4 * 0.5 * 0.3**2)
+
+
+def renumbered(surface: Surface, order: Array) -> Surface:
+    """The surface with node ``order[i]`` as its i-th one, and its facets the other way round."""
+    place = np.argsort(order)
+    blocks = surface.facets.blocks
+    return Surface(surface.nodes[order], FacetSet.of(*(place[block.facets][::-1] for block in blocks)))
+
+
+@pytest.mark.parametrize("kind", ["quad", "quad9"])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_of_the_nodes_does_not_count(kind: str, seed: int) -> None:
+    """A patch that covers facets of a regular face in part: its slivers have neighbours that are equally near."""
+    rng = np.random.default_rng(seed)
+    owner = sheet(kind, 4, 4)
+    other = sheet("quad", 3, 3, (0.6, 0.6), (0.2, 0.2), up=False)
+    order = rng.permutation(len(owner.nodes))
+    first, second = mortar(owner, other), mortar(renumbered(owner, order), other)
+    assert first is not None
+    assert second is not None
+    assert len(second.areas) == len(first.areas)
+    # by place: points of one face do not share theirs
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    found, expected = second.owner.toarray()[:, back], first.owner.toarray()
+    places = found @ owner.nodes, expected @ owner.nodes
+    match = [int(np.linalg.norm(places[0] - place, axis=1).argmin()) for place in places[1]]
+    assert sorted(match) == list(range(len(first.areas)))
+    assert found[match] == pytest.approx(expected, abs=1e-12)
+    assert second.other.toarray()[match] == pytest.approx(first.other.toarray(), abs=1e-12)
+    assert second.areas[match] == pytest.approx(first.areas, rel=1e-12)

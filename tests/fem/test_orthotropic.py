@@ -86,6 +86,15 @@ def test_moduli_and_waves_along_the_axes() -> None:
     assert PLY.bar_speed == pytest.approx(np.sqrt(5.0))
 
 
+def test_a_stiffer_material_is_the_same_with_faster_waves() -> None:
+    """Every modulus times 1.44: stresses of strains 1.44 times, waves 1.2 times as large."""
+    strain, stiff = np.arange(1.0, 7.0), PLY.stiffened(1.44)
+    np.testing.assert_allclose(stiff.stress(strain), 1.44 * PLY.stress(strain), rtol=1e-12)
+    assert stiff.wave_speeds == pytest.approx(1.2 * np.array(PLY.wave_speeds))
+    plain = Isotropic(2.0, 3.0, 0.3)
+    np.testing.assert_allclose(plain.stiffened(1.44).stress(strain), 1.44 * plain.stress(strain), rtol=1e-12)
+
+
 def test_modulus_off_the_axes() -> None:
     """A bar of a ply at an angle (Jones, eq. 2.97): 1/E_x = c^4/E_1 + (1/G_12 - 2 nu_12/E_1) s^2 c^2 + s^4/E_2."""
     for angle in (0.3, 0.8, 1.2):

@@ -180,3 +180,25 @@ def test_a_motion_that_begins_in_the_first_step(fmi, tmp_path):
         for found, wanted in zip(host.read(names), session.values(names), strict=True):
             assert abs(found - wanted) <= LIMIT * np.abs(session.values(names)).max()
     host.close()
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_step_of_round_off_moves_the_clock_alone(hosts, mode):
+    """Some hosts end so. Outputs stay, and the steps after it are those without it, bit for bit."""
+    _, second = hosts
+    rows = []
+    for host in hosts:
+        host.set(mode=mode, load__press__value=BASE)
+        host.start()
+        assert host.step(0.0, 2 * DT)
+        now = 2 * DT
+        if host is second:
+            before = host.read()
+            for h in (0.5e-9 * DT, 8.7e-19 * DT, 5e-324):
+                assert host.step(now, h), host.messages[-1]
+                now += h
+            assert np.array_equal(host.read(), before)
+        assert host.step(now, 3 * DT - now), host.messages[-1]
+        assert host.step(3 * DT, 1.4 * DT)
+        rows.append(host.read())
+    assert np.array_equal(*rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from pathlib import Path
+from xml.etree.ElementTree import fromstring
 
 import pytest
 
@@ -50,6 +51,29 @@ def test_contents(fmus, fmi):
     roots = {name.split("/")[1] for name in names if name.startswith("resources/latin_fmu_")}
     assert len(roots) == 1
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
+
+
+LABELS = {
+    "author": "A. Engineer & Co.",
+    "version": "3.1",
+    "copyright": "(c) A. Engineer",
+    "licence": "for internal use",
+    "description": "Crushing of <two> blocks",
+}
+
+
+def test_the_author_of_the_model_is_that_of_the_scene(fmi, tmp_path):
+    """Nobody where the scene names none; this package is the tool, and the licences of what is inside stay."""
+    attributes = ("author", "version", "copyright", "license", "description")
+    for number, labels in enumerate(({}, LABELS)):
+        fmu = build_fmu(blocks(fmu=labels), tmp_path / f"{number}.fmu", fmi, python=True)
+        assert validate(fmu) == []
+        with zipfile.ZipFile(fmu) as archive:
+            root = fromstring(archive.read("modelDescription.xml"))
+            assert b"MIT License" in archive.read("documentation/licenses/license.txt")
+        assert root.get("generationTool") == f"latin_fmu {latin_fmu.__version__}"
+        found = [root.get(name) for name in attributes]
+        assert found == ([*LABELS.values()] if labels else [None] * 4 + ["Impact with frictional contact: blocks"])
 
 
 def test_mesh_files_travel(tmp_path):

@@ -108,7 +108,7 @@ def test_what_acts_is_said_when_an_fmu_is_made_and_run(scene_file, tmp_path, cap
         ([], ["load.press.value = 0.25", "acts in the FMU as in the scene: load push (half_sine)\n"], [], ""),
         (
             ["load.press.law={type='constant'}"],
-            ["scene: load press (constant), load push (half_sine) (--inputs press makes an input of a load)"],
+            ["scene: load press (constant), load push (half_sine) (--inputs press makes press an input)"],
             [],
             "",
         ),

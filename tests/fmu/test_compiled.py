@@ -257,7 +257,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(opened, fmi):
         (0.0, 1e7 * DT, 2, "at most 1e+06: make shorter steps"),
         (0.0, 1e7 * DT, 3, again),
         (0.0, float("nan"), 3, "is not a finite number"),
-        (0.0, -DT, 3, "too short"),
+        (0.0, -DT, 3, "greater than 0"),
         (DT, DT, 3, "the step starts at"),
     ]:
         assert not host.step(t, h)

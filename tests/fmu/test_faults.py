@@ -64,7 +64,7 @@ def test_inputs(opened, fmi, bad):
 
 @pytest.mark.parametrize(
     ("h", "words", "status"),
-    [(0.0, "too short", 3), (-1.0, "too short", 3), (1e9, "at most", 2), (math.nan, "finite", 3)],
+    [(0.0, "greater than 0", 3), (-1.0, "greater than 0", 3), (1e9, "at most", 2), (math.nan, "finite", 3)],
 )
 def test_step_sizes(opened, fmi, h, words, status):
     host = opened(fmi)

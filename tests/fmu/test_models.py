@@ -18,6 +18,7 @@ from fmu_build.build import build_fmu
 from fmu_build.checks import validate, with_inputs
 from fmu_build.drive import Drive
 from fmu_build.reference import FOLDER, reference_of
+from latin_fmu.cosim.input_table import given_of
 from latin_fmu.errors import InputError
 from latin_fmu.scene.laws import InputLaw
 from tests.scenes import MINUTES, MODELS
@@ -82,10 +83,11 @@ def prepared():
 def test_equal_to_the_reference(path, fmi, prepared, tmp_path):
     """The reference comes from a session; the FMU, driven with X_in.csv over X.exp, gives it to the last digit."""
     scene, files = prepared(path)
-    assert (f"{FOLDER}/{scene.name}_in.csv" in files) == bool(scene.load)
+    driven = bool(given_of(scene))
+    assert (f"{FOLDER}/{scene.name}_in.csv" in files) == driven
     fmu = build_fmu(scene, tmp_path / "model.fmu", fmi, files, python=True)
     reference = columns(files[f"{FOLDER}/{scene.name}_ref.csv"])
-    given = columns(files[f"{FOLDER}/{scene.name}_in.csv"]) if scene.load else None
+    given = columns(files[f"{FOLDER}/{scene.name}_in.csv"]) if driven else None
     (experiment,) = fromstring(files[f"{FOLDER}/{scene.name}.exp"])
     with closing(Drive(fmu, None, given)) as drive:
         rows = list(drive.run(float(experiment.attrib["stepSize"]), float(experiment.attrib["stopTime"])))

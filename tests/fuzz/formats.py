@@ -34,6 +34,7 @@ from ..cosim.scenes import blocks
 from ..fem.conftest import write_msh
 from ..mesh_files.decks import cube, instances_deck, keywords_deck, nastran_deck, surfaces_deck, systems_deck
 from ..mesh_files.test_formats import exodus
+from ..mesh_files.test_kratos import mdpa
 from ..mesh_files.test_med import write_med
 from ..mesh_files.test_readers import dyna_cube, netgen, unv_cube, unv_group
 from . import changes
@@ -219,6 +220,7 @@ def text_meshes() -> Mapping[str, bytes]:
         "two.vol": netgen(True),
         "cube.mesh": "\n".join(medit),
         "cube.su2": "\n".join(su2),
+        "cube.mdpa": mdpa(box),
     }
     return {name: text.encode() for name, text in texts.items()}
 

@@ -58,6 +58,16 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
     assert lines[1].endswith("a unit of it is 0.001 m; left out: 4 solid cells")
 
 
+@pytest.mark.parametrize(("lost", "told"), [(4, True), (0, False)])
+def test_nodes_of_lost_cells_are_told(tmp_path: Path, lost: int, told: bool) -> None:
+    """meshio 5.3.5 leaves pyramids out of .h5m and middle nodes out of .f3grid; their nodes stay."""
+    box = cube()
+    groups = {"low": (3, [("hexahedron", box.blocks[0].cells[lost:])])}
+    write_gmsh(tmp_path / "part.msh", box.nodes, groups)
+    said = [text for text in checked(tmp_path, "part.msh").remarks if "9 of its 27 nodes belong to no cell" in text]
+    assert bool(said) == told
+
+
 @pytest.mark.parametrize(("scale", "warned"), [("1e-3", False), ("1.0", True)])
 def test_the_unit_of_the_file_is_read_and_said(tmp_path: Path, scale: str, warned: bool) -> None:
     pytest.importorskip("h5py")

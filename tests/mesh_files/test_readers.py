@@ -25,6 +25,7 @@ from latin_fmu.mesh_files.content import MeshContent
 from latin_fmu.mesh_files.gmsh import write_gmsh
 from latin_fmu.mesh_files.node_orders import in_another_order
 from latin_fmu.mesh_files.reading import included_files, read_content
+from tests.fem.meshes import skewed, typed_box
 
 from .decks import cube, node_rows, read_mesh
 from .test_formats import exodus
@@ -239,6 +240,15 @@ def test_parts_and_components_of_ansys() -> None:
     assert face(mesh_of(content, "x.cdb", "LOW"), "FEET").areas.sum() == pytest.approx(1.0, rel=1e-12)
 
 
+def test_a_type_with_two_materials_is_two_bodies_in_ansys() -> None:
+    """As mapdl-archive 0.4.2 writes a grid whose bodies are their materials; components of elements come first."""
+    rows = [[1 + i // 4, *element(2, i + 1, (c + 1).tolist())[1:]] for i, c in enumerate(CELLS)]
+    content = content_of(rows, BOX.nodes)
+    assert content.part_names("x.cdb") == ("type_2_material_1", "type_2_material_2")
+    sets = {"of_elements": {"EVEN": [2, 4, 6, 8], "ODD": [1, 3, 5, 7]}}
+    assert content_of(rows, BOX.nodes, **sets).part_names("x.cdb") == ("EVEN", "ODD")
+
+
 BRICK = np.array(CORNERS["hexahedron20"], float)
 COLUMNS = {  # corners of a brick by the form of its cell (Ansys Element Reference, SOLID186)
     "hexahedron20": [0, 1, 2, 3, 4, 5, 6, 7],
@@ -412,25 +422,37 @@ def test_a_plane_file_of_exodus_says_so(tmp_path: Path) -> None:
     assert content.without_solids() == "a plane mesh; 1 surface cells in named groups"
 
 
-def test_bricks_of_27_nodes_in_exodus(tmp_path: Path) -> None:
-    """The centre before those of the faces below, above, left, right, in front, behind (Exodus II manual, HEX27)."""
-    corners = np.array(CORNERS["hexahedron20"], float)
-    order = ["12", "23", "34", "41", "15", "26", "37", "48", "56", "67", "78", "85"]
-    order += ["12345678", "1234", "5678", "1485", "2376", "1265", "3487"]
-    middles = [corners[[int(n) - 1 for n in place]].mean(axis=0) for place in order]
+@pytest.mark.parametrize(
+    ("kind", "straight", "name", "order"),
+    [
+        # the centre before those of the faces below, above, left, right, in front, behind
+        (
+            *("hexahedron27", "hexahedron20", "HEX27"),
+            "12 23 34 41 15 26 37 48 56 67 78 85 12345678 1234 5678 1485 2376 1265 3487",
+        ),
+        # the middles of sides 1 to 3
+        ("wedge18", "wedge15", "WEDGE18", "12 23 31 14 25 36 45 56 64 1254 2365 1463"),
+    ],
+)
+def test_middles_of_faces_in_exodus(tmp_path: Path, kind: str, straight: str, name: str, order: str) -> None:
+    """Element library of the Exodus II manual, HEX27 and WEDGE18."""
+    corners = np.array(CORNERS[straight], float)
+    middles = [corners[[int(n) - 1 for n in place]].mean(axis=0) for place in order.split()]
+    nodes = np.concatenate([corners, middles])
     path = tmp_path / "cell.e"
     with netCDF4.Dataset(path, "w") as data:
-        for name, size in {"num_nodes": 27, "num_el_blk": 1, "one": 1}.items():
-            data.createDimension(name, size)
+        for dimension, size in {"num_nodes": len(nodes), "num_el_blk": 1, "one": 1}.items():
+            data.createDimension(dimension, size)
         for i, axis in enumerate("xyz"):
-            data.createVariable(f"coord{axis}", "f8", ("num_nodes",))[:] = np.concatenate([corners, middles])[:, i]
+            data.createVariable(f"coord{axis}", "f8", ("num_nodes",))[:] = nodes[:, i]
         block = data.createVariable("connect1", "i4", ("one", "num_nodes"))
-        block.elem_type = "HEX27"
-        block[:] = np.arange(1, 28)[None]
+        block.elem_type = name
+        block[:] = np.arange(1, len(nodes) + 1)[None]
     content = read_content(path)
-    cell = content.points[content.solids["hexahedron27"][0]]
-    places = cell_functions("hexahedron").values(cell_functions("hexahedron27").nodes)
-    np.testing.assert_allclose(cell, places @ cell[:8], atol=1e-15)
+    cell = content.points[content.solids[kind][0]]
+    linear = cell_functions(kind.rstrip("0123456789"))
+    places = linear.values(cell_functions(kind).nodes)
+    np.testing.assert_allclose(cell, places @ cell[: len(corners)], atol=1e-15)
 
 
 # -- what writers get wrong ----------------------------------------------------------------------------------------
@@ -460,6 +482,24 @@ def test_middle_nodes_in_the_order_of_another_format(kind: str) -> None:
             first = len(CORNERS[kind]) + n
             swapped[first:] = np.concatenate([points[first + n :], points[first : first + n]])
         assert in_another_order(swapped, kind, cells)
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"),
+    [
+        # MED and gmsh count the faces below, in front, right, behind, left, above: VTK by axes
+        ("hexahedron27", [*range(20), 24, 22, 21, 23, 20, 25, 26]),
+        ("wedge18", [*range(15), 15, 17, 16]),  # gmsh
+        ("pyramid13", [*range(5), 5, 8, 9, 6, 10, 7, 11, 12]),  # gmsh
+    ],
+)
+def test_nodes_of_faces_in_the_order_of_another_format(kind: str, order: list[int]) -> None:
+    """MEDCoupling 9.15.0 writes such hexahedra of 27 nodes to .vtu; curved cells in their own order are taken."""
+    mesh = typed_box(kind, (2, 2, 2), shift=0.2)
+    (block,) = mesh.blocks
+    for points in (mesh.nodes, skewed(mesh.nodes, 0.1)):
+        assert not in_another_order(points, kind, block.cells)
+        assert in_another_order(points, kind, block.cells[:, order])
 
 
 # -- libraries that are not there --------------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ class Motion:
 
 def prescribed(driven: Driven, scheme: Any) -> Array:
     """Full accelerations of the prescribed motions, (n + 1, n_full): Newmark's relation for the given velocities."""
-    v = driven.histories.imposed_velocity
+    v = driven.histories.imposed
     a = np.zeros_like(v)
     a[0] = (v[1] - v[0]) / DT
     for i in range(len(v) - 1):
@@ -371,9 +371,7 @@ def resumes(tractions: Callable[..., Array]) -> Callable[..., None]:
         whole = on(propagator)
         alone_of(propagator).restore(kept)
         np.testing.assert_array_equal(on(propagator), whole)
-        rest = type(m.histories)(
-            m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed_velocity[4:]
-        )
+        rest = type(m.histories)(m.histories.time[4:], [a[4:] for a in m.histories.amplitudes], m.histories.imposed[4:])
         other.begin([rest], dt)
         np.testing.assert_array_equal(on(other), whole)
 

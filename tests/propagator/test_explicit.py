@@ -44,7 +44,7 @@ def leapfrog(driven: Any, tractions: Array, dt: float) -> tuple[Array, Array]:
     terms = zip(history.amplitudes, model.loads, strict=True)
     loads = sum(np.outer(amplitude, term.pattern) for amplitude, term in terms)
     forces = (tractions * model.channel_area) @ trace
-    given_v = history.imposed_velocity @ model.imposed_pattern.T
+    given_v = history.imposed @ model.imposed_pattern.T
     free = p @ np.linalg.pinv(p)
     n = len(loads) - 1
     u, v = np.zeros((n + 1, model.n_full)), np.zeros((n + 1, model.n_full))

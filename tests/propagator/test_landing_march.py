@@ -44,7 +44,7 @@ def dense_march(driven: Any, scheme: Any, given: Array) -> dict[str, Array]:
     loads = sum(np.outer(amplitude, term.pattern) for amplitude, term in terms)
     forces = (given * model.channel_area) @ model.trace.toarray()
     (a_m, a_f), be, ga = scheme.old_weights, scheme.beta, scheme.gamma
-    v_p = driven.histories.imposed_velocity
+    v_p = driven.histories.imposed
     a_p = np.zeros_like(v_p)
     a_p[0] = (v_p[1] - v_p[0]) / DT
     for i in range(len(v_p) - 1):

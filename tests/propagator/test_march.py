@@ -68,7 +68,8 @@ def test_channels_read_the_motion(hht: Any, model: Make, begin: Make, advance: M
     motion = advance(propagator, given)
     close(channel_displacement(propagator)[:, 0], m.model.trace @ motion.u[-1])
     close(channel_velocity(propagator)[:, 0], m.model.trace @ motion.v[-1])
-    ops, imposed = propagator.operators, propagator.forcing.channel_acceleration(propagator.instant)
+    ops, forcing = propagator.operators, propagator.forcing
+    imposed = propagator.members[0].trace @ forcing.imposed_a(propagator.instant) if forcing.moves else None
     close((ops.trace @ propagator.state.a[ops.dofs] + imposed)[:, 0], m.model.trace @ motion.a[-1])
 
 
@@ -103,7 +104,7 @@ def test_causality(
     drive = m.histories
     other = {
         "amplitudes": [np.where(after, 3.0, x) for x in drive.amplitudes[:2]] + drive.amplitudes[2:],
-        "imposed_velocity": np.where(after[:, None], 1.0, drive.imposed_velocity),
+        "imposed": np.where(after[:, None], 1.0, drive.imposed),
     }
     first = advance(begin([m], hht, given[0]), given)
     second = advance(begin([changed(m, histories=other)], hht, given[0]), later)
@@ -129,7 +130,7 @@ def test_superposition(
         },
         {
             "amplitudes": [2 * h for h in a.histories.amplitudes] + [-3 * h for h in b.histories.amplitudes],
-            "imposed_velocity": 2 * a.histories.imposed_velocity - 3 * b.histories.imposed_velocity,
+            "imposed": 2 * a.histories.imposed - 3 * b.histories.imposed,
         },
     )
     actual = advance(begin([both], hht, 2 * given[0][0] - 3 * given[1][0]), 2 * given[0] - 3 * given[1])
@@ -217,12 +218,7 @@ def part(driven: Any, changed: Make, start: int, stop: int) -> Any:
     h = driven.histories
     cut = slice(start, stop + 1)
     return changed(
-        driven,
-        histories={
-            "time": h.time[cut],
-            "amplitudes": [x[cut] for x in h.amplitudes],
-            "imposed_velocity": h.imposed_velocity[cut],
-        },
+        driven, histories={"time": h.time[cut], "amplitudes": [x[cut] for x in h.amplitudes], "imposed": h.imposed[cut]}
     ).histories
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +41,9 @@ WELD = one(synthetic.joint("weld", TIME))
 
 def test_a_contact_says_peak_instants_and_slip(crushing: Solution) -> None:
     pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
-    text = said(crushing, **one(replace(pulse, initial_gap=np.full(16, 1e-6))))
+    sliding = pulse.velocity.copy()
+    sliding[:, 1, :, 0] += 0.5
+    text = said(crushing, **one(replace(pulse, velocity=sliding, initial_gap=np.full(16, 1e-6))))
     assert text.startswith("crush peak ")
     assert "at 5.00 us" in text  # the pulse is symmetric about it
     assert "touches from 2.0" in text
@@ -229,7 +232,7 @@ def test_statics_have_no_mean_no_impulse_and_no_velocity() -> None:
     )
     solution = latin_fmu.solve(scene)
     text = replace(solution, estimate=latin_fmu.estimate_error(scene, solution)).summary()
-    assert "peak 20.00 kN +- 0.1 % at 1.00 s; carries a force from " in text
+    assert "peak 20.00 kN +- 0.1 %; carries a force from " in text
     for word in ("mean of", "impulse", "velocity", "touches", "opens"):
         assert word not in text, word
     assert solution.report()["interfaces"]["meet"]["peak_force"] == pytest.approx(20e3, rel=1e-3)
@@ -245,3 +248,116 @@ def test_an_error_beyond_the_value_is_no_number(crushing: Solution) -> None:
     pulse = synthetic.contact("crush", TIME, 2e-6, 8e-6, 1e8)
     estimate = ErrorEstimate((QuantityEstimate("crush.peak_force", 1.0, 11.0, bound_only=False),))
     assert "kN (error as large as the value)" in said(crushing, estimate, **one(pulse))
+
+
+def _rubbing(slip: float, elastic: float, friction: float, spin: float = 0.0) -> InterfaceHistory:
+    """A pressed joint all of whose points count as slipping: they slide by ``slip`` (m), while both faces bulge by
+    ``elastic`` (m) in the middle and turn by ``spin`` about the normal; ``friction`` over its limit as a whole."""
+    made = synthetic.contact("lap", TIME, 0.0, TIME[-1], 1e8, friction=0.2)
+    steady = np.zeros_like(made.traction)
+    steady[:, :, 0], steady[:, :, 2] = -friction * 0.2 * 1e8, -1e8
+    x = made.points - made.points.mean(axis=0)
+    rate = 1.0 / TIME[-1]
+    velocity = np.zeros_like(made.velocity)
+    bulge = np.abs(x[:, 0]) - np.abs(x[:, 0]).mean()
+    velocity[:, :, :, 1] = elastic * rate * bulge / np.abs(bulge).max()
+    velocity[:, :, :, 0] -= spin * rate * x[:, 1]
+    velocity[:, :, :, 1] += spin * rate * x[:, 0]
+    velocity[:, 1, :, 0] += slip * rate
+    status = np.full(made.contact_status.shape, 2, dtype=np.int8)  # type: ignore[union-attr]
+    return replace(made, traction=steady, velocity=velocity, contact_status=status)
+
+
+@pytest.mark.parametrize(
+    ("slip", "elastic", "friction", "spin", "words"),
+    [
+        (164e-12, 1e-6, 0.5, 0.0, "sticks throughout"),
+        (0.9e-9, 1e-6, 0.5, 0.0, "sticks throughout"),
+        (1.1e-9, 1e-6, 0.5, 0.0, "slips on up to 100 % of the face, by up to 1.10 nm, at 50 % of what friction holds"),
+        (164e-12, 1e-6, 1.0, 0.0, "slips on up to 100 % of the face, by up to 164 pm, as a whole"),
+        # a rigid rotation is no elastic motion
+        (164e-12, 0.0, 0.5, 1e-3, "slips on up to 100 % of the face, by up to 164 pm, at 50 %"),
+    ],
+)
+def test_a_joint_sticks_where_its_slip_is_none_beside_its_elastic_motion(
+    crushing: Solution, slip: float, elastic: float, friction: float, spin: float, words: str
+) -> None:
+    """Limits: 1e-3 of the largest elastic relative motion, and friction below its limit at every instant."""
+    lap = _rubbing(slip, elastic, friction, spin)
+    assert words in said(crushing, **one(lap))
+    table = replace(crushing, outcome=replace(crushing.outcome, **one(lap))).summary(details=True)
+    row = next(line for line in table.splitlines() if line.split()[:2] == ["lap", "contact"])
+    assert ("sticks" in row) == words.startswith("sticks")
+
+
+def test_an_equilibrium_has_no_instant_and_no_impulse() -> None:
+    """Two blocks pressed together: the load is whole at the end, whose instant orders the increments only."""
+    steel = {"young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7800.0}
+    block = {"size": [0.01] * 3, "elements": [1, 1, 1]}
+    tables = {
+        "name": "pressed",
+        "material": {"steel": steel},
+        "substructure": {
+            "low": {"material": "steel", "box": block},
+            "high": {"material": "steel", "box": block | {"origin": [0.0, 0.0, 0.01]}},
+        },
+        "interface": {"joint": {"sides": ["low.zmax", "high.zmin"], "friction_coefficient": 0.2}},
+        "boundary": {"base": {"type": "fixed", "face": "low.zmin"}},
+        "load": {
+            "push": {
+                "face": "high.zmax",
+                "pressure": 1e6,
+                "law": {"type": "table", "times": [0.0, 1.0], "values": [0.0, 1.0]},
+            }
+        },
+        "sensor": {"top": {"face": "high.zmax"}},
+        "output": {"reactions": True},
+        "time": {"end": 1.0, "instants": 10, "quasi_static": True},
+    }
+    text = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).summary(details=True)
+    assert "joint         peak 100.0 N; " in text
+    assert "reaction up to 100.0 N\n" in text
+    assert "1.00 s" not in text
+    assert "N s" not in text
+    row = next(line for line in text.splitlines() if line.split()[:2] == ["joint", "contact"])
+    assert row.split()[2:7] == ["100.0", "N", "-", "-", "-"]
+    # a law that falls again has its peak before the end, which is said
+    tables["load"]["push"]["law"] |= {"times": [0.0, 0.5, 1.0], "values": [0.0, 1.0, 0.2]}  # type: ignore[index]
+    text = latin_fmu.solve(latin_fmu.scene_from_dict(tables)).summary()
+    assert "peak 100.0 N at 500 ms;" in text
+
+
+def test_a_thread_has_one_number(crushing: Solution) -> None:
+    """A bond whose normals stand across its force, as those of the flanks of a thread on a cylinder."""
+    weld = synthetic.joint("thread", TIME)
+    inclined = np.tile([np.cos(0.18), 0.0, np.sin(0.18)], (len(weld.areas), 1))
+    outcome = replace(crushing.outcome, **one(replace(weld, normals=inclined)))
+    found = replace(crushing, outcome=outcome)
+    (largest,) = re.findall(r"carries up to (\S+ kN) at", found.summary())
+    row = next(line for line in found.summary(details=True).splitlines() if line.split()[:2] == ["thread", "perfect"])
+    assert largest == " ".join(row.split()[2:4])
+    assert row.split()[4:6] == ["-", "-"]
+
+
+def test_a_sensor_with_a_filter_says_the_peak_behind_it() -> None:
+    """A ripple of 200 kHz on a slow half sine: its filter takes the ripple off, and the sentence has what is left."""
+    from latin_fmu.results.sensors import low_pass
+    from latin_fmu.scene.sensors import LowPass, Sensor
+
+    time = np.linspace(0.0, 2e-3, 4001)
+    slow = 100.0 * np.sin(np.pi * time / 2e-3)
+    motion = np.zeros((time.size, 3))
+    motion[:, 2] = slow + 50.0 * np.sin(2 * np.pi * 200e3 * time)
+    chosen = LowPass(cutoff=10e3)
+    history = SensorHistory("tip", "beam", None, np.zeros(3), 1e-6 * motion, 1e-3 * motion, motion)
+    outcome = replace(synthetic.crushing(), sensors={"tip": history}, time=time, interfaces={}, bolts={}, reactions={})
+    requests = {"tip": Sensor(face="beam.xmax", filter=chosen)}
+    text = " ".join(" ".join(sentences(outcome, requests=requests)).split())
+    largest = np.abs(low_pass(motion, chosen, time[1])).max()
+    assert largest == pytest.approx(100.0, rel=1e-3)
+    assert f"acceleration up to {largest:.3g} m/s2 ({largest / 9.80665:.3g} g) at 1.00 ms ({chosen.label})" in text
+    assert "unfiltered" not in text
+    raw = " ".join(" ".join(sentences(outcome)).split())
+    assert f"acceleration up to {motion.max():.3g} m/s2" in raw
+    assert motion.max() > 140.0
+    assert "(unfiltered)" in raw

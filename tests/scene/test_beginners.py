@@ -125,7 +125,11 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], int, list[str]]] = {
     "step of half the pulse": ([("step = 2e-6", "step = 5e-5")], REMARKED, ["press", "too long"]),
     "step not dividing the end": ([("step = 2e-6", "step = 3e-6")], BAD_INPUT, ["time.end", "3e-06", "instants"]),
     "step far above Courant": (
-        [("step = 2e-6", "step = 1e-2"), ("end = 2e-4", "end = 1.0"), ("duration = 1e-4", "duration = 1.0")],
+        [
+            ("step = 2e-6", "step = 1e-2"),
+            ("end = 2e-4", "end = 1.0"),
+            ('{type = "half_sine", duration = 1e-4}', '"step"'),
+        ],
         REMARKED,
         ["elements of", "in a step", "smaller steps"],
     ),

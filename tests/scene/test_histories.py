@@ -12,7 +12,7 @@ import pytest
 import latin_fmu
 from latin_fmu.errors import SceneError
 from latin_fmu.scene.laws import CsvLaw
-from latin_fmu.scene.number_files import GRAVITY
+from latin_fmu.scene.unit_texts import GRAVITY
 from latin_fmu.scene.units import UNIT_SYSTEMS
 
 STEP, DURATION, PEAK = 1e-4, 11e-3, 30.0

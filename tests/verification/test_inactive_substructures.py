@@ -148,6 +148,28 @@ def test_arrival_times_are_those_of_the_pressure_wave() -> None:
     np.testing.assert_allclose(list(times.values()), TRANSIT * np.arange(4), rtol=1e-12)
 
 
+def test_fronts_meet_the_modulus_of_fast_motions() -> None:
+    """Strong damping over three decades: the front in the last of four blocks is ahead of a wave of the static modulus,
+    as its arrival time says."""
+    tables = chain(4, 3.8, 20, tolerance=1e-6)
+    centre = 1.0 / TRANSIT
+    ratios = {"frequencies": [centre / 1e3, centre], "ratios": [0.05, 0.05]}
+    for material in tables["material"].values():
+        material["damping_ratios"] = ratios
+    scene = latin_fmu.scene_from_dict(copy.deepcopy(tables))
+    (damping,) = {material.damping for material in scene.material.values()}
+    # the frequency of the pulse is in the branches' reach: the modulus there is that of fast motions to some percent
+    rise = float(damping.modulus(np.array([centre])).real[0])
+    assert rise > 1.4
+    assert damping.instantaneous > rise
+    expected = TRANSIT / np.sqrt(damping.instantaneous)
+    np.testing.assert_allclose(list(arrivals(tables).values()), expected * np.arange(4), rtol=1e-12)
+    solution = solve(tables)
+    force = np.abs(solution.interfaces["i3"].force()).max(axis=1)
+    met = solution.time[np.argmax(force > 0.1 * 1e8 * 1e-4)]
+    assert 3 * expected < met < 0.97 * 3 * TRANSIT
+
+
 def test_arrival_times_follow_what_the_scene_does() -> None:
     tables = chain(4)
     tables["load"]["push"]["law"]["start"] = 0.2 * TRANSIT

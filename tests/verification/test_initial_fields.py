@@ -196,7 +196,12 @@ def quasi_static(scene):
         (FILE, None, "x,y,z,u,v,w\n", "one value for each point"),
         (FILE, None, "0.3,0,0,1,1,1\n", "19 of 20 nodes have no point of the file"),
         ({"initial_velocity_field": {"file": "v.csv", "columns": [1, 2]}}, None, "0,0\n", "not six columns"),
-        ({"initial_velocity_field": {"file": "v.csv", "unit": "mm"}}, None, "0,0,0,1,1,1\n", "unknown unit"),
+        (
+            {"initial_velocity_field": {"file": "v.csv", "unit": "mm"}},
+            None,
+            "0,0,0,1,1,1\n",
+            "a unit of a length, not of a velocity",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path, keys, change, text, words):

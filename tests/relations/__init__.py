@@ -1,0 +1,1 @@
+"""Relations between runs that must agree, on random scenes and shipped models."""
