@@ -173,10 +173,7 @@ def discretise(
     store_of(scene).recount()
     scene = _damped(scene, remarks)
     bodies = build_bodies(scene, problems, None if kept is None else kept.bodies, remarks, files)
-    notes: dict[str, str] = {}
-    if scene.bolt and not problems:
-        # before the faces are checked: threads make their own
-        scene, bodies, notes = with_threads(scene, bodies, problems, remarks)
+    scene, bodies, notes = with_threads(scene, bodies, problems, remarks)
     check_faces(scene, bodies, problems)
     # faces that are not there would fail all that follows
     _stop_at(problems)

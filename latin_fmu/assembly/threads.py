@@ -400,11 +400,13 @@ def with_threads(
     scene: Scene, bodies: dict[str, Body], problems: Problems, remarks: list[Remark] | None = None
 ) -> tuple[Scene, dict[str, Body], dict[str, str]]:
     """The scene with the axes of its bolts and the bonds of their threads; the bodies with the faces of these, without
-    the contacts of free shanks, their moduli scaled; and a note on every thread, by bolt.
+    the contacts of free shanks, their moduli scaled; and a note on every thread, by bolt. It comes before faces are
+    checked: threads make their own.
 
     Shanks without an axis, parts without a hole are added to ``problems``; lengths that are not reached to ``remarks``.
     """
-    if not scene.bolt:
+    # a body that cannot be read is not there
+    if problems or not scene.bolt:
         return scene, bodies, {}
     made = {name: _plain(body) for name, body in bodies.items()}
     bolts, interfaces = dict(scene.bolt), dict(scene.interface)
