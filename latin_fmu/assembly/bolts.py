@@ -51,7 +51,7 @@ FITTING: Final = 0.75, 1.2
 """Diameter of the meshed shank over the nominal one, from core to nominal, with some play for sections not round."""
 WAISTED: Final = 0.5
 """The same of a shank whose thread has no size, from."""
-SECTION: Final = 0.9, 1.4
+SECTION: Final = 0.85, 1.4
 """Meshed section over the stress area of the thread, of the modelled part, from and up to which the two agree."""
 _CONE = 3.0  # radii of a shank around its axis within which points are clamped by it
 
@@ -630,10 +630,7 @@ class _Section:
         beyond = touches & (self._levels > level)
         jump = np.zeros((body.mesh.n_node, 3))
         jump[nodes] = axis
-        moduli = body.shape.moduli
-        moduli = None if moduli is None else moduli[beyond]
-        part = Elements(Mesh(body.mesh.nodes, _picked(body.mesh, beyond), {}), moduli)
-        own = stiffness(part, body.shape.elasticity, body.shape.bending_modes)
+        own = stiffness(_part(body, beyond), body.shape.elasticity, body.shape.bending_modes)
         pattern = np.asarray(own @ jump.ravel())
         # forces that cancel, but for round-off
         pattern[np.abs(pattern) <= 1e-14 * np.abs(pattern).max()] = 0.0
@@ -686,11 +683,13 @@ def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> s
     return ", ".join(parts)
 
 
-def _picked(mesh: Mesh, cells: np.ndarray) -> tuple[CellBlock, ...]:
-    """Blocks of some cells of a mesh."""
+def _part(body: Body, cells: np.ndarray) -> Elements:
+    """Some of the elements of a body, (n_cell,)."""
+    mesh, moduli = body.mesh, body.shape.moduli
     ends = np.cumsum([len(block.cells) for block in mesh.blocks])[:-1]
     parts = zip(mesh.blocks, np.split(cells, ends), strict=True)
-    return tuple(CellBlock(block.cell_type, block.cells[own]) for block, own in parts if own.any())
+    blocks = tuple(CellBlock(block.cell_type, block.cells[own]) for block, own in parts if own.any())
+    return Elements(Mesh(mesh.nodes, blocks, {}), None if moduli is None else moduli[cells])
 
 
 def _across(vectors: Array, axis: Array) -> Array:

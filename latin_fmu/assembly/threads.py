@@ -56,7 +56,7 @@ Mask = np.ndarray
 
 
 @dataclass(frozen=True)
-class Line:
+class ShankLine:
     """A line in space: (3,) unit direction and (3,) point, m."""
 
     axis: Array
@@ -68,7 +68,7 @@ class Line:
         return np.asarray(arm - (arm @ self.axis)[..., None] * self.axis)
 
 
-class Skin:
+class BoundaryFacets:
     """Boundary facets of a body one by one.
 
     Attributes
@@ -90,7 +90,7 @@ class Skin:
         along = [x @ axis for x in self._places]
         return np.concatenate([z.min(axis=1) for z in along]), np.concatenate([z.max(axis=1) for z in along])
 
-    def round_ones(self, line: Line, outwards: bool) -> tuple[Mask, Array]:
+    def round_ones(self, line: ShankLine, outwards: bool) -> tuple[Mask, Array]:
         """Facets (n_facet,) of cylinders about a line that look away from it, or towards it, and the radii (n_facet,)
         of all, m."""
         distances = [np.linalg.norm(line.arms(x), axis=2) for x in self._places]
@@ -112,7 +112,7 @@ class Skin:
                 blocks.append(FacetBlock(block.kind, block.facets[own]))
         return FacetSet(tuple(blocks))
 
-    def line(self, axis: Array | None) -> Line | None:
+    def line(self, axis: Array | None) -> ShankLine | None:
         """The axis of the round faces that look outwards, along ``axis`` where it is given; None where there is no
         such axis."""
         if axis is not None:
@@ -136,9 +136,9 @@ class Skin:
             best = np.eye(3)[main]
         return self._centred(best * np.sign(best[main]), faces)
 
-    def _centred(self, axis: Array, faces: Mask) -> Line:
+    def _centred(self, axis: Array, faces: Mask) -> ShankLine:
         """The line along an axis that the normals of facets meet best."""
-        line = Line(axis, self.areas @ self.centres / self.areas.sum())
+        line = ShankLine(axis, self.areas @ self.centres / self.areas.sum())
         for _ in range(2):
             flat = faces & (np.abs(self.normals @ axis) < _STEEP)
             if not flat.any():
@@ -147,7 +147,7 @@ class Skin:
             across = np.cross(axis, self.normals[flat]) * np.sqrt(self.areas[flat])[:, None]
             target = np.einsum("fi,fi->f", across, self.centres[flat] - line.point)
             shift = np.linalg.lstsq(across, target, rcond=1e-6)[0]
-            line = Line(axis, line.point + shift)
+            line = ShankLine(axis, line.point + shift)
             rounds = self.round_ones(line, outwards=True)[0]
             faces = rounds if rounds.any() else faces
         return line
@@ -157,9 +157,9 @@ class Skin:
 class _Cylinder:
     """Round facets of a body about a line: which ones, their radius, m, and their ends along the axis, m."""
 
-    skin: Skin
+    skin: BoundaryFacets
     faces: Mask
-    line: Line
+    line: ShankLine
 
     @property
     def radius(self) -> float:
@@ -185,7 +185,7 @@ def _fitting(radii: Array, diameter: float) -> Mask:
     return np.asarray((share >= FITS[0] - _SLACK) & (share <= FITS[1] + _SLACK))
 
 
-def _shank(skin: Skin, line: Line, diameter: float | None) -> _Cylinder | None:
+def _shank(skin: BoundaryFacets, line: ShankLine, diameter: float | None) -> _Cylinder | None:
     """The shank of a screw; None where no round faces have the nominal diameter."""
     faces, radii = skin.round_ones(line, outwards=True)
     if not faces.any():
@@ -280,7 +280,7 @@ class _Screw:
     thread: ThreadTable
     scene: Scene
     bodies: dict[str, Body]
-    line: Line
+    line: ShankLine
     problems: Problems
 
     @cached_property
@@ -296,7 +296,7 @@ class _Screw:
     def engagement(self) -> tuple[str, Engagement] | None:
         """The part around the shank, and the engagement with it; None with a problem."""
         nominal = self.bolt.nominal(self.scene.unit_system)
-        shank = _shank(Skin(self.body), self.line, nominal)
+        shank = _shank(BoundaryFacets(self.body), self.line, nominal)
         where = f"bolt.{self.name}.thread"
         if shank is None:
             wanted = "" if nominal is None else f" of a diameter of {FITS[0] * nominal:.4g} to {FITS[1] * nominal:.4g}"
@@ -314,7 +314,7 @@ class _Screw:
         for name, body in self.bodies.items():
             if name == self.body.name or not fnmatchcase(name, str(self.thread.part)):
                 continue
-            skin = Skin(body)
+            skin = BoundaryFacets(body)
             faces, radii = skin.round_ones(self.line, outwards=False)
             seen += [f"{name}: {2.0 * r:.4g} {self.length_unit}" for r in np.unique(np.round(radii[faces], 6))[:3]]
             hole = _Cylinder(skin, faces & _fitting(radii, diameter), self.line)
@@ -341,7 +341,7 @@ class _Screw:
 
     @cached_property
     def _drawn(self) -> float:
-        shank = _shank(Skin(self.body), self.line, self.bolt.nominal(self.scene.unit_system))
+        shank = _shank(BoundaryFacets(self.body), self.line, self.bolt.nominal(self.scene.unit_system))
         assert shank is not None
         return shank.radius
 
@@ -448,15 +448,15 @@ def with_threads(
     return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), made, notes
 
 
-def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> Line | None:
+def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | None:
     """The axis of a bolt; None with a problem."""
     if bolt.axis is not None and (bolt.thread is None or bolt.thread.part is None):
-        return Line(np.asarray(bolt.axis), np.zeros(3))
+        return ShankLine(np.asarray(bolt.axis), np.zeros(3))
     axis = None
     if bolt.axis is not None:
         axis = np.asarray(bolt.axis) / np.abs(bolt.axis).max()
         axis /= np.linalg.norm(axis)
-    line = Skin(body).line(axis)
+    line = BoundaryFacets(body).line(axis)
     if line is None:
         problems.add(
             f"bolt.{name}.axis",
@@ -495,7 +495,7 @@ def _with(body: Body, name: str, facets: FacetSet) -> Body:
 class _Free:
     """The free shank of a screw: facets (n_facet,) that take part in searches, relative moduli (n_cell,) or None."""
 
-    skin: Skin
+    skin: BoundaryFacets
     touching: Mask
     moduli: Array | None
 

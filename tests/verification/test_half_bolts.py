@@ -10,6 +10,7 @@ import pytest
 
 import latin_fmu
 from latin_fmu.assembly.build import discretise
+from latin_fmu.errors import SceneError
 from latin_fmu.stability.surfaces import turned, typed_box, write_mesh
 
 SIDE, LENGTH = 3.2e-3, 20e-3
@@ -89,15 +90,16 @@ def test_the_share_that_is_given_counts(tmp_path: Path) -> None:
 
 
 def test_a_section_of_another_screw_is_told(tmp_path: Path) -> None:
-    """1.17 of the stress area is a shank of M4; the half of one that is taken for the whole is not, nor is M6."""
+    """1.17 of the stress area is a shank of M4; the half of one taken for the whole is refused, and so is M6."""
 
     def remarks(tables: dict[str, Any]) -> list[str]:
         return [r for r in discretise(latin_fmu.scene_from_dict(tables)).remarks if "meshed section" in r]
 
     assert not remarks(screw(tmp_path, "half", force=100.0))
-    half = screw(tmp_path, "half", force=100.0, share=1.0)
-    assert "0.583 of the stress area of M4" in remarks(half)[0]
-    assert "0.509" in remarks(screw(tmp_path, "whole", force=100.0) | _of_thread(tmp_path, "M6"))[0]
+    with pytest.raises(SceneError, match=r"a diameter of 0.002553 m \(value: 0.004 m, M4"):
+        remarks(screw(tmp_path, "half", force=100.0, share=1.0))
+    with pytest.raises(SceneError, match=r"a diameter of 0.003611 m \(value: 0.006 m, M6"):
+        remarks(screw(tmp_path, "whole", force=100.0) | _of_thread(tmp_path, "M6"))
 
 
 def _of_thread(folder: Path, thread: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from latin_fmu import scene_from_dict, solve
 from latin_fmu.assembly.body import build_bodies
 from latin_fmu.assembly.build import discretise
-from latin_fmu.assembly.threads import Skin, with_threads
+from latin_fmu.assembly.threads import BoundaryFacets, with_threads
 from latin_fmu.errors import Problems, SceneError
 from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, MeanStress, stiffness
@@ -141,7 +141,7 @@ def test_a_shank_in_contact_leaves_a_belt_for_the_cut(tmp_path: Path) -> None:
         data["bolt"]["m5"]["shank"] = shank
         body = discretise(scene_from_dict(data)).bodies["screw"]
         areas.append(body.surface(body.touching).facet_area)
-    skin = Skin(body)
+    skin = BoundaryFacets(body)
     assert areas[0] < areas[1] < skin.areas.sum()
 
 
