@@ -40,7 +40,7 @@ def pulse(times: np.ndarray) -> np.ndarray:
 
 def driven(rule: int, steps: int = STEPS, last: float = 1.0) -> Session:
     """A windowed session that hands the pulse over step by step; the last step is ``last`` times as long."""
-    session = Session(with_law(KNOWN, "input"), Settings(interpolation=rule))
+    session = Session(with_law(KNOWN, "input"), Settings(interpolation=rule, keep=True))
     session.initialize()
     h = END / STEPS
     for i in range(steps):
@@ -124,7 +124,7 @@ def test_curves_keep_the_impulse_of_the_steps(rule: int) -> None:
 
 def test_what_is_not_known_is_not_estimated() -> None:
     """Nothing solved; a part of a time step at the end, which waits for its rest; a state restored elsewhere."""
-    fresh = Session(with_law(KNOWN, "input"))
+    fresh = Session(with_law(KNOWN, "input"), Settings(keep=True))
     assert fresh.estimate_error().quantities == ()
     assert "nothing was solved" in fresh.estimate_error().remarks[0]
     uneven = driven(HOLD, steps=60, last=0.37)

@@ -12,7 +12,7 @@ import xarray as xr
 from meshio._mesh import topological_dimension
 
 from latin_fmu import api
-from latin_fmu.cosim.session import Session
+from latin_fmu.cosim import Session, Settings
 from latin_fmu.effects.explanation import explain
 from latin_fmu.reader import scene_from_dict
 from latin_fmu.results.files import open_results
@@ -117,7 +117,7 @@ def test_a_session_keeps_them_too(tmp_path: Path) -> None:
     tables = pulled(tmp_path, "hexahedron")
     del tables["boundary"]
     tables["time"] = {"end": 1e-5, "instants": 4}
-    session = Session(scene_from_dict(tables))
+    session = Session(scene_from_dict(tables), Settings(keep=True))
     session.initialize()
     session.step(0.0, 1e-5)
     dataset = session.dataset()["substructures/cube"].to_dataset()

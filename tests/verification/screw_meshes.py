@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 Profile = Sequence[tuple[float, float]]
 Chosen = Callable[[float, float, float], bool]
 
@@ -36,8 +38,7 @@ class Part:
 
 def write(file: Path, parts: Mapping[str, Part], size: float, order: int = 2, curvature: int = 12) -> Path:
     """Mesh the parts with edges of ``size``, mm, ``curvature`` around a circle at least, and write them."""
-    import gmsh
-
+    gmsh: Any = pytest.importorskip("gmsh")
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
