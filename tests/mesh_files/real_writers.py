@@ -172,7 +172,7 @@ def compared(bodies: dict[str, Body], name: str, form: dict[str, Any], unit: str
     if len(got) != len(wanted.volumes):
         how = "one" if len(got) == 1 else "by type of cells"
     elif "" in pairs:
-        how = "none"
+        how = "none" if form["bodies"] else "by type of cells"
     elif all(map(str.__contains__, pairs, wanted.volumes)):
         how = "named"
     faces, lost = found_faces(_faces(meshes), wanted.faces, near)
@@ -258,6 +258,7 @@ def reason(result: Outcome) -> str:
         return "written without some of their nodes or cells, which is told"
     # without the place in the scene, the values and the remedies
     text = re.sub(r"^1\. (mesh|substructure)\.[\w.]+: ", "", result.said)
+    text = re.sub("(do not fit each other).*", r"\1", text)
     match = REASON.match(text)
     return (match[1] if match else text)[:110].replace("|", "/").strip()
 
