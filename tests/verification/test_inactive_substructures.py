@@ -162,6 +162,7 @@ def test_fronts_meet_the_modulus_of_fast_motions() -> None:
     rise = float(damping.modulus(np.array([centre])).real[0])
     assert rise > 1.4
     assert damping.instantaneous > rise
+    assert np.sqrt(damping.instantaneous) == pytest.approx(1.29, abs=0.01)
     expected = TRANSIT / np.sqrt(damping.instantaneous)
     np.testing.assert_allclose(list(arrivals(tables).values()), expected * np.arange(4), rtol=1e-12)
     solution = solve(tables)
