@@ -38,6 +38,7 @@ from ..scene.schema import Scene
 from ..scene.substructures import MeshFile, Substructure
 from ..scene.unit_texts import unit_size
 from ..scene.units import SI, UnitSystem
+from ..time_scheme import MaxwellBranches
 
 if TYPE_CHECKING:
     from ..mesh_files.content import MeshContent
@@ -68,9 +69,15 @@ def elasticity_of(material: MaterialTable) -> Elasticity:
     return Orthotropic(material.density, *constants, *axes, expansions=alphas)
 
 
+def branches_of(material: MaterialTable) -> MaxwellBranches:
+    """Maxwell branches of the damping of a material."""
+    damping = material.damping
+    return MaxwellBranches(damping.strengths, damping.times)
+
+
 def fast_elasticity_of(material: MaterialTable) -> Elasticity:
     """Elasticity that fronts of waves meet, of a material of the scene: that of its branches before they relax."""
-    return elasticity_of(material).stiffened(material.damping.instantaneous)
+    return elasticity_of(material).stiffened(branches_of(material).instantaneous)
 
 
 class Shape:

@@ -27,13 +27,12 @@ from ..results.dataset import Recovered
 from ..scene.boundaries import Driven
 from ..scene.fields import split_face
 from ..scene.laws import InputLaw, TimeLaw, sampled
-from ..scene.materials import MaterialTable
 from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.substructures import Temperature
 from ..scene.units import SI, UnitSystem
-from ..time_scheme import MaxwellBranches, QuasiStatic, TimeScheme, joint_weights
-from .body import Body, body_sides, flexibility, side_impedance, side_stiffness
+from ..time_scheme import QuasiStatic, TimeScheme, joint_weights
+from .body import Body, body_sides, branches_of, flexibility, side_impedance, side_stiffness
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
 from .conditions import Conditions, RigidConditions, rigid_model, total
@@ -554,12 +553,6 @@ def _model(problem: DiscretisedProblem, name: str, loads: list[LoadTerm]) -> tup
         modal=None if modal is None else (modal.ratio, modal.below or np.inf),
     )
     return model, flat
-
-
-def branches_of(material: MaterialTable) -> MaxwellBranches:
-    """Maxwell branches of the damping of a material."""
-    damping = material.damping
-    return MaxwellBranches(damping.strengths, damping.times)
 
 
 def _trace(body: Body, sides: Sequence[tuple[InterfaceUnit, int]]) -> sp.csr_array:

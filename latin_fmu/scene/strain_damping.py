@@ -54,11 +54,6 @@ class StrainDamping:
     times: tuple[float, ...] = ()
     deviation: float = 0.0
 
-    @property
-    def instantaneous(self) -> float:
-        """Modulus of fast motions over the static one, 1 + sum_j g_j."""
-        return 1.0 + sum(self.strengths)
-
     def modulus(self, frequencies: Array) -> NDArray[np.complex128]:
         """Complex modulus (n,) over the static one at frequencies (n,), Hz."""
         turns = 2j * math.pi * np.asarray(frequencies, dtype=float)
