@@ -18,7 +18,8 @@ from .assembly.copies import Marched, marched_beside
 from .assembly.free_bodies import loss_of_equilibrium
 from .assembly.models import Kept, KeptOperators
 from .assembly.problem import DiscretisedProblem, SolverReadyProblem
-from .assembly.propagator_choice import chosen_propagators
+from .assembly.propagator_choice import by_modes, chosen_propagators
+from .assembly.recovered_fields import RecoveredRecorder
 from .assembly.sensitivities import Tangents
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
@@ -228,12 +229,13 @@ def solve(
         raise ValueError(f"{what} take one process")
     # observers and given first guesses see all interfaces
     leave_out, yielding = (observer, behaviours, fields, processes) == (None,) * 4, Yielding(scene)
+    looked_at = observer is not None or fields is not None
     kept = KeptOperators() if kept is None and yielding.tables else kept  # of the runs that may follow
     # derivatives take the histories of all instants from the memory
     stream = None if scene.differentiated else stream
     while True:
         problem, prediction, tangent = _made(
-            scene, behaviours, kept, stream is not None, processes, (leave_out, yielding)
+            scene, behaviours, kept, stream is not None, processes, (leave_out, yielding, looked_at)
         )
         if stream is not None:
             check_folder(stream, least_output(prediction))
@@ -423,10 +425,11 @@ def _made(
     kept: KeptOperators | None,
     stream: bool,
     processes: Processes | None,
-    how: tuple[bool, Yielding],
+    how: tuple[bool, Yielding, bool],
 ) -> tuple[SolverReadyProblem, Prediction, Tangents | None]:
     """The problem of a scene, ready to run, what it will take, and its derivatives where the scene names parameters;
-    parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, and bolts that yield."""
+    parameters and errors as for ``solve``, ``how`` : ``leave_out`` as for ``discretise``, bolts that
+    yield, and whether iterates are looked at."""
     wanted = bool(scene.differentiated)
     # shared with the scenes in which the parameters are varied
     kept = KeptOperators() if kept is None and wanted else kept
@@ -439,7 +442,10 @@ def _made(
             check_distributable(discretised, processes.size)
         tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
         stages = None if tangent is None else tangent.stages
-        problem = solver_ready(discretised, {}, 1 if processes is None else processes.size, stages)
+        size = 1 if processes is None else processes.size
+        modal, remarks = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
+        discretised = replace(discretised, remarks=(*discretised.remarks, *remarks))
+        problem = solver_ready(discretised, {}, size, stages, modal)
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
     return problem, prediction, tangent
@@ -494,8 +500,12 @@ def _marched(
     assembly = problem.assembly
     begin = clock.process_time()
     part = None if options.processes is None else Part(assembly, options.processes)
-    # of the substructures of this process, where there are several
-    recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
+    reduced, settings, held = problem.reduced, problem.settings, assembly
+    if reduced is None:
+        # of the substructures of this process, where there are several
+        recorder = _recorder(problem, options.stream, assembly if part is None else part.assembly)
+    else:
+        recorder, settings, held = reduced.recorder(problem.output.energy), reduced.settings(settings), reduced.assembly
 
     def observe(event: IterationEvent) -> None:
         assert observer is not None
@@ -509,12 +519,16 @@ def _marched(
             options.fields,
             options.max_cpu,
         )
-        march = Run(assembly, problem.settings, recorder, timings, control, part=part)
+        march = Run(held, settings, recorder, timings, control, part=part)
+        if reduced is not None:
+            march.count_as_put_in(reduced.stored)
         ready = clock.process_time()
         timings.setup += ready - begin  # search directions, tables of interfaces
         with nullcontext() if checkpoint is None else checkpoint.of(march, digest):
             march.all()
         march.join()
+        if reduced is not None:
+            recorder = RecoveredRecorder(reduced, recorder, replace(problem.output, watch=True), problem.info)
     outcome = _outcome(problem, march, recorder)
     timings.other = clock.process_time() - ready - timings.march
     timings.wall = clock.perf_counter() - wall
@@ -534,8 +548,9 @@ def _outcome(problem: SolverReadyProblem, march: Run, recorder: Recorder) -> Out
     )
     if problem.untouched is not None:
         histories, bodies = problem.untouched.complete(histories, bodies, recorder, assembly)
-        indicators = {name: indicators.get(name, 0.0) for name in histories}
         n_body += len(problem.untouched.info)
+    # bodies that were left out, and bonds that were not iterated
+    indicators = {name: indicators.get(name, 0.0) for name in histories}
     time, ends = assembly.time[: recorder.n_kept], body_ends(problem)
     faults = faults_of(problem, histories, time[:: recorder.rows.every], march.account(), ends)
     return Outcome(

@@ -90,10 +90,13 @@ def solver_ready(
     amplitudes: Mapping[str, float],
     processes: int = 1,
     stages: list[Stage] | None = None,
+    modal: bool = False,
 ) -> SolverReadyProblem:
     """Operators, with the initial values given or the equilibrium that the scene starts from (see ``build``);
-    ``processes`` : among which the substructures are divided. stages : the static ones are added to these."""
-    return discretised.build(starting_equilibrium(discretised, amplitudes, stages), processes=processes)
+    ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
+    whether the assembly is marched by its modes."""
+    start = starting_equilibrium(discretised, amplitudes, stages)
+    return discretised.build(start, processes=processes, modal=modal)
 
 
 def starting_equilibrium(

@@ -85,23 +85,21 @@ def eigenvalues(omega: Array, damping: Array, strained: Sequence[ProjectedStiffn
     for i in np.flatnonzero(omega[:count] > 0.0):
         shape: Complex = np.zeros(len(omega), dtype=np.complex128)
         shape[i] = 1.0
-        s = _functional(1j * omega[i], shape, squares, damping, strained)
+        s = pole_of(1j * omega[i], shape, squares, damping, strained)
         for _ in range(_ROUNDS):
             last, matrix = s, dynamic_matrix(s, squares, damping, strained)
             # off the eigenvalue by round-off at least: the matrix stays regular
             matrix = matrix + 1e-13 * squares[i] * np.eye(len(omega))
             moved = np.linalg.solve(matrix, shape)
             shape = moved / moved[np.argmax(np.abs(moved))]
-            s = _functional(s, shape, squares, damping, strained)
+            s = pole_of(s, shape, squares, damping, strained)
             if abs(s - last) <= _EXACT * abs(s):
                 break
         found[i] = s
     return found
 
 
-def _functional(
-    s: complex, x: Complex, squares: Array, damping: Array, strained: Sequence[ProjectedStiffness]
-) -> complex:
+def pole_of(s: complex, x: Complex, squares: Array, damping: Array, strained: Sequence[ProjectedStiffness]) -> complex:
     """The s near a given one for which x^T D(s) x = 0, by Newton's method."""
     inertia, viscous, elastic = complex(x @ x), complex(x @ (damping @ x)), complex(x @ (squares * x))
     parts = [(part.branches, complex(x @ (part.stiffness @ x))) for part in strained]

@@ -25,6 +25,7 @@ from ..propagator.explicit import ExplicitPropagator
 from ..propagator.interface_sweeps import Interfaces, flops, in_form, long_steps, swept_shape, takes_sweeps
 from ..propagator.model import Array, SubstructureModel
 from ..propagator.reduced import ReducedPropagator
+from ..remarks import Remark
 from ..scene import settings as tables
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
@@ -308,10 +309,25 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     ]
 
 
+def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[Remark]]:
+    """Whether an assembly is to be marched by its modes, and a remark where it is not although the scene asks for it;
+    ``restricted`` : whether the caller takes laws of its own, derivatives, several processes, or looks at iterates."""
+    if not isinstance(scene.solver.propagator, tables.ModalPropagatorTable):
+        return False, []
+    reasons = {
+        "without inertia there are no modes": scene.time.quasi_static,
+        "central differences march body by body": scene.time.scheme.type == CENTRAL,
+        "windows of several instants are marched body by body": scene.solver.window != 1,
+        "laws of the caller, derivatives, observers and several processes take the bodies one by one": restricted,
+    }
+    given = [reason for reason, holds in reasons.items() if holds]
+    return not given, [Remark("propagator", f"marched body by body and not by modes: {reason}") for reason in given]
+
+
 def interfaces_of(scene: Scene) -> Interfaces:
     """How the interfaces of directly marched substructures are solved with; dense where none are."""
     requested = scene.solver.propagator.type
-    direct = requested == "direct" or (requested == "automatic" and scene.time.scheme.type != CENTRAL)
+    direct = requested in ("direct", "modal") or (requested == "automatic" and scene.time.scheme.type != CENTRAL)
     if not (direct or scene.time.quasi_static):
         return DENSE
     one_solve = scene.solver.bonds == "direct" and all(i.behaviour == "perfect" for i in scene.joints.values())
@@ -324,6 +340,8 @@ def propagator_settings(scene: Scene) -> PropagatorSettings:
     requested = scene.solver.propagator
     if isinstance(requested, tables.ReducedPropagatorTable):
         return PropagatorSettings("reduced", modes=requested.modes)
+    if isinstance(requested, tables.ModalPropagatorTable):  # where the assembly is not marched by its modes
+        return PropagatorSettings("direct", precision=scene.solver.precision, interfaces=interfaces_of(scene))
     automatic: Kind = "explicit" if scene.time.scheme.type == CENTRAL else "direct"
     kind: Kind = automatic if isinstance(requested, tables.AutomaticPropagator) else requested.type
     return PropagatorSettings(kind, precision=scene.solver.precision, interfaces=interfaces_of(scene))

@@ -249,6 +249,12 @@ class RunImage:
         # never less than it was
         return max(self._over_processes(own), float(works[PUT_IN]))
 
+    def count_as_put_in(self, stored: float) -> None:
+        """Let the errors of the iteration be compared with an energy, J, that an assembly has beside that of its
+        account at the start."""
+        works = self.image.field("works", N_WORK)
+        works[OF_GROUND] += max(stored - float(works[STORED]), 0.0)
+
     def account(self) -> Account | None:
         """The account of energies since the start, which sums up to round-off; None where it is not kept, or is
         distributed over processes."""

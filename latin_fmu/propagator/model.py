@@ -253,6 +253,9 @@ class SubstructureModel:
     modal: tuple[float, float] | None = field(default=None)
     """Damping ratio of the elastic modes of a reduced basis, and the frequency up to which they have it, Hz."""
 
+    viscous_rows: Array | None = field(default=None)
+    """Rows A (k, n_full) of a damping A^T A beside ``damping``, N0.5 s0.5 m-0.5; with these there is no ``modal``."""
+
     store: OperatorStore = NO_STORE
     """Where operators are looked for, and kept."""
 
@@ -392,6 +395,8 @@ class SubstructureModel:
 
 def _modal_rows(model: SubstructureModel) -> Array | None:
     """``SubstructureModel.modal_rows``, determined."""
+    if model.viscous_rows is not None:
+        return model.viscous_rows
     if model.modal is None or model.mass is None or not np.isfinite(model.modal[1]):
         return None
     (ratio, below), e = model.modal, model.expansion

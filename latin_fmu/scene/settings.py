@@ -328,6 +328,24 @@ class ReducedPropagatorTable(SceneTable):
     modes: Annotated[Count, about("elastic modes of each substructure", "1", ge=0, le=10_000)] = 50
 
 
+class ModalPropagatorTable(SceneTable):
+    """Vibration modes of the whole assembly, tied at its joints, and the static relative motions of its contacts: an
+    instant of a bolted assembly takes some milliseconds, whatever its mesh. For steps longer than waves take through an
+    element. What modes above `highest` and waves inside a body do is lost. A scene that asks for more than this march
+    has is marched as `direct`, with a remark that says why."""
+
+    type: Literal["modal"] = "modal"
+    highest: Annotated[
+        Real | None,
+        about(
+            "frequency up to which modes are taken; without it four times the highest one of a spectrum, and a fifth "
+            "of the inverse of the step without any",
+            "Hz",
+            gt=0,
+        ),
+    ] = None
+
+
 class CgPropagatorTable(SceneTable):
     """As direct, by conjugate gradients instead of factors, for models whose factors exceed the memory. Slower."""
 
@@ -335,7 +353,12 @@ class CgPropagatorTable(SceneTable):
 
 
 _Propagator = (
-    AutomaticPropagator | DirectPropagatorTable | ExplicitPropagatorTable | ReducedPropagatorTable | CgPropagatorTable
+    AutomaticPropagator
+    | DirectPropagatorTable
+    | ExplicitPropagatorTable
+    | ReducedPropagatorTable
+    | ModalPropagatorTable
+    | CgPropagatorTable
 )
 Propagator = Annotated[Annotated[_Propagator, Field(discriminator="type")], by_type(_Propagator, "automatic")]
 

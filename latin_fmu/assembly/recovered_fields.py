@@ -1,0 +1,406 @@
+"""What the bodies of a reduced assembly did: fields, interfaces, sensors, reactions and tensions from its march.
+
+The motion of all bodies is a sum of few shapes: rigid motions and modes, static responses to loads, shapes that follow
+driven faces, and static responses to relative motions. Of these there are as many as contacts have unknowns, but their
+histories lie in a space of few dimensions (``compressed``), so that few solutions give all instants.
+
+Bonds are no unknowns of the march. Their tractions F follow from the equilibrium of the bodies that they join,
+
+    T^T area F = K u + C v + M a - f - (forces of the other interfaces)
+
+in the least-squares sense over the dofs at bonded faces, as each bond is met from both sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from ..fem.elasticity import von_mises
+from ..kernels.energy_parts import ELASTIC, INTERFACE_WORK, KINETIC, N_TERM, WORK_OF_LOADS
+from ..latin.assembly import Array, Index
+from ..latin.outcome import SubstructureHistory
+from ..latin.probes import SERIES, OutputRequest, Reading
+from ..latin.recorder import Recorder, SubstructureInfo
+from ..propagator.model import SubstructureModel, closest_reduced
+from .reduced_run import NAME, ReducedMarch
+from .tied_assembly import jump_rows
+
+_EXACT: Final = 1e-6  # of the largest relative motion, left out of its shapes
+_BLOCK: Final = 32  # shapes that are looked for at a time
+_REGULAR: Final = 1e-12  # of the diagonal of the system of the bonds: what goes round in loops becomes zero
+
+
+def compressed(histories: Array) -> Array:
+    """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest."""
+    rest, found = histories.copy(), list[Array]()
+    size = np.linalg.norm(rest, axis=1).max(initial=0.0)
+    random = np.random.default_rng(0)  # the same shapes every time
+    while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
+        known = sum(shape.shape[1] for shape in found)
+        count = min(_BLOCK, min(histories.shape) - known)
+        if count <= 0:
+            break
+        mixed = rest.T @ random.normal(size=(len(rest), count))
+        for shape in found:
+            mixed -= shape @ (shape.T @ mixed)
+        new, _ = la.qr(mixed, mode="economic", check_finite=False)
+        found.append(new)
+        rest -= (rest @ new) @ new.T
+    return np.hstack([np.zeros((histories.shape[1], 0)), *found])
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Motion of all bodies of a reduced assembly over its march.
+
+    Attributes
+    ----------
+    march : what was marched. modes : displacements, velocities and accelerations (n_time, 3, n_mode + n_r).
+    """
+
+    march: ReducedMarch
+    histories: Array
+
+    @cached_property
+    def _relative(self) -> tuple[Array, Array]:
+        """Shapes (n_r, k) of the relative motions: those of t = 0 and of the changes since; amplitudes (2, n_time, k)
+        of displacements and velocities."""
+        m = self.march.reduced.n_mode
+        r, v = self.histories[:, 0, m:], self.histories[:, 1, m:]
+        shapes = compressed(r - r[0])
+        amplitudes = np.stack([(r - r[0]) @ shapes, v @ shapes])
+        first = np.stack([np.ones((len(r), 1)), np.zeros((len(r), 1))])
+        return np.column_stack([r[0], shapes]), np.concatenate([first, amplitudes], axis=2)
+
+    @cached_property
+    def shapes(self) -> Array:
+        """(n_full, n_shape): rigid motions and modes, relative motions, loads, driven faces."""
+        reduced, tied = self.march.reduced, self.march.reduced.tied
+        n, relative = tied.n_free, self._relative[0]
+        static = reduced.solver.solve(-np.asarray(reduced.coupling @ relative))
+        static = static - reduced.rigid @ (reduced.rigid_share @ relative)
+        modes = np.hstack([reduced.rigid, reduced.elastic * reduced.marched.p])
+        free = np.hstack([modes, static, reduced.static_loads])
+        moved = np.zeros((tied.n_relative, free.shape[1]))
+        moved[:, modes.shape[1] : modes.shape[1] + relative.shape[1]] = relative
+        return np.hstack([tied.expansion[:, :n] @ free + tied.expansion[:, n:] @ moved, self.march.drives.shapes])
+
+    @cached_property
+    def amplitudes(self) -> Array:
+        """Of the shapes: of displacements, velocities and accelerations, (3, n_time, n_shape)."""
+        reduced, drives = self.march.reduced, self.march.drives
+        first, m, n_time = reduced.rigid.shape[1], reduced.n_mode, len(self.histories)
+        loads = drives.amplitudes[:, :n_time].T, drives.rates[:, :n_time].T / self.march.bodies.dt
+        static = (reduced.drives[first:m] / reduced.marched.values[:, None]).T
+        made = []
+        for kind in range(3):
+            own = self.histories[:, kind, :m].copy()
+            if kind < 2:
+                # modes beyond what relative motions and loads make of them at rest
+                own[:, first:] -= self.histories[:, kind, m:] @ reduced.marched_gamma.T + loads[kind] @ static
+                relative, load = self._relative[1][kind], loads[kind]
+            else:
+                relative, load = np.zeros_like(self._relative[1][0]), np.zeros_like(loads[0])
+            made.append(np.hstack([own, relative, load, drives.motions[kind, :, :n_time].T]))
+        return np.stack(made)
+
+    def of(self, rows: sp.csr_array | Array) -> Array:
+        """Displacements, velocities and accelerations (3, n_time, k) of rows (k, n_full)."""
+        return np.asarray(self.amplitudes @ np.asarray(rows @ self.shapes).T)
+
+    def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
+        """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
+        own = sp.csr_array(rows)
+        where = self.march.reduced.tied.where[name]
+        shape = own.shape[0], len(self.shapes)
+        return sp.csr_array((own.data, own.indices + where.start, own.indptr), shape=shape)
+
+    def strains(self, model: SubstructureModel) -> Array:
+        """What Maxwell branches add to the amplitudes of the displacements in the internal forces of a body, (n_time,
+        n_shape): of each mode at its own frequency."""
+        reduced = self.march.reduced
+        first, m = reduced.rigid.shape[1], reduced.n_mode
+        added = np.zeros_like(self.amplitudes[0])
+        if len(model.branches):
+            omega = np.sqrt(reduced.poles[0])
+            rise = model.branches.rise(1j * omega)
+            elastic, viscous = (self.amplitudes[kind][:, first:m] for kind in (0, 1))
+            added[:, first:m] = elastic * rise.real + viscous * (rise.imag / omega)
+        return added
+
+    # -- forces of bonds -------------------------------------------------------------------------------------------
+    def internal_forces(self) -> Array:
+        """K u + C v + M a less the loads, (n_full, n_time), N, of the bodies and the joints with springs and dashpots,
+        at the dofs of bonded faces alone; zero elsewhere."""
+        tied, drives, n_time = self.march.reduced.tied, self.march.drives, len(self.histories)
+        rows = self._bonded_dofs
+        out = np.zeros((len(self.shapes), n_time))
+        for model in tied.models:
+            where = tied.where[model.name]
+            own = rows[(rows >= where.start) & (rows < where.stop)] - where.start
+            if not len(own):
+                continue
+            shapes, (u, v, a) = self.shapes[where], self.amplitudes
+            total = (model.stiffness[own] @ shapes) @ (u + self.strains(model)).T
+            total += (model.inertia[own] @ shapes) @ a.T
+            if model.damping is not None:
+                total += (model.damping[own] @ shapes) @ v.T
+            out[where.start + own] = total
+        # those of the scene alone: driven faces enter by the motion itself
+        n_load = drives.forces.shape[1] - 3 * drives.shapes.shape[1]
+        out[rows] -= drives.forces[rows, :n_load] @ drives.amplitudes[:n_load, :n_time]
+        return out
+
+    @cached_property
+    def _bonded_dofs(self) -> Index:
+        """Full dofs at bonded faces."""
+        march = self.march
+        layout, joints = march.bodies.layout, march.reduced.tied.joints
+        channels = [layout.channels(i, side).ravel() for i in joints.bonded for side in (0, 1)]
+        flat = np.concatenate([np.zeros(0, dtype=np.int64), *channels])
+        return np.unique(march.reduced.tied.trace[flat].indices).astype(np.int64)
+
+    def bond_tractions(self, others: Array) -> dict[int, Array]:
+        """Tractions (n_time, k) on side E of each bond, local frames, Pa; ``others`` : forces (n_full, n_time) of all
+        other interfaces on the bodies, N."""
+        march = self.march
+        layout, tied = march.bodies.layout, march.reduced.tied
+        bonded = tied.joints.bonded
+        if not bonded:
+            return {}
+        expansion = sp.csr_array(sp.block_diag([m.expansion for m in tied.models], format="csr"))
+        forces, counts = list[sp.csr_array](), list[int]()
+        for i in bonded:
+            areas = layout.area[layout.channels(i, 0).ravel()]
+            rows = sp.diags_array(areas) @ jump_rows(layout, tied.trace, i)
+            forces.append(sp.csr_array(rows @ expansion))
+            counts.append(len(areas))
+        matrix = sp.csr_array(sp.vstack(forces))
+        dofs = np.unique(matrix.indices)
+        matrix = sp.csr_array(matrix[:, dofs])
+        wanted = (expansion.T @ (self.internal_forces() - others))[dofs]
+        # each dof by the area that it carries
+        weight = np.asarray(abs(matrix).sum(axis=0)).ravel()
+        weighted = matrix @ sp.diags_array(1.0 / np.maximum(weight, np.finfo(float).tiny))
+        system = sp.csc_array(weighted @ matrix.T)
+        diagonal = system.diagonal()
+        system = sp.csc_array(system + sp.diags_array(_REGULAR * diagonal + np.where(diagonal > 0.0, 0.0, 1.0)))
+        solved = spla.splu(system).solve(np.ascontiguousarray(weighted @ wanted))
+        ends = np.cumsum(counts)
+        return {i: solved[end - count : end].T for i, count, end in zip(bonded, counts, ends.tolist(), strict=True)}
+
+
+class RecoveredRecorder(Recorder):
+    """Histories of the bodies and interfaces of an assembly that was marched as a reduced one.
+
+    Parameters
+    ----------
+    march : the reduced assembly, at the end of its march. kept : what was recorded of it. request, info : as for a
+    ``Recorder``.
+    """
+
+    def __init__(
+        self, march: ReducedMarch, kept: Recorder, request: OutputRequest, info: dict[str, SubstructureInfo]
+    ) -> None:
+        super().__init__(march.bodies, request, info)
+        self.n_kept = n = kept.n_kept
+        self._march, self._motions = march, Motions(march, kept.series("path")[NAME])
+        inner, assembly = kept.rows, march.bodies
+        layout, own = assembly.layout, march.assembly.layout
+        tied = march.reduced.tied
+        rows = self.rows
+        flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
+        flat_w[:] = self._motions.of(tied.trace)[1]
+        self._ground(flat_w)
+        for j, i in enumerate(march.units):
+            first, second = (layout.channels(i, side) for side in (0, 1))
+            near, far = (own.channels(j, side) for side in (0, 1))
+            flat_f[:, first], flat_f[:, second] = inner.f_hat[:n][:, near], inner.f_hat[:n][:, far]
+            # what the law says of the sides: the motion of E as it is, of E' relative to it
+            flat_w[:, second] = flat_w[:, first] - (inner.w_hat[:n][:, near] - inner.w_hat[:n][:, far])
+            group, inner_group = layout.group(i), own.group(j)
+            g, h = layout.groups.index(group), own.groups.index(inner_group)
+            if g in rows.gaps:
+                # as the law has moved the sides: the scheme of the march adds up their velocities
+                opening = (inner.w_hat[1:n][:, far[:, 0]] - inner.w_hat[1:n][:, near[:, 0]]) * assembly.dt
+                first_gap = inner.gaps[h][:1, inner_group.members[j]]
+                gap = np.cumsum(np.concatenate([first_gap, opening]), axis=0)
+                rows.gaps[g][:n, group.members[i]] = gap
+        self._linear_joints(flat_f, flat_w)
+        forces = tied.trace.T @ (layout.area[:, None] * flat_f.T)
+        for i, traction in self._motions.bond_tractions(np.asarray(forces)).items():
+            shape = -1, *layout.channels(i, 0).shape
+            flat_f[:, layout.channels(i, 0)] = traction.reshape(shape)
+            flat_f[:, layout.channels(i, 1)] = -traction.reshape(shape)
+        self._slide()
+        self._read_series(n)
+        self._keep_fields()
+        self._keep_stresses()
+        self._energy = self._whole_energy(kept) if request.energy else np.zeros((n, N_TERM))
+        if request.energy:
+            self._series["energy"]["drift"][:n] = kept.series("energy")["drift"]
+        self._leave(n)
+
+    def _ground(self, flat: Array) -> None:
+        """Velocities of the ground."""
+        assembly = self._march.bodies
+        for i, velocity in assembly.ground.velocity.items():
+            frames = assembly.interfaces[i].geometry.frames[:, : assembly.interfaces[i].behaviour.n_component]
+            flat[:, assembly.layout.channels(i, 1)] = np.einsum("pci,ti->tpc", frames, velocity[: len(flat)])
+
+    def _linear_joints(self, flat_f: Array, flat_w: Array) -> None:
+        """Tractions of springs and dashpots between sides."""
+        march, n = self._march, len(flat_f)
+        layout, tied = march.bodies.layout, march.reduced.tied
+        for i in tied.joints.linear:
+            group, unit = layout.group(i), march.bodies.interfaces[i]
+            channels = layout.channels(i, 0)
+            # of E' over E, as laws take it
+            jump = -self._motions.of(jump_rows(layout, tied.trace, i))[0].reshape(n, *channels.shape)
+            jump[..., 0] += unit.geometry.gap
+            sliding = flat_w[:, layout.channels(i, 1)] - flat_w[:, channels]
+            parameters, held = group.parameters[group.members[i]], np.zeros((len(channels), 2))
+            law = unit.behaviour
+            for t in range(n):
+                moved = np.zeros_like(jump[t]) if law.elastic else sliding[t]
+                traction = law.local(moved, held, jump[t], 1.0, parameters)
+                flat_f[t, channels], flat_f[t, layout.channels(i, 1)] = traction, -traction
+
+    def _slide(self) -> None:
+        """Tangential velocities of interfaces without tangential unknowns."""
+        tied, n = self._march.reduced.tied, self.n_kept
+        models = {m.name: m for m in tied.models}
+        for i, slide in self.rows.slide.items():
+            unit = self._march.bodies.interfaces[i]
+            for side, face in enumerate(unit.sides):
+                trace = unit.geometry.traces[side]
+                if trace is None:
+                    slide[:n, side] = self._march.bodies.ground.velocity[i][:n, None]
+                    continue
+                name = face.split(".")[0]
+                nodal = models[name].nodal
+                own = trace if nodal is None else sp.csr_array(trace @ nodal)
+                moved = self._motions.of(self._motions.placed(name, own))[1]
+                slide[:n, side] = moved.reshape(n, -1, 3)
+
+    def _read_series(self, n: int) -> None:
+        """Sensors, reactions, bolts and paths."""
+        places = {name: (c, m) for c, p in enumerate(self._march.bodies.propagators) for m, name in enumerate(p.names)}
+        motions, assembly = self._motions, self._march.bodies
+        for key in SERIES:
+            for name, place in self.request.places(key).items():
+                c, member = places[place.substructure]
+                model = assembly.propagators[c].members[member]
+                full = place.full_rows(model, False)
+                full = full if model.nodal is None else full @ model.nodal
+                rows = np.asarray(motions.placed(place.substructure, sp.csr_array(full)) @ motions.shapes)
+                values = np.stack([a @ rows.T for a in (*motions.amplitudes, motions.strains(model))], axis=1)
+                values = values if assembly.propagators[c].n_sensed > 3 else values[:, :3]
+                of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
+                self._series[key][name][:n] = place.read(values, of)
+
+    def _nodes(self, name: str, kind: int, instants: Array) -> Array:
+        """Displacements or velocities (n, n_node, 3) of the nodes of a body at instants."""
+        motions = self._motions
+        where = self._march.reduced.tied.where[name]
+        model = next(m for m in self._march.reduced.tied.models if m.name == name)
+        moved = motions.amplitudes[kind][instants] @ motions.shapes[where].T
+        moved = moved if model.nodal is None else moved @ model.nodal.T
+        return np.asarray(moved.reshape(len(instants), -1, 3))
+
+    def _keep_fields(self) -> None:
+        """Fields at the instants that are stored."""
+        if not self._stored.wanted:
+            return
+        instants = np.arange(0, self.n_kept, self.request.every)
+        self._stored.times += self._march.bodies.time[instants].tolist()
+        for name, fields in self._stored.fields.items():
+            u = self._nodes(name, 0, instants)
+            recover = self._info[name].stress
+            if self.request.fields:
+                fields["displacement"], fields["velocity"] = list(u), list(self._nodes(name, 1, instants))
+            if self.request.stress and recover is not None:
+                fields["stress"] = [recover(one) for one in u]
+
+    def _keep_stresses(self) -> None:
+        """Largest stresses of bodies with a yield stress."""
+        instants = np.arange(0, self.n_kept, self.stresses.every)
+        for name, table in self.stresses.tables.items():
+            info = self._info[name]
+            if info.stress is None or info.yield_stress is None:
+                continue
+            stress = np.stack([info.stress(u) for u in self._nodes(name, 0, instants)])
+            if info.unstrained is not None:
+                stress = stress + info.unstrained(self._march.bodies.time[instants])
+            size = von_mises(stress)
+            above = (size > info.yield_stress).sum(axis=1)
+            table[instants] = np.stack([size.max(axis=1), size.argmax(axis=1), above], axis=1)
+
+    # -- energies --------------------------------------------------------------------------------------------------
+    def _whole_energy(self, kept: Recorder) -> Array:
+        """Energies (n, N_TERM) of the assembly: those of the march, and of the motion B d and the static responses to
+        the loads, which it is relative to."""
+        march, n = self._march, self.n_kept
+        terms = kept.series("energy")[0][:, :, 0].copy()
+        drives, reduced = march.drives, march.reduced
+        moved, x = drives.shapes.shape[1], self._motions.histories
+        k_d, m_d = (drives.shapes.T @ (reduced.tied.full[kind] @ drives.shapes) for kind in (0, 1))
+        d, rate = drives.motions[0, :, :n].T, drives.motions[1, :, :n].T
+        count = reduced.drives.shape[1]
+        of_stiffness, of_mass = (reduced.drives[:, count - k * moved : count - (k - 1) * moved] for k in (3, 1))
+        # forces on the march have the sign of their inertia reversed
+        kinetic = 0.5 * np.einsum("ti,ij,tj->t", rate, m_d, rate) - np.einsum("ti,it->t", rate, of_mass.T @ x[:, 1].T)
+        elastic = 0.5 * np.einsum("ti,ij,tj->t", d, k_d, d) - np.einsum("ti,it->t", d, of_stiffness.T @ x[:, 0].T)
+        elastic += self._static_energy(count - 3 * moved)
+        terms[:, KINETIC] += kinetic
+        terms[:, ELASTIC] += elastic
+        terms[:, WORK_OF_LOADS] += kinetic - kinetic[0] + elastic - elastic[0]
+        layers = self._layer_energy()
+        terms[:, ELASTIC] -= layers
+        terms[:, INTERFACE_WORK] -= layers - layers[0]
+        return terms
+
+    def _static_energy(self, n_load: int) -> Array:
+        """Energy (n,), J, of the static responses to the loads of the scene that modes and relative motions leave."""
+        reduced, drives, n = self._march.reduced, self._march.drives, self.n_kept
+        first, m, free = reduced.rigid.shape[1], reduced.n_mode, reduced.tied.n_free
+        own = reduced.forces[:free, :n_load].T @ reduced.static_loads[:, :n_load]
+        modes = reduced.drives[first:m, :n_load]
+        own = own - modes.T @ (modes / reduced.marched.values[:, None])
+        a = drives.amplitudes[:n_load, :n].T
+        return np.asarray(0.5 * np.einsum("ti,ij,tj->t", a, own, a))
+
+    def _layer_energy(self) -> Array:
+        """Energy (n,), J, of the springs between sides, which the march has among that of the bodies."""
+        total, histories = np.zeros(self.n_kept), self.interfaces()
+        for i in self._march.reduced.tied.joints.linear:
+            energy = histories[self._march.bodies.interfaces[i].name].layer_energy
+            total += 0.0 if energy is None else energy
+        return total
+
+    def _terms(self) -> dict[str, Array]:
+        """Energies of the assembly as a whole: those of single bodies are not followed."""
+        return {NAME: self._energy} if self.request.energy else {}
+
+    def substructures(self) -> dict[str, SubstructureHistory]:
+        """Histories of the bodies for which fields are requested; without energies."""
+        return {name: self._stored.history(name, None) for name in (self._info if self._stored.wanted else ())}
+
+    def _leave(self, n: int) -> None:
+        """Leave the bodies in their motion at the end."""
+        where = self._march.reduced.tied.where
+        u, v = (amplitudes[-1] @ self._motions.shapes.T for amplitudes in self._motions.amplitudes[:2])
+        for propagator in self._march.bodies.propagators:
+            fields, forcing = [], propagator.forcing
+            propagator.instant = n - 1
+            for full, imposed in ((u, forcing.imposed_u(n - 1)), (v, forcing.imposed_v(n - 1))):
+                own = np.stack([full[where[name]] for name in propagator.names], axis=1) - imposed
+                fields.append(closest_reduced(propagator.members[0].expansion, own))
+            propagator.state.set(*fields)

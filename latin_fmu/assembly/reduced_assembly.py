@@ -1,0 +1,321 @@
+"""An assembly by its modes and the static relative motions of its contacts.
+
+With the free dofs q and the relative motions r of an assembly tied at all interfaces (``tied_assembly``), the rigid
+motions R and elastic modes Phi of K_qq phi = lambda M_qq phi, and the static response to r and to the loads f,
+
+    q = R zeta_0 + Phi (zeta - G r - Phi^T f / lambda) + Psi r + K+ f,    Psi = -K+ K_qr - R R^T M_qr
+
+K+ being the inverse of K_qq with inertia relief, G = Phi^T (M_qq Psi + M_qr) = Phi^T (M_qr - K_qr / lambda), the
+equations of motion are
+
+    zeta_0'' = R^T f_q
+    zeta'' + C zeta' + lambda (zeta - G r) = Phi^T f_q
+    S r - G^T lambda (zeta - G r) = f_r + Psi^T f_q - G^T Phi^T f_q + T^T area F
+
+with the stiffness S of r when the modes have settled, S = K_rr - K_rq K+ K_qr, and the tractions F of the contacts.
+Modes that are left out and r itself have no inertia of their own.
+
+A mode of frequency omega keeps it in the march: average acceleration takes a pole s of the motion for s~ with
+s = (2/dt) artanh(s~ dt/2), so that the march is given the poles s~ = (2/dt) tanh(s dt/2). With x = omega dt/2 what a
+mode is driven by and what is read of it are p times theirs, p^2 = tan x / (x cos^2 x), and G is g times its own,
+g^2 = x^3 cos x / sin^3 x: the residues of the poles are those of the motion then, and the static response is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from ..cholesky.factor import CholeskyFactor
+from ..latin.assembly import Array, Index
+from ..propagator.interface_sweeps import NONE
+from ..propagator.lanczos import lowest_modes
+from ..propagator.vibration import DENSE
+from ..time_scheme import MaxwellBranches
+from .dynamic_stiffness import ProjectedStiffness, pole_of
+from .tied_assembly import TiedAssembly
+
+MOST_MODES: Final = 400
+"""Elastic modes at most."""
+_LARGEST: Final = 1.2
+"""Largest omega dt / 2 of a mode that is marched."""
+_SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
+_RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
+_ROUND_OFF: Final = 1e-12  # of the largest damping
+_SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
+
+
+class StaticSolver:
+    """K+ of the module docstring: static responses to forces with inertia relief, orthogonal to the rigid motions in
+    the mass.
+
+    Parameters
+    ----------
+    stiffness, mass : (n, n). rigid : (n, k) rigid motions, orthonormal in the mass. rank : elimination order or None.
+    """
+
+    def __init__(self, stiffness: sp.csr_array, mass: sp.csr_array, rigid: Array, rank: Array | None) -> None:
+        self.rigid, self._pulled = rigid, np.asarray(mass @ rigid)
+        self._factor = CholeskyFactor(supported(stiffness, rigid), NONE, rank)
+
+    def solve(self, forces: Array) -> Array:
+        """Responses (n, m) to forces (n, m)."""
+        if not self.rigid.shape[1]:
+            return self._factor.solve(forces)
+        balanced = forces - self._pulled @ (self.rigid.T @ forces)
+        moved = self._factor.solve(balanced)
+        return np.asarray(moved - self.rigid @ (self._pulled.T @ moved))
+
+
+def supported(stiffness: sp.csr_array, rigid: Array) -> sp.csr_array:
+    """The stiffness with springs at as many dofs as there are rigid motions: statically determinate, so that forces in
+    balance leave them without force."""
+    if not rigid.shape[1]:
+        return stiffness
+    # the dofs at which the rigid motions are most independent
+    _, _, order = la.qr(rigid.T, mode="economic", pivoting=True)
+    springs = np.zeros(stiffness.shape[0])
+    springs[order[: rigid.shape[1]]] = _SUPPORT * float(stiffness.diagonal().max())
+    made = sp.csr_array(stiffness + sp.diags_array(springs))
+    made.sort_indices()
+    return made
+
+
+class DigitalModes(NamedTuple):
+    """Modes as average acceleration marches them: eigenvalues (m,), s-2, damping (m,), s-1, factors p and g (m,)."""
+
+    values: Array
+    damping: Array
+    p: Array
+    g: Array
+
+
+def digital(values: Array, damping: Array, dt: float) -> DigitalModes:
+    """Elastic modes with eigenvalues (m,) and diagonal damping (m,) for steps dt (module docstring)."""
+    half = np.emath.sqrt(0.25 * damping**2 - values)
+    poles = np.stack([-0.5 * damping + half, -0.5 * damping - half]).astype(complex)
+    marched = (2.0 / dt) * np.tanh(0.5 * dt * poles)
+    x = 0.5 * dt * np.sqrt(values)
+    p = np.sqrt(np.tan(x) / (x * np.cos(x) ** 2))
+    g = np.sqrt(x**3 * np.cos(x) / np.sin(x) ** 3)
+    return DigitalModes(np.real(marched[0] * marched[1]), -np.real(marched[0] + marched[1]), p, g)
+
+
+@dataclass(frozen=True)
+class ReducedAssembly:
+    """Modes, static stiffness and loads of a tied assembly (module docstring); rigid motions come first among modes.
+
+    Attributes
+    ----------
+    tied : the assembly. dt : step of the march, s. rigid, elastic : (n_free, k), mass-orthonormal. values : (m,) of
+    the elastic modes, s-2. relative : S (n_r, n_r), N m-1. forces : loads (n, n_load) on [q, r] for amplitude 1, N.
+    solver : K+. viscosities : b of the damping b K by strains, s, by body.
+    """
+
+    tied: TiedAssembly
+    dt: float
+    rigid: Array
+    elastic: Array
+    values: Array
+    relative: Array
+    forces: Array
+    solver: StaticSolver
+    viscosities: Mapping[str, float]
+
+    @staticmethod
+    def of(tied: TiedAssembly, dt: float, cutoff: float, viscosities: Mapping[str, float]) -> ReducedAssembly | None:
+        """The assembly with its modes up to ``cutoff``, Hz, without loads; None where they are too many."""
+        n = tied.n_free
+        stiffness, mass = (sp.csr_array(matrix[:n, :n]) for matrix in (tied.stiffness, tied.mass))
+        rank = None if tied.rank is None else tied.rank[:n]
+        limit = min(2.0 * np.pi * cutoff, 2.0 * _LARGEST / dt) ** 2
+        found = lowest(stiffness, mass, rank, limit)
+        if found is None:
+            return None
+        rigid, values, elastic = found
+        solver = StaticSolver(stiffness, mass, rigid, rank)
+        stiff = relative_stiffness(tied, rigid)
+        none = np.zeros((tied.mass.shape[0], 0))
+        return ReducedAssembly(tied, dt, rigid, elastic, values, stiff, none, solver, viscosities)
+
+    def with_forces(self, forces: Array) -> ReducedAssembly:
+        """The same under loads (n_full, n_load), N for amplitude 1."""
+        return replace(self, forces=np.asarray(self.tied.expansion.T @ forces))
+
+    @property
+    def n_mode(self) -> int:
+        """Rigid motions and elastic modes."""
+        return self.rigid.shape[1] + self.elastic.shape[1]
+
+    @cached_property
+    def coupling(self) -> sp.csr_array:
+        """K_qr (n_free, n_r)."""
+        n = self.tied.n_free
+        return sp.csr_array(self.tied.stiffness[:n, n:])
+
+    @cached_property
+    def rigid_share(self) -> Array:
+        """R^T M_qr (k, n_r)."""
+        n = self.tied.n_free
+        return np.asarray(self.rigid.T @ self.tied.mass[:n, n:])
+
+    @cached_property
+    def gamma(self) -> Array:
+        """G (m, n_r) of the elastic modes."""
+        n = self.tied.n_free
+        stiff = np.asarray(self.elastic.T @ self.coupling) / self.values[:, None]
+        return np.asarray(self.elastic.T @ self.tied.mass[:n, n:]) - stiff
+
+    @cached_property
+    def damping(self) -> Array:
+        """Phi^T C Phi (n_mode, n_mode), modal damping of bodies included."""
+        n, basis = self.tied.n_free, np.hstack([self.rigid, self.elastic])
+        projected: Array = basis.T @ (self.tied.damping[:n, :n] @ basis)
+        for model in self.tied.models:
+            if model.modal_rows is not None:
+                rates = model.modal_rows @ (self.tied.expansion[self.tied.where[model.name], :n] @ basis)
+                projected += rates.T @ rates
+        return 0.5 * (projected + projected.T)
+
+    @cached_property
+    def drag(self) -> Array:
+        """Part (n_mode, n_mode) of ``damping`` that does not come from strains: of media and dashpots at rest."""
+        first = self.rigid.shape[1]
+        made = self.damping.copy()
+        for name, viscosity in self.viscosities.items():
+            if viscosity:
+                made[first:, first:] -= viscosity * self._stiffness_of(name)
+        return made
+
+    def _stiffness_of(self, name: str) -> Array:
+        """Phi^T K Phi (m, m) of a body in the elastic modes."""
+        model = next(m for m in self.tied.models if m.name == name)
+        moved = self.tied.expansion[self.tied.where[name], : self.tied.n_free] @ self.elastic
+        return np.asarray(moved.T @ (model.stiffness @ moved))
+
+    @cached_property
+    def poles(self) -> tuple[Array, Array]:
+        """Eigenvalues (m,), s-2, and damping (m,), s-1, of the elastic modes at their own frequencies: where damping by
+        strain stiffens bodies, each mode has the stiffness there."""
+        first = self.rigid.shape[1]
+        values, damping = self.values.copy(), self.damping.diagonal()[first:].copy()
+        strained = self._strained
+        for i in range(len(values)) if strained else ():
+            own = [ProjectedStiffness(branches, stiffness[i : i + 1, None]) for branches, stiffness in strained]
+            one = np.ones(1, dtype=np.complex128)
+            s = pole_of(1j * np.sqrt(values[i]), one, values[i : i + 1], np.diag(damping[i : i + 1]), own)
+            values[i], damping[i] = abs(s) ** 2, -2.0 * s.real
+        return values, damping
+
+    @cached_property
+    def _strained(self) -> list[tuple[MaxwellBranches, Array]]:
+        """Stiffness (m,), s-2, that the bodies with the same branches have in the elastic modes."""
+        shares: dict[MaxwellBranches, Array] = {}
+        for model in self.tied.models:
+            if len(model.branches):
+                own = self._stiffness_of(model.name).diagonal()
+                shares[model.branches] = shares.get(model.branches, 0.0) + own
+        return list(shares.items())
+
+    @cached_property
+    def marched(self) -> DigitalModes:
+        """The elastic modes as they are marched."""
+        return digital(*self.poles, self.dt)
+
+    @cached_property
+    def static_loads(self) -> Array:
+        """K+ f (n_free, n_load)."""
+        return self.solver.solve(self.forces[: self.tied.n_free])
+
+    # -- the equations that are marched --------------------------------------------------------------------------
+    @cached_property
+    def marched_gamma(self) -> Array:
+        """G as it is marched, (m, n_r)."""
+        return self.marched.g[:, None] * self.gamma
+
+    def stiffness(self) -> Array:
+        """Stiffness (n_mode + n_r, n_mode + n_r) of the modes and of r."""
+        first, m, n = self.rigid.shape[1], self.n_mode, self.n_mode + self.tied.n_relative
+        k, gamma = np.zeros((n, n)), self.marched_gamma
+        weighted = self.marched.values[:, None] * gamma
+        k[np.arange(first, m), np.arange(first, m)] = self.marched.values
+        k[first:m, m:], k[m:, first:m] = -weighted, -weighted.T
+        k[m:, m:] = self.relative + gamma.T @ weighted
+        return k
+
+    def strain_rows(self) -> Array | None:
+        """Rows A (k, n_mode + n_r) of the damping A^T A by strains, which acts on zeta' - G r' alone: modes that follow
+        a relative motion without delay are not strained by it; None without such damping."""
+        first = self.rigid.shape[1]
+        strained = (self.damping - self.drag)[first:, first:].copy()
+        np.fill_diagonal(strained, self.marched.damping - self.drag.diagonal()[first:])
+        sizes, turn = la.eigh(0.5 * (strained + strained.T))
+        sound = sizes > _ROUND_OFF * max(sizes.max(initial=0.0), np.finfo(float).tiny)
+        if not sound.any():
+            return None
+        rows = np.sqrt(sizes[sound])[:, None] * turn[:, sound].T
+        return np.hstack([np.zeros((len(rows), first)), rows, -rows @ self.marched_gamma])
+
+    @cached_property
+    def drives(self) -> Array:
+        """Loads (n_mode + n_r, n_load) on the modes and on r, for amplitude 1."""
+        n, on_modes = self.tied.n_free, self.marched.p[:, None] * (self.elastic.T @ self.forces[: self.tied.n_free])
+        on_rigid = self.rigid.T @ self.forces[:n]
+        on_relative = self.forces[n:] - self.coupling.T @ self.static_loads - self.rigid_share.T @ on_rigid
+        on_relative = on_relative - self.marched_gamma.T @ on_modes
+        return np.vstack([on_rigid, on_modes, on_relative])
+
+    def coordinates(self, q: Array, r: Array, loads: Array) -> Array:
+        """Modes and r (n_mode + n_r,) of a motion q (n_free,), r (n_r,) under loads (n_load,)."""
+        n, first = self.tied.n_free, self.rigid.shape[1]
+        pulled = self.tied.mass[:n] @ np.concatenate([q, r])
+        static = self.gamma @ r + (self.elastic.T @ (self.forces[:n] @ loads)) / self.values
+        moved = (self.elastic.T @ pulled - static) / self.marched.p
+        drives = self.drives[first : self.n_mode] @ loads / self.marched.values
+        return np.concatenate([self.rigid.T @ pulled, moved + self.marched_gamma @ r + drives, r])
+
+
+def lowest(
+    stiffness: sp.csr_array, mass: sp.csr_array, rank: Array | None, limit: float
+) -> tuple[Array, Array, Array] | None:
+    """Rigid motions (n, k), eigenvalues (m,) up to ``limit`` and elastic modes (n, m), orthonormal in the mass; None
+    for more than ``MOST_MODES``."""
+    shift = _SHIFT * stiffness.trace() / mass.trace()
+    if stiffness.shape[0] <= DENSE:
+        values, modes = la.eigh(stiffness.toarray(), mass.toarray(), subset_by_value=(-np.inf, limit))
+    else:
+        shifted = sp.csr_array(stiffness + shift * mass)
+        shifted.sort_indices()
+        found = lowest_modes(mass, CholeskyFactor(shifted, NONE, rank).solve, shift, limit, MOST_MODES)
+        if found is None:
+            return None
+        values, modes = found
+    free = values < _RIGID * shift
+    if (~free).sum() > MOST_MODES:
+        return None
+    # signs by a rule: those of eigenvectors are arbitrary
+    modes = modes * np.where(modes[np.abs(modes).argmax(axis=0), np.arange(modes.shape[1])] < 0.0, -1.0, 1.0)
+    return modes[:, free], values[~free], modes[:, ~free]
+
+
+def relative_stiffness(tied: TiedAssembly, rigid: Array) -> Array:
+    """S (n_r, n_r): from the compliance of r in the assembly with springs at all contacts, S = C^-1 - springs."""
+    n, size = tied.n_free, tied.n_relative
+    if not size:
+        return np.zeros((0, 0))
+    springs = np.zeros(n + size)
+    springs[n:] = tied.stiffness.diagonal()[n:]
+    held = np.vstack([rigid, np.zeros((size, rigid.shape[1]))])
+    matrix = supported(sp.csr_array(tied.stiffness + sp.diags_array(springs)), held)
+    matrix.sort_indices()
+    face: Index = np.arange(n, n + size, dtype=np.int64)
+    factor = CholeskyFactor(matrix, NONE, tied.rank, face=face)
+    compliance = factor.face_solve(np.eye(size))
+    stiffness = la.inv(0.5 * (compliance + compliance.T), check_finite=False) - np.diag(springs[n:])
+    return 0.5 * (stiffness + stiffness.T)

@@ -1,0 +1,314 @@
+"""A run of an assembly by its modes and the relative motions of its contacts (``reduced_assembly``).
+
+The reduced assembly is one substructure whose contacts meet the ground: the motion of their sides E relative to E' is
+that of its channels, the traction on E acts on it, and all laws of the interfaces are those of the scene. It has the
+time scheme of massless contact nodes, as the relative motions have no mass, and is marched as any other assembly.
+
+Driven faces enter as loads: with the shapes B of all bodies that follow them without inertia, u = B d + (the rest), the
+forces are -K B d - C B d' - M B d''. Energies are those of the whole motion, B d included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..latin.assembly import Array, Assembly, GroundState, Index, InterfaceUnit, Layout
+from ..latin.probes import FacePlace, OutputRequest
+from ..latin.recorder import Recorder
+from ..latin.settings import SolverSettings
+from ..propagator import Histories, LoadTerm, SubstructureModel
+from ..propagator.base import Propagator
+from ..propagator.direct import DirectPropagator
+from ..propagator.model import Operators, closest_reduced
+from ..scene.schema import Scene
+from ..scene.settings import ModalPropagatorTable
+from ..time_scheme import MasslessContact
+from .initial_state import InitialState
+from .models import ModelClass
+from .reduced_assembly import MOST_MODES, ReducedAssembly
+from .tied_assembly import TiedAssembly, TieError
+
+if TYPE_CHECKING:
+    from .problem import DiscretisedProblem
+
+_SEARCH: Final = 3.3  # factor on the search direction
+_BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
+_SHARE: Final = 0.2  # and up to this share of the inverse of the step without any
+NAME = "assembly"
+"""Name of the one substructure of a reduced assembly."""
+
+
+class _Moves:
+    """Diagonal of the compliance of channels, of which only is known which can move."""
+
+    def __init__(self, trace: sp.csr_array) -> None:
+        self._moves = (np.diff(trace.indptr) > 0).astype(float)
+
+    def diagonal(self) -> Array:
+        """1 where a channel can move, else 0."""
+        return self._moves
+
+
+class BodyMotions(Propagator):
+    """Motions of a class of bodies that are not marched themselves: what results are read from."""
+
+    def _build(self, dt: float) -> Operators:  # noqa: ARG002, the same for all steps
+        model = self.members[0]
+        mass, damping, stiffness = model.reduced
+        dofs, trace, _ = model.at_interface
+        factor: Any = None
+        same = mass, damping, stiffness, factor, dofs, trace, model.spread, model.channel_area
+        return Operators(*same, _Moves(trace), model.massless)
+
+    def internal_forces(self) -> tuple[Array, Array]:
+        """K u and C v of the free dofs, (n_dof, n_member), N."""
+        _, damping, stiffness = self.members[0].reduced
+        viscous = np.zeros_like(self.state.v) if damping is None else damping @ self.state.v
+        return stiffness @ self.state.u, viscous
+
+    def mass_factor(self) -> Any:
+        """Refused: they are not marched."""
+        raise TypeError("motions of bodies that are not marched have no factor")
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What drives a reduced assembly.
+
+    Attributes
+    ----------
+    forces : (n_full, n_drive) on all bodies for amplitude 1, N: loads, then -K B, -C B and -M B of the driven faces.
+    amplitudes : (n_drive, n_time) of these. shapes : B (n_full, n_motion). motions : d, d', d'' (3, n_motion, n_time).
+    """
+
+    forces: Array
+    amplitudes: Array
+    shapes: Array
+    motions: Array
+
+    @property
+    def rates(self) -> Array:
+        """Rates of the amplitudes (n_drive, n_time) over a step, the time in steps."""
+        if self.amplitudes.shape[1] < 2:
+            return np.zeros_like(self.amplitudes)
+        return np.asarray(np.gradient(self.amplitudes, axis=1))
+
+
+def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> Drives:
+    """Loads and driven faces of an assembly whose bodies have begun."""
+    n, n_time = tied.expansion.shape[0], len(bodies.time)
+    places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
+    columns, amplitudes, moved = [np.zeros((n, 0))], [np.zeros((0, n_time))], [np.zeros((3, 0, n_time))]
+    for model in tied.models:
+        propagator, member = places[model.name]
+        for load, amplitude in zip(model.loads, propagator.forcing.amplitudes[member], strict=True):
+            if amplitude.any() and load.pattern.any():
+                column = np.zeros((n, 1))
+                column[tied.where[model.name], 0] = load.pattern
+                columns.append(column)
+                amplitudes.append(amplitude[None])
+        histories = propagator.forcing.motion_histories(member)
+        if histories is not None:
+            moved.append(np.stack([h.T for h in histories[:3]]))
+    motions, shapes = np.concatenate(moved, axis=1), static_shapes(tied, reduced)
+    for matrix, series in zip((tied.full[0], tied.full[2], tied.full[1]), motions, strict=True):
+        columns.append(-(matrix @ shapes))
+        amplitudes.append(series)
+    return Drives(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
+
+
+def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
+    """B (n_full, n_motion): shapes of all bodies that follow the driven faces without inertia."""
+    if not tied.driven.shape[1]:
+        return tied.driven
+    forces = -(tied.expansion.T @ (tied.full[0] @ tied.driven))
+    moved = reduced.solver.solve(np.asarray(forces[: tied.n_free]))
+    return np.asarray(tied.driven + tied.expansion[:, : tied.n_free] @ moved)
+
+
+@dataclass(frozen=True)
+class MotionPlace(FacePlace):
+    """All dofs of the reduced assembly: displacements, velocities and accelerations."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """That of its series at an instant."""
+        return 3, self.trace.shape[0]
+
+    def read(self, values: Array, _of: Any, /) -> Array:
+        """The motion as it is, (n, 3, n_dof)."""
+        return values[:, :3]
+
+
+@dataclass(frozen=True)
+class ReducedMarch:
+    """A reduced assembly that is ready to be marched.
+
+    Attributes
+    ----------
+    assembly : the reduced one. bodies : the assembly of all bodies, with ``BodyMotions``. reduced : modes and
+    stiffnesses. drives : loads and driven faces. units : numbers of the interfaces with relative motions. cutoff : of
+    the modes, Hz. stored : elastic energy of all bodies at t = 0, J.
+    """
+
+    assembly: Assembly
+    bodies: Assembly
+    reduced: ReducedAssembly
+    drives: Drives
+    units: tuple[int, ...]
+    cutoff: float
+    stored: float
+
+    @property
+    def in_words(self) -> str:
+        """What is marched."""
+        reduced = self.reduced
+        return (
+            f"{reduced.n_mode} modes of the assembly up to {self.cutoff:.4g} Hz, {reduced.tied.n_relative} relative "
+            "motions of contacts"
+        )
+
+    @property
+    def scheme_in_words(self) -> str:
+        """The time scheme, and why."""
+        return f"{self.assembly.scheme.name} (relative motions of contacts have no mass, modes keep their frequencies)"
+
+    def settings(self, given: SolverSettings) -> SolverSettings:
+        """The rules of the iteration: the search direction is that of the compliance of all contacts together."""
+        search = given.search_direction
+        if search.kind == "automatic":
+            search = replace(search, factor=_SEARCH * search.factor)
+        return replace(given, search_direction=search, newton=False)
+
+    def recorder(self, energy: bool) -> Recorder:
+        """That of the march: motions of modes and relative motions at every instant, interfaces, energies."""
+        n = self.assembly.propagators[0].n_dof
+        motion = MotionPlace(NAME, sp.csr_array(sp.eye_array(n)))
+        return Recorder(self.assembly, OutputRequest(energy=energy, faces={NAME: motion}), {})
+
+
+def reduced_march(
+    problem: DiscretisedProblem, classes: Sequence[ModelClass], bodies: Assembly, start: InitialState | None
+) -> ReducedMarch:
+    """The reduced assembly of a problem.
+
+    classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
+    start : the equilibrium that the motion starts from.
+
+    Raises
+    ------
+    TieError : an assembly that cannot be reduced.
+    """
+    scene, units, dt = problem.scene, problem.units, bodies.dt
+    cutoff = cutoff_of(scene, dt)
+    tied = TiedAssembly.of(classes, units, problem.layout)
+    for i in (*tied.joints.bonded, *tied.joints.linear):
+        if units[i].against_ground and bodies.ground.velocity[i].any():
+            raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
+    viscosities = {
+        name: 0.0 if body.rigid else body.shape.material.damping.viscosity for name, body in problem.bodies.items()
+    }
+    modes = ReducedAssembly.of(tied, dt, cutoff, viscosities)
+    if modes is None:
+        raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
+    drives = drives_of(tied, modes, bodies)
+    reduced = modes.with_forces(drives.forces)
+    relative = tied.joints.relative
+    against_ground = [_against_ground(units[i]) for i in relative]
+    layout = Layout(against_ground)
+    channels = np.concatenate([np.zeros(0, np.int64), *(layout.channels(j, 0).ravel() for j in range(len(relative)))])
+    model = _model(reduced, _start(tied, reduced, drives), layout, channels)
+    propagator = DirectPropagator([model], MasslessContact(), dt, True)
+    propagator.loads_only = not scene.output.energy
+    assembly = Assembly(
+        [propagator],
+        [channels[:, None]],
+        against_ground,
+        layout,
+        _impedance(propagator, channels, layout.n_flat),
+        bodies.characteristic_traction,
+        MasslessContact(),
+    )
+    assembly.rest_traction = -1.0
+    if start is not None:
+        start.hand_over(assembly)
+    histories = Histories(bodies.time, list(drives.amplitudes), np.zeros((len(bodies.time), 0)))
+    propagator.begin([histories], dt)
+    ground = {j: _ground_velocity(bodies, i) for j, i in enumerate(relative)}
+    still = {j: bodies.ground.start.get(i, GroundState(np.zeros(3), None)) for j, i in enumerate(relative)}
+    assembly.begin(bodies.time, dt, ground, still)
+    moved = np.concatenate([m.displacement for m in tied.models])
+    stored = 0.5 * float(moved @ (tied.full[0] @ moved))
+    return ReducedMarch(assembly, bodies, reduced, drives, relative, cutoff, stored)
+
+
+def cutoff_of(scene: Scene, dt: float) -> float:
+    """Frequency up to which modes are taken for steps dt, Hz: that of the scene, else ``_BEYOND`` times the highest one
+    of its spectra."""
+    table = scene.solver.propagator
+    if isinstance(table, ModalPropagatorTable) and table.highest is not None:
+        return table.highest
+    asked = [s.spectrum.highest for s in scene.sensor.values() if s.spectrum is not None and s.spectrum.highest]
+    return min(_BEYOND * max(asked), _SHARE / dt) if asked else _SHARE / dt
+
+
+def _ground_velocity(bodies: Assembly, i: int) -> Array:
+    """Velocity (n_time, 3) of what side E moves relative to."""
+    return bodies.ground.velocity.get(i, np.zeros((len(bodies.time), 3)))
+
+
+def _against_ground(unit: InterfaceUnit) -> InterfaceUnit:
+    """The interface with the motion of side E relative to E' in the place of that of E, and ground for E'."""
+    n = 3 * unit.geometry.n_point
+    geometry = replace(unit.geometry, traces=(sp.csr_array(sp.eye_array(n)), None), owner=0)
+    return replace(unit, sides=(unit.sides[0], "ground"), geometry=geometry)
+
+
+def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Array:
+    """Impedance (n_flat,) of the relative motions: traction of a point per velocity of its own in a step, others free;
+    steps are longer than waves take through an element, and those of the materials say little."""
+    made = np.zeros(n_flat)
+    admittance = propagator.operators.compliance.diagonal() * propagator.operators.area
+    made[channels] = np.divide(1.0, admittance, out=np.zeros_like(admittance), where=admittance > 0.0)
+    return made
+
+
+def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: Drives) -> tuple[Array, Array]:
+    """Modes and relative motions (n,) at t = 0: displacements and velocities."""
+    made = []
+    for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):
+        own = np.concatenate([m.velocity if kind else m.displacement for m in tied.models])
+        full = own - drives.shapes @ drives.motions[kind, :, 0]
+        parts = [closest_reduced(m.expansion, full[tied.where[m.name], None])[:, 0] for m in tied.models]
+        q, r = np.concatenate(parts)[tied.free], np.asarray(tied.jump @ full)
+        made.append(reduced.coordinates(q, r, loads))
+    return made[0], made[1]
+
+
+def _model(reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout, channels: Index) -> SubstructureModel:
+    """The reduced assembly as one substructure."""
+    m, n = reduced.n_mode, reduced.n_mode + reduced.tied.n_relative
+    mass, damping = np.zeros(n), np.zeros((n, n))
+    mass[:m] = 1.0
+    damping[:m, :m] = reduced.drag
+    entries = np.ones(n - m), (np.arange(n - m), np.arange(m, n))
+    return SubstructureModel(
+        name=NAME,
+        mass=sp.csr_array(sp.diags_array(mass)),
+        damping=sp.csr_array(damping) if np.abs(damping).max() > 0.0 else None,
+        stiffness=sp.csr_array(reduced.stiffness()),
+        expansion=sp.csr_array(sp.eye_array(n)),
+        trace=sp.csr_array(sp.coo_array(entries, shape=(n - m, n))),
+        channel_area=layout.area[channels],
+        loads=[LoadTerm(f"drive {k}", column) for k, column in enumerate(reduced.drives.T)],
+        displacement=start[0],
+        velocity=start[1],
+        imposed_pattern=np.zeros((n, 0)),
+        imposed_start=np.zeros(0),
+        viscous_rows=reduced.strain_rows(),
+    )
