@@ -23,6 +23,7 @@ from .assembly.recovered_fields import RecoveredRecorder
 from .assembly.sensitivities import Tangents
 from .assembly.statics import Stage
 from .assembly.supports import port_lines
+from .assembly.tied_assembly import TieError
 from .assembly.untouched import touched
 from .assembly.yielding_bolts import Yielding
 from .effects.cost import IN_MEMORY, STREAMED, Prediction, check_memory, least_output, memory_line, memory_need
@@ -443,9 +444,18 @@ def _made(
         tangent = Tangents.of(scene, discretised, processes is not None or behaviours is not None) if wanted else None
         stages = None if tangent is None else tangent.stages
         size = 1 if processes is None else processes.size
-        modal, remarks = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
-        discretised = replace(discretised, remarks=(*discretised.remarks, *remarks))
-        problem = solver_ready(discretised, {}, size, stages, modal)
+        modal, reasons = by_modes(scene, behaviours is not None or wanted or size > 1 or how[2])
+        try:
+            problem = solver_ready(discretised, {}, size, stages, modal)
+        except TieError as error:
+            modal, reasons = False, [str(error)]
+        if reasons:
+            # with the time scheme that suits the bodies
+            plain = scene.replace("solver.propagator", "automatic")
+            problem, prediction, tangent = _made(plain, behaviours, kept, stream, processes, how)
+            words = [f"marched body by body and not by the modes of the assembly: {reason}" for reason in reasons]
+            problem = replace(problem, warnings=(*problem.warnings, *remarks_of("propagator", words)))
+            return problem, prediction, tangent
         if scene.time.quasi_static:
             problem.assembly.lost = loss_of_equilibrium(discretised)
     return problem, prediction, tangent

@@ -19,7 +19,7 @@ from ..scene.boundaries import Boundary
 from ..scene.ports import Port
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
-from ..scene.settings import GivenStart, HHTTable, ReducedPropagatorTable
+from ..scene.settings import GivenStart, HHTTable, ModalPropagatorTable, ReducedPropagatorTable
 from .attachments import coupling_units, sensor_places, spring_units, with_masses, with_rigid_faces
 from .body import Body, build_bodies
 from .bolts import BoltCut, cuts_of, section_remarks
@@ -43,6 +43,7 @@ from .interfaces import build_interface, unconnected_remarks, with_behaviours, w
 from .joined_assembly import JoinedAssembly, pressed_of
 from .joint_rotations import rotation_problems
 from .merged_assembly import loop_remarks
+from .modal_problem import modal_problem
 from .models import Kept, KeptOperators, scheme_remarks, store_of
 from .places_at_rest import least_displaced
 from .plausibility import plausibility_remarks
@@ -96,7 +97,7 @@ def solver_ready(
     ``processes`` : among which the substructures are divided. stages : the static ones are added to these. modal :
     whether the assembly is marched by its modes."""
     start = starting_equilibrium(discretised, amplitudes, stages)
-    return discretised.build(start, processes=processes, modal=modal)
+    return modal_problem(discretised, start) if modal else discretised.build(start, processes=processes)
 
 
 def starting_equilibrium(
@@ -320,7 +321,7 @@ def _problem(
     ``discretise``."""
     names = frozenset[str]()
     # bodies that are reduced have modes that depend on all their faces
-    plain = not isinstance(scene.solver.propagator, ReducedPropagatorTable)
+    plain = not isinstance(scene.solver.propagator, (ReducedPropagatorTable, ModalPropagatorTable))
     if leave_out and plain:
         time = np.linspace(0.0, scene.time.end, scene.time.n_step + 1)
         names = never_touched(scene, bodies, units, characteristic_traction(scene, bodies, time))

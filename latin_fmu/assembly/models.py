@@ -28,7 +28,7 @@ from ..propagator.model import share_operators
 from ..scene.fields import split_face
 from ..scene.laws import TimeLaw
 from ..scene.schema import BODY_FORCE, GRAVITY, Scene
-from ..scene.settings import AutomaticScheme, ReducedPropagatorTable
+from ..scene.settings import AutomaticScheme, ModalPropagatorTable, ReducedPropagatorTable
 from ..time_scheme import HHT, SCHEMES, GeneralizedAlpha, MaxwellBranches, QuasiStatic, TimeScheme
 from .body import AddedMass, Body, body_sides
 
@@ -285,6 +285,8 @@ def _suited_scheme(scene: Scene, bodies: Mapping[str, Body], units: list[Interfa
 
 def _obstacle(scene: Scene, bodies: Mapping[str, Body], units: list[InterfaceUnit]) -> tuple[str, str]:
     """Why ``generalized_alpha`` does not suit the bodies of a scene, and what removes that; empty where it suits."""
+    if isinstance(scene.solver.propagator, ModalPropagatorTable):
+        return "the modes of the assembly have its whole mass", 'choose solver.propagator = "direct"'
     if isinstance(scene.solver.propagator, ReducedPropagatorTable):
         return "reduced bodies have mass at every node", 'choose solver.propagator = "direct"'
     for name in dict.fromkeys(name for _, _, name in body_sides(_opening(units))):

@@ -31,7 +31,7 @@ from ..scene.schema import Scene
 from ..scene.settings import WHOLE, AndersonTable, Uniform
 from ..scene.substructures import Temperature
 from ..scene.units import SI, UnitSystem
-from ..time_scheme import MasslessContact, QuasiStatic, TimeScheme, joint_weights
+from ..time_scheme import QuasiStatic, TimeScheme, joint_weights
 from .body import Body, body_sides, branches_of, flexibility, side_impedance, side_stiffness
 from .bolts import BoltCut, Clamp, OpenedMesh, OpenedStress, load_name
 from .checks import resolution_remarks
@@ -51,11 +51,10 @@ from .models import (
 )
 from .press_fits import fit_pressures, fits
 from .propagator_choice import divided, made_propagators
-from .reduced_run import BodyMotions, ReducedMarch, reduced_march
+from .reduced_run import ReducedMarch
 from .rigid_landings import rigid_impacts
 from .start_contacts import lifted, open_points, scheme_remarks_at_start, start_contacts
 from .supports import PrescribedMotion, port_motions, port_supports, supports
-from .tied_assembly import TieError
 from .untouched import Untouched
 from .wave_pace import waves_count
 
@@ -345,20 +344,13 @@ class DiscretisedProblem:
         return max(size(self.scene, self.bodies, self.time), *stresses, *pressed, 0.0)
 
     def build(
-        self, start: InitialState | None = None, kept: Kept | None = None, processes: int = 1, modal: bool = False
+        self, start: InitialState | None = None, kept: Kept | None = None, processes: int = 1
     ) -> SolverReadyProblem:
         """Factorise and condense the substructures.
 
         start : initial state in the place of that of the scene. kept : operators of static problems by
         ``ModelClass.key``, which are used again and added to. processes : among which the substructures are divided.
-        modal : whether the assembly is marched by its modes where it can be (``reduced_run``); a remark says why not.
         """
-        if modal:
-            try:
-                return self._by_modes(start)
-            except TieError as error:
-                remark = Remark("propagator", f"marched body by body and not by the modes of the assembly: {error}")
-                return replace(self, remarks=(*self.remarks, remark)).build(start, kept, processes)
         scene, scheme, units = self.scene, self.scheme, self.units
         layout = self.layout if start is None else Layout(units)  # ``start`` changes its gaps
         classes = self.classes if start is None else start.displaced(self.classes)
@@ -393,57 +385,7 @@ class DiscretisedProblem:
         words, against, unforeseen = _checked_scheme(self, None if static else start)
         warnings += tuple(remarks_of("scheme", against))
         unforeseen |= rigid_impacts(scene, self.bodies, units)
-        return self._ready(assembly, (warnings, timeline, start, words, unforeseen))
-
-    def _ready(
-        self,
-        assembly: Assembly,
-        about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
-        reduced: ReducedMarch | None = None,
-    ) -> SolverReadyProblem:
-        """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
-        chosen for."""
-        warnings, timeline, start, words, unforeseen = about
-        bolts = TightBolts() if start is None else start.bolts
-        nodes = {name: body.mesh.nodes for name, body in self.bodies.items()}
-        return SolverReadyProblem(
-            assembly,
-            settings_of(self.scene),
-            self.output(bolts),
-            self.info_of(bolts.shortening),
-            warnings,
-            timeline,
-            start,
-            self.recovered_of(bolts.shortening),
-            words,
-            self.scene.unit_system,
-            [cut.clamp(nodes[cut.table.substructure], bolts.shortening.get(n, 0.0)) for n, cut in self.cuts.items()],
-            flexibility(self.bodies, self.units, assembly.layout),
-            self.untouched,
-            unforeseen,
-            reduced,
-        )
-
-    def _by_modes(self, start: InitialState | None) -> SolverReadyProblem:
-        """As ``build``, with the assembly marched by its modes.
-
-        Raises
-        ------
-        TieError : an assembly that cannot be.
-        """
-        units, scheme = self.units, MasslessContact()
-        layout = self.layout if start is None else Layout(units)
-        classes = self.classes if start is None else start.displaced(self.classes)
-        propagators = [BodyMotions(c.members, scheme, self.dt, False) for c in classes]
-        given = units, layout, self.impedance.copy(), self.characteristic_traction, scheme
-        assembly = Assembly(propagators, [c.channels for c in classes], *given)
-        if start is not None:
-            start.hand_over(assembly)
-        timeline = self.timeline_with(TightBolts() if start is None else start.bolts)
-        timeline.begin(assembly, self.time, {}, assembly.ground.start)
-        march = reduced_march(self, classes, assembly, start)
-        warnings = (*self.remarks, *(() if start is None else remarks_of("start", start.remarks)))
-        return self._ready(assembly, (warnings, timeline, start, march.scheme_in_words, {}), march)
+        return ready(self, assembly, (warnings, timeline, start, words, unforeseen))
 
     def output(self, bolts: TightBolts) -> OutputRequest:
         """What the recorder keeps; ``bolts`` as tightened."""
@@ -466,6 +408,36 @@ class DiscretisedProblem:
             bolts.places(self.cuts, changes, self.elongation) if self.cuts and not self.ramps else {},
             {} if self.untouched is None else self.untouched.faces,
         )
+
+
+def ready(
+    problem: DiscretisedProblem,
+    assembly: Assembly,
+    about: tuple[tuple[Remark, ...], Timeline, InitialState | None, str, Mapping[str, str]],
+    reduced: ReducedMarch | None = None,
+) -> SolverReadyProblem:
+    """The problem with its operators; ``about`` : remarks, histories, start, time scheme, landings that it was not
+    chosen for."""
+    warnings, timeline, start, words, unforeseen = about
+    bolts = TightBolts() if start is None else start.bolts
+    nodes = {name: body.mesh.nodes for name, body in problem.bodies.items()}
+    return SolverReadyProblem(
+        assembly,
+        settings_of(problem.scene),
+        problem.output(bolts),
+        problem.info_of(bolts.shortening),
+        warnings,
+        timeline,
+        start,
+        problem.recovered_of(bolts.shortening),
+        words,
+        problem.scene.unit_system,
+        [cut.clamp(nodes[cut.table.substructure], bolts.shortening.get(n, 0.0)) for n, cut in problem.cuts.items()],
+        flexibility(problem.bodies, problem.units, assembly.layout),
+        problem.untouched,
+        unforeseen,
+        reduced,
+    )
 
 
 def _in_step(unit: InterfaceUnit, scheme: TimeScheme, dt: float) -> InterfaceUnit:

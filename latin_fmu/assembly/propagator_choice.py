@@ -25,7 +25,6 @@ from ..propagator.explicit import ExplicitPropagator
 from ..propagator.interface_sweeps import Interfaces, flops, in_form, long_steps, swept_shape, takes_sweeps
 from ..propagator.model import Array, SubstructureModel
 from ..propagator.reduced import ReducedPropagator
-from ..remarks import Remark
 from ..scene import settings as tables
 from ..scene.raw_scene import CENTRAL
 from ..scene.schema import Scene
@@ -42,6 +41,7 @@ Kind = Literal["direct", "explicit", "reduced", "cg"]
 
 
 DENSE: Final = Interfaces("dense")
+_OF_BODIES: Final = (CENTRAL, "generalized_alpha", "massless_contact")  # schemes that take mass from nodes of faces
 
 
 @dataclass(frozen=True)
@@ -309,19 +309,19 @@ def chosen_propagators(scene: Scene, classes: list[ModelClass]) -> tuple[Propaga
     ]
 
 
-def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[Remark]]:
-    """Whether an assembly is to be marched by its modes, and a remark where it is not although the scene asks for it;
+def by_modes(scene: Scene, restricted: bool) -> tuple[bool, list[str]]:
+    """Whether an assembly is to be marched by its modes, and why it is not although the scene asks for it;
     ``restricted`` : whether the caller takes laws of its own, derivatives, several processes, or looks at iterates."""
     if not isinstance(scene.solver.propagator, tables.ModalPropagatorTable):
         return False, []
     reasons = {
         "without inertia there are no modes": scene.time.quasi_static,
-        "central differences march body by body": scene.time.scheme.type == CENTRAL,
+        f"time.scheme {scene.time.scheme.type} is one of bodies": scene.time.scheme.type in _OF_BODIES,
         "windows of several instants are marched body by body": scene.solver.window != 1,
         "laws of the caller, derivatives, observers and several processes take the bodies one by one": restricted,
     }
     given = [reason for reason, holds in reasons.items() if holds]
-    return not given, [Remark("propagator", f"marched body by body and not by modes: {reason}") for reason in given]
+    return not given, given
 
 
 def interfaces_of(scene: Scene) -> Interfaces:

@@ -13,9 +13,10 @@ in the least-squares sense over the dofs at bonded faces, as each bond is met fr
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.linalg as la
@@ -32,14 +33,14 @@ from ..propagator.model import SubstructureModel, closest_reduced
 from .reduced_run import NAME, ReducedMarch
 from .tied_assembly import jump_rows
 
-_EXACT: Final = 1e-6  # of the largest relative motion, left out of its shapes
+_EXACT: Final = 1e-4  # of the largest change of the relative motions, left out of their shapes
 _BLOCK: Final = 32  # shapes that are looked for at a time
 _REGULAR: Final = 1e-12  # of the diagonal of the system of the bonds: what goes round in loops becomes zero
 
 
 def compressed(histories: Array) -> Array:
     """Orthonormal shapes (n, k) of histories (n_time, n) whose span holds them to a share ``_EXACT`` of the largest."""
-    rest, found = histories.copy(), list[Array]()
+    rest, found = histories.copy(), list[Any]()
     size = np.linalg.norm(rest, axis=1).max(initial=0.0)
     random = np.random.default_rng(0)  # the same shapes every time
     while size > 0.0 and np.linalg.norm(rest, axis=1).max() > _EXACT * size:
@@ -111,9 +112,9 @@ class Motions:
             made.append(np.hstack([own, relative, load, drives.motions[kind, :, :n_time].T]))
         return np.stack(made)
 
-    def of(self, rows: sp.csr_array | Array) -> Array:
-        """Displacements, velocities and accelerations (3, n_time, k) of rows (k, n_full)."""
-        return np.asarray(self.amplitudes @ np.asarray(rows @ self.shapes).T)
+    def of(self, rows: sp.csr_array | Array, kind: int) -> Array:
+        """Displacements (``kind`` 0), velocities (1) or accelerations (2) of rows (k, n_full), (n_time, k)."""
+        return np.asarray(self.amplitudes[kind] @ np.asarray(rows @ self.shapes).T)
 
     def placed(self, name: str, rows: sp.csr_array | Array) -> sp.csr_array:
         """Rows (k, n) of the full dofs of a body among those of all, (k, n_full)."""
@@ -127,7 +128,7 @@ class Motions:
         n_shape): of each mode at its own frequency."""
         reduced = self.march.reduced
         first, m = reduced.rigid.shape[1], reduced.n_mode
-        added = np.zeros_like(self.amplitudes[0])
+        added: Array = np.zeros_like(self.amplitudes[0])
         if len(model.branches):
             omega = np.sqrt(reduced.poles[0])
             rise = model.branches.rise(1j * omega)
@@ -217,7 +218,7 @@ class RecoveredRecorder(Recorder):
         tied = march.reduced.tied
         rows = self.rows
         flat_f, flat_w = rows.f_hat[:n], rows.w_hat[:n]
-        flat_w[:] = self._motions.of(tied.trace)[1]
+        flat_w[:] = self._motions.of(tied.trace, 1)
         self._ground(flat_w)
         for j, i in enumerate(march.units):
             first, second = (layout.channels(i, side) for side in (0, 1))
@@ -263,7 +264,7 @@ class RecoveredRecorder(Recorder):
             group, unit = layout.group(i), march.bodies.interfaces[i]
             channels = layout.channels(i, 0)
             # of E' over E, as laws take it
-            jump = -self._motions.of(jump_rows(layout, tied.trace, i))[0].reshape(n, *channels.shape)
+            jump = -self._motions.of(jump_rows(layout, tied.trace, i), 0).reshape(n, *channels.shape)
             jump[..., 0] += unit.geometry.gap
             sliding = flat_w[:, layout.channels(i, 1)] - flat_w[:, channels]
             parameters, held = group.parameters[group.members[i]], np.zeros((len(channels), 2))
@@ -287,7 +288,7 @@ class RecoveredRecorder(Recorder):
                 name = face.split(".")[0]
                 nodal = models[name].nodal
                 own = trace if nodal is None else sp.csr_array(trace @ nodal)
-                moved = self._motions.of(self._motions.placed(name, own))[1]
+                moved = self._motions.of(self._motions.placed(name, own), 1)
                 slide[:n, side] = moved.reshape(n, -1, 3)
 
     def _read_series(self, n: int) -> None:
@@ -306,7 +307,7 @@ class RecoveredRecorder(Recorder):
                 of = Reading(assembly, c, member, slice(0, n), self.rows.f_hat[:n])
                 self._series[key][name][:n] = place.read(values, of)
 
-    def _nodes(self, name: str, kind: int, instants: Array) -> Array:
+    def _nodes(self, name: str, kind: int, instants: Index) -> Array:
         """Displacements or velocities (n, n_node, 3) of the nodes of a body at instants."""
         motions = self._motions
         where = self._march.reduced.tied.where[name]
@@ -348,7 +349,8 @@ class RecoveredRecorder(Recorder):
         """Energies (n, N_TERM) of the assembly: those of the march, and of the motion B d and the static responses to
         the loads, which it is relative to."""
         march, n = self._march, self.n_kept
-        terms = kept.series("energy")[0][:, :, 0].copy()
+        tables: Mapping[Any, Array] = kept.series("energy")
+        terms = tables[0][:, :, 0].copy()  # by number of the class
         drives, reduced = march.drives, march.reduced
         moved, x = drives.shapes.shape[1], self._motions.histories
         k_d, m_d = (drives.shapes.T @ (reduced.tied.full[kind] @ drives.shapes) for kind in (0, 1))

@@ -48,6 +48,7 @@ _LARGEST: Final = 1.2
 _SHIFT: Final = 1e-10  # of the eigenvalues, over trace(K) / trace(M)
 _RIGID: Final = 1e-2  # of the shift: eigenvalues below are those of rigid motions
 _ROUND_OFF: Final = 1e-12  # of the largest damping
+_COLUMNS: Final = 256  # that are solved together: vectors of all dofs
 _SUPPORT: Final = 1.0  # stiffness of the statically determinate supports, over the largest of a dof
 
 
@@ -151,7 +152,7 @@ class ReducedAssembly:
     @property
     def n_mode(self) -> int:
         """Rigid motions and elastic modes."""
-        return self.rigid.shape[1] + self.elastic.shape[1]
+        return int(self.rigid.shape[1] + self.elastic.shape[1])
 
     @cached_property
     def coupling(self) -> sp.csr_array:
@@ -262,6 +263,20 @@ class ReducedAssembly:
         rows = np.sqrt(sizes[sound])[:, None] * turn[:, sound].T
         return np.hstack([np.zeros((len(rows), first)), rows, -rows @ self.marched_gamma])
 
+    @property
+    def relative_viscosity(self) -> float:
+        """Time b, s, of the damping b S that relative motions have by the strains of the bodies: the mean over the
+        bodies by their strain energy in the elastic modes, of damping that depends on frequency at the lowest one."""
+        if not len(self.values):
+            return 0.0
+        omega, total, damped = float(np.sqrt(self.poles[0].min())), 0.0, 0.0
+        for model in self.tied.models:
+            energy = float((self._stiffness_of(model.name).diagonal() / self.values).sum())
+            loss = float(model.branches.rise(1j * omega).imag) / omega if len(model.branches) else 0.0
+            total += energy
+            damped += energy * (self.viscosities.get(model.name, 0.0) + loss)
+        return damped / total if total > 0.0 else 0.0
+
     @cached_property
     def drives(self) -> Array:
         """Loads (n_mode + n_r, n_load) on the modes and on r, for amplitude 1."""
@@ -316,6 +331,9 @@ def relative_stiffness(tied: TiedAssembly, rigid: Array) -> Array:
     matrix.sort_indices()
     face: Index = np.arange(n, n + size, dtype=np.int64)
     factor = CholeskyFactor(matrix, NONE, tied.rank, face=face)
-    compliance = factor.face_solve(np.eye(size))
+    compliance, unit = np.empty((size, size)), np.eye(size)
+    for first in range(0, size, _COLUMNS):
+        part = slice(first, first + _COLUMNS)
+        compliance[:, part] = factor.face_solve(np.ascontiguousarray(unit[:, part]))
     stiffness = la.inv(0.5 * (compliance + compliance.T), check_finite=False) - np.diag(springs[n:])
     return 0.5 * (stiffness + stiffness.T)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,9 +32,6 @@ from .initial_state import InitialState
 from .models import ModelClass
 from .reduced_assembly import MOST_MODES, ReducedAssembly
 from .tied_assembly import TiedAssembly, TieError
-
-if TYPE_CHECKING:
-    from .problem import DiscretisedProblem
 
 _SEARCH: Final = 3.3  # factor on the search direction
 _BEYOND: Final = 4.0  # modes are taken up to so many times the highest frequency that is asked for
@@ -77,7 +74,7 @@ class BodyMotions(Propagator):
 
 
 @dataclass(frozen=True)
-class Drives:
+class DrivenLoads:
     """What drives a reduced assembly.
 
     Attributes
@@ -99,7 +96,7 @@ class Drives:
         return np.asarray(np.gradient(self.amplitudes, axis=1))
 
 
-def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> Drives:
+def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) -> DrivenLoads:
     """Loads and driven faces of an assembly whose bodies have begun."""
     n, n_time = tied.expansion.shape[0], len(bodies.time)
     places = {name: (p, j) for p in bodies.propagators for j, name in enumerate(p.names)}
@@ -119,7 +116,7 @@ def drives_of(tied: TiedAssembly, reduced: ReducedAssembly, bodies: Assembly) ->
     for matrix, series in zip((tied.full[0], tied.full[2], tied.full[1]), motions, strict=True):
         columns.append(-(matrix @ shapes))
         amplitudes.append(series)
-    return Drives(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
+    return DrivenLoads(np.hstack(columns), np.concatenate(amplitudes), shapes, motions)
 
 
 def static_shapes(tied: TiedAssembly, reduced: ReducedAssembly) -> Array:
@@ -159,7 +156,7 @@ class ReducedMarch:
     assembly: Assembly
     bodies: Assembly
     reduced: ReducedAssembly
-    drives: Drives
+    drives: DrivenLoads
     units: tuple[int, ...]
     cutoff: float
     stored: float
@@ -193,26 +190,26 @@ class ReducedMarch:
 
 
 def reduced_march(
-    problem: DiscretisedProblem, classes: Sequence[ModelClass], bodies: Assembly, start: InitialState | None
+    scene: Scene,
+    classes: Sequence[ModelClass],
+    bodies: Assembly,
+    start: InitialState | None,
+    viscosities: Mapping[str, float],
 ) -> ReducedMarch:
-    """The reduced assembly of a problem.
+    """The reduced assembly of a scene.
 
     classes : of the bodies with their initial displacements. bodies : the assembly of all bodies, which has begun.
-    start : the equilibrium that the motion starts from.
+    start : the equilibrium that the motion starts from. viscosities : b of the damping b K by strains, s, by body.
 
     Raises
     ------
     TieError : an assembly that cannot be reduced.
     """
-    scene, units, dt = problem.scene, problem.units, bodies.dt
-    cutoff = cutoff_of(scene, dt)
-    tied = TiedAssembly.of(classes, units, problem.layout)
+    units, dt, cutoff = bodies.interfaces, bodies.dt, cutoff_of(scene, bodies.dt)
+    tied = TiedAssembly.of(classes, units, bodies.layout)
     for i in (*tied.joints.bonded, *tied.joints.linear):
         if units[i].against_ground and bodies.ground.velocity[i].any():
             raise TieError(f"interface {units[i].name} joins a body to a ground that moves")
-    viscosities = {
-        name: 0.0 if body.rigid else body.shape.material.damping.viscosity for name, body in problem.bodies.items()
-    }
     modes = ReducedAssembly.of(tied, dt, cutoff, viscosities)
     if modes is None:
         raise TieError(f"more than {MOST_MODES} modes are below {cutoff:g} Hz")
@@ -278,7 +275,7 @@ def _impedance(propagator: DirectPropagator, channels: Index, n_flat: int) -> Ar
     return made
 
 
-def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: Drives) -> tuple[Array, Array]:
+def _start(tied: TiedAssembly, reduced: ReducedAssembly, drives: DrivenLoads) -> tuple[Array, Array]:
     """Modes and relative motions (n,) at t = 0: displacements and velocities."""
     made = []
     for kind, loads in ((0, drives.amplitudes[:, 0]), (1, np.zeros(len(drives.amplitudes)))):
@@ -296,14 +293,15 @@ def _model(reduced: ReducedAssembly, start: tuple[Array, Array], layout: Layout,
     mass, damping = np.zeros(n), np.zeros((n, n))
     mass[:m] = 1.0
     damping[:m, :m] = reduced.drag
-    entries = np.ones(n - m), (np.arange(n - m), np.arange(m, n))
+    damping[m:, m:] = reduced.relative_viscosity * reduced.relative
+    entries = np.ones(n - m), (np.flatnonzero(reduced.tied.exists), np.arange(m, n))
     return SubstructureModel(
         name=NAME,
         mass=sp.csr_array(sp.diags_array(mass)),
         damping=sp.csr_array(damping) if np.abs(damping).max() > 0.0 else None,
         stiffness=sp.csr_array(reduced.stiffness()),
         expansion=sp.csr_array(sp.eye_array(n)),
-        trace=sp.csr_array(sp.coo_array(entries, shape=(n - m, n))),
+        trace=sp.csr_array(sp.coo_array(entries, shape=(len(channels), n))),
         channel_area=layout.area[channels],
         loads=[LoadTerm(f"drive {k}", column) for k, column in enumerate(reduced.drives.T)],
         displacement=start[0],

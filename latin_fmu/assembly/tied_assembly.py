@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..fem.dissection import dissected
@@ -30,6 +31,8 @@ from .body import consecutive
 from .models import ModelClass
 
 _NOTHING: Final = 1e-9  # entries below this share of 1 are round-off
+_SMALL: Final = 1e-8  # of the largest, of rows that depend on each other
+_ROUNDS: Final = 5  # of choices of the dofs that follow
 _LARGEST: Final = 1e3  # an entry of an inverse above it: rows that are nearly dependent
 
 
@@ -63,12 +66,14 @@ class Joints(NamedTuple):
 
 
 class Elimination(NamedTuple):
-    """x = q_part q + r_part r + driven d, and the numbers of the dofs x that the q are."""
+    """x = q_part q + r_part r + driven d, the numbers of the dofs x that the q are, and whether each r exists: points
+    that are held on both sides have none."""
 
     q_part: sp.csr_array
     r_part: sp.csr_array
     driven: Array
     free: Index
+    exists: NDArray[np.bool_]
 
 
 def eliminated(rows: sp.csr_array, moved: Array, weights: sp.csr_array) -> Elimination:
@@ -85,17 +90,17 @@ def eliminated(rows: sp.csr_array, moved: Array, weights: sp.csr_array) -> Elimi
     n = rows.shape[1]
     q_part, r_part = sp.csr_array(sp.eye_array(n)), sp.csr_array((n, weights.shape[1]))
     driven, free = np.zeros((n, moved.shape[1])), np.arange(n, dtype=np.int64)
+    exists = np.ones(weights.shape[1], dtype=bool)
     left = _without_round_off(rows)
     while left.shape[0]:
         filled = np.diff(left.indptr) > 0
-        _check_implied(moved[~filled], sp.csr_array(weights[np.flatnonzero(~filled)]))
+        exists[_without_motion(moved[~filled], sp.csr_array(weights[np.flatnonzero(~filled)]))] = False
         kept = np.flatnonzero(filled)
         left, moved, weights = sp.csr_array(left[kept]), moved[kept], sp.csr_array(weights[kept])
         if not len(kept):
             break
-        own, chosen = _pivots(left)
+        own, chosen, inverse = _pivots(left)
         first = sp.csr_array(left[own])
-        inverse = _block_inverse(sp.csr_array(first[:, chosen]))
         others = np.setdiff1d(np.arange(left.shape[1]), chosen)
         # dofs of this round by those that are left, r and d
         by_q = _without_round_off(-inverse @ first[:, others])
@@ -111,13 +116,17 @@ def eliminated(rows: sp.csr_array, moved: Array, weights: sp.csr_array) -> Elimi
         moved = moved[rest] + on_chosen @ by_d
         weights = _without_round_off(weights[rest] - on_chosen @ by_r)
         left = _without_round_off(of_rest[:, others] + on_chosen @ by_q)
-    return Elimination(q_part, r_part, driven, free)
+    return Elimination(q_part, r_part, driven, free, exists)
 
 
-def _check_implied(moved: Array, weights: sp.csr_array) -> None:
-    """Rows that the others imply must leave nothing to r and d."""
-    if np.abs(moved).max(initial=0.0) > _NOTHING or np.abs(weights.data).max(initial=0.0) > _NOTHING:
-        raise TieError("interfaces that hold the same nodes twice, or faces that are held or driven on both sides")
+def _without_motion(moved: Array, weights: sp.csr_array) -> Index:
+    """Relative motions that do not exist by rows 0 = weights r - moved d that the others imply."""
+    if np.abs(moved).max(initial=0.0) > _NOTHING:
+        raise TieError("faces of an interface are driven on both sides, or driven apart")
+    weights = _without_round_off(weights)
+    if np.diff(weights.indptr).max(initial=0) > 1:
+        raise TieError("contacts hold the same nodes twice, so that their relative motions depend on each other")
+    return np.unique(weights.indices).astype(np.int64)
 
 
 def _without_round_off(matrix: sp.csr_array) -> sp.csr_array:
@@ -129,63 +138,92 @@ def _without_round_off(matrix: sp.csr_array) -> sp.csr_array:
     return matrix
 
 
-def _pivots(rows: sp.csr_array) -> tuple[Index, Index]:
-    """Rows that find a dof of their own, and these dofs: of each row its largest entry that no row before has taken,
-    positive ones (the owner's side) before others. Rows with one entry choose first."""
+def _pivots(rows: sp.csr_array) -> tuple[Index, Index, sp.csr_array]:
+    """Rows that find a dof of their own, these dofs, and the inverse of their matrix.
+
+    Each row takes its largest entry that no row before has taken, positive ones (the owner's side) before others; rows
+    with one entry choose first. Rows that do not go together choose anew, by elimination with pivoting, and those that
+    depend on others find none.
+    """
+    own, chosen = _greedy(rows)
+    for _ in range(_ROUNDS):
+        inverse, apart = _block_inverse(sp.csr_array(rows[own][:, chosen]))
+        if not len(apart):
+            return own, chosen, inverse
+        kept = np.ones(len(own), dtype=bool)
+        for places in apart:
+            kept[places] = False
+        made_own, made_chosen = [own[kept]], [chosen[kept]]
+        taken = np.zeros(rows.shape[1], dtype=bool)
+        taken[chosen[kept]] = True
+        for places in apart:
+            some = rows[own[places]]
+            columns = np.setdiff1d(some.indices, np.flatnonzero(taken))
+            independent, picked = _independent(some[:, columns].toarray())
+            taken[columns[picked]] = True
+            made_own.append(own[places][independent])
+            made_chosen.append(columns[picked].astype(np.int64))
+        own, chosen = np.concatenate(made_own), np.concatenate(made_chosen)
+    raise TieError("interfaces that hold the same nodes many times over")
+
+
+def _independent(rows: Array) -> tuple[Index, Index]:
+    """Rows that do not depend on each other, and as many columns that determine them, one for each."""
+    _, r, order = la.qr(rows.T, mode="economic", pivoting=True)
+    size = np.abs(np.diagonal(r))
+    rank = int((size > _SMALL * size[0]).sum())
+    independent = order[:rank]
+    _, _, columns = la.qr(rows[independent], mode="economic", pivoting=True)
+    return independent.astype(np.int64), columns[:rank].astype(np.int64)
+
+
+def _greedy(rows: sp.csr_array) -> tuple[Index, Index]:
+    """Rows and the columns that they take, first come first served."""
     taken = np.zeros(rows.shape[1], dtype=bool)
     own, chosen = list[int](), list[int]()
     for i in np.argsort(np.minimum(np.diff(rows.indptr), 3), kind="stable").tolist():
         part = slice(rows.indptr[i], rows.indptr[i + 1])
         columns, data = rows.indices[part], rows.data[part]
-        usable = ~taken[columns]
-        if not usable.any():
-            continue
-        size = np.where(usable, np.abs(data), 0.0)
+        size = np.where(taken[columns], 0.0, np.abs(data))
         # of entries of nearly the same size the positive one
         best = int(np.argmax(size * (1.0 + _NOTHING * (data > 0.0))))
-        if size[best] < 0.1 * np.abs(data).max():
-            continue
-        taken[columns[best]] = True
-        own.append(i)
-        chosen.append(int(columns[best]))
+        if size[best] > 0.1 * np.abs(data).max():
+            taken[columns[best]] = True
+            own.append(i)
+            chosen.append(int(columns[best]))
     if not own:
-        raise TieError("interfaces that hold the same nodes twice")
+        raise TieError("interfaces that hold the same nodes many times over")
     return np.array(own, dtype=np.int64), np.array(chosen, dtype=np.int64)
 
 
-def _block_inverse(matrix: sp.csr_array) -> sp.csr_array:
-    """Inverse of a matrix that is a permutation of small blocks.
-
-    Raises
-    ------
-    TieError : a block that is next to singular.
-    """
+def _block_inverse(matrix: sp.csr_array) -> tuple[sp.csr_array, list[Index]]:
+    """Inverse of a matrix that is a permutation of small blocks, and the rows of each block that has none, or is next
+    to singular."""
     n = matrix.shape[0]
     coo = matrix.tocoo()
     graph = sp.coo_array((np.ones(coo.nnz), (coo.coords[0], n + coo.coords[1])), shape=(2 * n, 2 * n))
     count, label = connected_components(graph, directed=False)
-    order = np.argsort(label[:n], kind="stable")
-    columns = np.argsort(label[n:], kind="stable")
-    ends = np.cumsum(np.bincount(label[:n], minlength=count))
-    rows_at, columns_at, values = list[Index](), list[Index](), list[Array]()
-    first = 0
-    for end in ends.tolist():
-        r, c = order[first:end], columns[first:end]
-        first = end
-        block = matrix[r][:, c].toarray()
-        try:
-            inverse = la.inv(block, check_finite=False)
-        except la.LinAlgError:
-            raise TieError("interfaces that hold the same nodes twice") from None
-        if not np.abs(inverse).max(initial=0.0) < _LARGEST:
-            raise TieError("interfaces that hold the same nodes twice")
-        rows_at.append(np.repeat(c, len(r)))
-        columns_at.append(np.tile(r, len(c)))
-        values.append(inverse.ravel())
-    data = np.concatenate([np.zeros(0), *values])
+    order, columns = (np.argsort(part, kind="stable") for part in (label[:n], label[n:]))
+    of_rows, of_columns = (np.bincount(part, minlength=count) for part in (label[:n], label[n:]))
     none = np.zeros(0, dtype=np.int64)
-    places = np.concatenate([none, *rows_at]), np.concatenate([none, *columns_at])
-    return sp.csr_array(sp.coo_array((data, places), shape=(n, n)))
+    rows_at, columns_at, values, apart = [none], [none], [np.zeros(0)], list[Index]()
+    first = second = 0
+    for height, width in zip(of_rows.tolist(), of_columns.tolist(), strict=True):
+        r, c = order[first : first + height], columns[second : second + width]
+        first, second = first + height, second + width
+        block = matrix[r][:, c].toarray()
+        inverse = la.pinv(block) if height == width and len(block) else np.zeros((0, 0))
+        if height != width or not np.abs(inverse @ block - np.eye(height)).max(initial=0.0) < _NOTHING:
+            apart.append(r)
+            continue
+        if np.abs(inverse).max(initial=0.0) > _LARGEST:
+            apart.append(r)
+            continue
+        rows_at.append(np.repeat(c, height))
+        columns_at.append(np.tile(r, height))
+        values.append(inverse.ravel())
+    places = np.concatenate(rows_at), np.concatenate(columns_at)
+    return sp.csr_array(sp.coo_array((np.concatenate(values), places), shape=(n, n))), apart
 
 
 @dataclass(frozen=True)
@@ -198,7 +236,8 @@ class TiedAssembly:
     the full dofs of all bodies to the channels. expansion : [E Q, E R] (n_full, n). n_free : number of q. driven : D
     (n_full, n_motion). full : stiffness, mass and damping (n_full, n_full) with the springs and dashpots of interfaces.
     stiffness, mass, damping : (n, n) on [q, r], N m-1, kg, N s m-1. channels : (n_r,) channel of side E of each r.
-    free : (n_free,) numbers of q among the reduced dofs of all bodies. rank : (n,) elimination order of [q, r], nested
+    exists : (n_channel,) whether the r of each channel exists. free : (n_free,) numbers of q among the reduced dofs of
+    all bodies. rank : (n,) elimination order of [q, r], nested
     dissection; None where a body has no places.
     """
 
@@ -214,6 +253,7 @@ class TiedAssembly:
     mass: sp.csr_array
     damping: sp.csr_array
     channels: Index
+    exists: NDArray[np.bool_]
     free: Index
     rank: Array | None
     jump: sp.csr_array
@@ -234,7 +274,8 @@ class TiedAssembly:
         driven: Array = sp.block_diag([sp.coo_array(m.imposed_pattern) for m in models]).toarray()
         rows, weights, channels = _rows(units, layout, trace, joints)
         made = eliminated(_without_round_off(rows @ expansion), np.asarray(rows @ driven), weights)
-        both = sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part]))
+        there = np.flatnonzero(made.exists)
+        both = sp.csr_array(expansion @ sp.hstack([made.q_part, made.r_part[:, there]]))
         springs, dashpots = _joint_matrices(units, layout, trace, joints)
         full = (
             sp.csr_array(sp.block_diag([m.stiffness for m in models], format="csr") + springs),
@@ -243,13 +284,25 @@ class TiedAssembly:
         )
         stiffness, mass, damping = (_product(both, matrix) for matrix in full)
         shapes = driven + expansion @ made.driven
-        rank = _rank(models, expansion, made, stiffness)
+        rank = _rank(models, both, stiffness)
         n_free = made.q_part.shape[1]
         matrices = full, stiffness, mass, damping
         jumps = [sp.csr_array((0, n_full)), *(jump_rows(layout, trace, i) for i in joints.relative)]
-        jump = sp.csr_array(sp.vstack(jumps))
+        jump = sp.csr_array(sp.csr_array(sp.vstack(jumps))[there])
         return TiedAssembly(
-            models, where, joints, trace, both, n_free, shapes, *matrices, channels, made.free, rank, jump
+            models,
+            where,
+            joints,
+            trace,
+            both,
+            n_free,
+            shapes,
+            *matrices,
+            channels[there],
+            made.exists,
+            made.free,
+            rank,
+            jump,
         )
 
     @property
@@ -340,18 +393,14 @@ def _product(both: sp.csr_array, matrix: sp.csr_array) -> sp.csr_array:
     return product
 
 
-def _rank(
-    models: Sequence[SubstructureModel], expansion: sp.csr_array, made: Elimination, stiffness: sp.csr_array
-) -> Array | None:
+def _rank(models: Sequence[SubstructureModel], both: sp.csr_array, stiffness: sp.csr_array) -> Array | None:
     """Elimination order (n,) of [q, r]: nested dissection of their places; None where a body has none."""
     if any(m.positions is None for m in models):
         return None
     places = np.repeat(np.concatenate([m.positions for m in models if m.positions is not None]), 3, axis=0)
-    # a reduced dof has the place of the first full dof that it moves
-    columns = sp.csc_array(expansion)
-    of_dof = places[columns.indices[columns.indptr[:-1]]]
-    relative = sp.csc_array(made.r_part)
-    positions = np.concatenate([of_dof[made.free], of_dof[relative.indices[relative.indptr[:-1]]]])
+    # a dof has the place of the first full dof that it moves
+    columns = sp.csc_array(both)
+    positions = places[columns.indices[columns.indptr[:-1]]]
     # dofs of one place are one node of the graph
     places = np.round(positions / np.ptp(positions, axis=0).max(), 9)
     _, first, node = np.unique(places, axis=0, return_index=True, return_inverse=True)

@@ -15,6 +15,7 @@ __all__ = [
     "SCHEMES",
     "CentralDifference",
     "GeneralizedAlpha",
+    "MasslessContact",
     "MaxwellBranches",
     "Newmark",
     "QuasiStatic",

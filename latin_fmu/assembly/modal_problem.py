@@ -1,0 +1,34 @@
+"""A scene turned into an assembly that is marched by its modes (``reduced_run``)."""
+
+from __future__ import annotations
+
+from ..latin.assembly import Assembly, Layout
+from ..remarks import remarks_of
+from ..time_scheme import MasslessContact
+from .initial_state import InitialState, TightBolts
+from .problem import DiscretisedProblem, SolverReadyProblem, ready
+from .reduced_run import BodyMotions, reduced_march
+
+
+def modal_problem(discretised: DiscretisedProblem, start: InitialState | None) -> SolverReadyProblem:
+    """The problem with its assembly ready to be marched by modes, from an equilibrium where there is one.
+
+    Raises
+    ------
+    TieError : an assembly that cannot be.
+    """
+    units, scheme = discretised.units, MasslessContact()
+    layout = discretised.layout if start is None else Layout(units)  # ``start`` changes its gaps
+    classes = discretised.classes if start is None else start.displaced(discretised.classes)
+    propagators = [BodyMotions(c.members, scheme, discretised.dt, False) for c in classes]
+    given = units, layout, discretised.impedance.copy(), discretised.characteristic_traction, scheme
+    assembly = Assembly(propagators, [c.channels for c in classes], *given)
+    if start is not None:
+        start.hand_over(assembly)
+    timeline = discretised.timeline_with(TightBolts() if start is None else start.bolts)
+    timeline.begin(assembly, discretised.time, {}, assembly.ground.start)
+    bodies = discretised.bodies.items()
+    viscosities = {n: 0.0 if body.rigid else body.shape.material.damping.viscosity for n, body in bodies}
+    march = reduced_march(discretised.scene, classes, assembly, start, viscosities)
+    warnings = (*discretised.remarks, *(() if start is None else remarks_of("start", start.remarks)))
+    return ready(discretised, assembly, (warnings, timeline, start, march.scheme_in_words, {}), march)
