@@ -57,6 +57,7 @@ from .scene.settings import ExplicitPropagatorTable as ExplicitPropagator
 from .scene.settings import GeneralizedAlphaTable as GeneralizedAlpha
 from .scene.settings import HHTTable as HHT  # noqa: N814, an acronym
 from .scene.settings import MasslessContactTable as MasslessContact
+from .scene.settings import ModalPropagatorTable as ModalPropagator
 from .scene.settings import NewmarkTable as Newmark
 from .scene.settings import ReducedPropagatorTable as ReducedPropagator
 from .scene.settings import RowTable as Row
@@ -110,6 +111,7 @@ __all__ = [
     "MeshFile",
     "MeshParts",
     "ModalDamping",
+    "ModalPropagator",
     "Motion",
     "Newmark",
     "NoAcceleration",

@@ -10,7 +10,7 @@ forces are -K B d - C B d' - M B d''. Energies are those of the whole motion, B 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
