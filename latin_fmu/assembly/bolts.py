@@ -19,7 +19,8 @@ plastic elongation q, and the shortening delta - q (``yielding_bolts``).
 
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
 both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
-stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis.
+stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis; if
+there is one, between such nodes: the tip of a screw below its thread has no tension.
 """
 
 from __future__ import annotations
@@ -525,6 +526,10 @@ class _Section:
         usable = (closed < 0.5) & (area > 0.0) & inside
         if not usable.any():
             return None
+        # beyond the last nodes that something takes there is no tension: the tip of a screw below its thread
+        ends = self._level(self._body.mesh.nodes[blocked] @ self._axis)
+        tight = usable & (stops[:-1] >= ends.min(initial=1.0)) & (stops[1:] <= ends.max(initial=0.0))
+        usable = tight if tight.any() else usable
         thin = usable & (area <= _THIN * area[usable].min())
         # edges of runs of True, in pairs: first and behind the last
         edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))

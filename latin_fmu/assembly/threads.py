@@ -3,9 +3,9 @@
 The round faces of a body about an axis are the facets whose nodes have one distance from it. Those of a screw that look
 outwards, at 0.75 to 1.1 of half the nominal diameter, are its shank; those of the engaged part that look inwards, at
 the same, are the hole. Chamfers are inclined to the axis and belong to neither. Shank and hole overlap along the axis;
-the end of the overlap at which more of the shank stands out is the mouth of the hole. From there the facets of one of
-the two, in the order of their heights, are taken until their area is that of the load-bearing length: exactly where the
-mesh has an edge there, else up to whole facets. They are bonded to the other's facets opposite.
+the end of the overlap at which more of the shank stands out is the mouth of the hole. From there the two are bonded
+where they are opposite each other, over the load-bearing length exactly: facets that straddle its end are integrated
+up to it (``fem.mortar``).
 
 The rest of the shank takes no part in searches for contacts, or does but for a belt of a few facets in the middle of
 its free length, where the cut finds a section.
@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 
 from ..errors import Problems, listed
-from ..fem.mesh import Array, FacetBlock, FacetSet
+from ..fem.mesh import Array, FacetBlock, FacetSet, HalfSpace
 from ..remarks import Remark
 from ..scene.bolts import Bolt, ThreadTable
 from ..scene.fields import ALL_OF_IT
@@ -45,8 +45,8 @@ _RADIAL: Final = 0.9  # cosine between a normal and the radius
 _ENOUGH: Final = 0.1  # share of the surface of a screw that is round about its axis, at least
 _GLOBAL: Final = 3.5e-3  # angle to a global axis up to which it is meant, rad (0.2 degrees)
 _SEARCH: Final = 0.35  # of the radius: from shank to hole at most
-_OFF: Final = 0.1  # of the length: difference of what was reached that is worth a warning
-_EXACT: Final = 1e-3  # the same that is none
+_OFF: Final = 0.1  # of the length: what is missing of it that is worth a warning
+_EXACT: Final = 1e-3  # the same that is nothing
 _BELT: Final = 3.0  # facets around the cut that stay free
 _BESIDE: Final = "beside_the_shank"
 """Name of the face of a screw that takes part in searches for contacts."""
@@ -229,46 +229,19 @@ class Engagement:
         below = low - shank.ends[0] > shank.ends[1] - high
         return cls(shank, hole, 1 if below else -1, low if below else high, high - low)
 
-    def depths(self, cylinder: _Cylinder) -> tuple[Array, Array, Array]:
-        """Least, mean and largest depth (n_facet,) of facets below the mouth, m."""
-        axis = cylinder.line.axis
-        low, high = cylinder.skin.heights(axis)
-        ends = np.stack([self.into * (low - self.mouth), self.into * (high - self.mouth)])
-        return ends.min(axis=0), self.into * (cylinder.skin.centres @ axis - self.mouth), ends.max(axis=0)
+    def reached(self, length: float | None) -> float:
+        """Length that is bonded, m, from the mouth, where ``length`` is asked for: the overlap at most."""
+        return self.overlap if length is None else min(length, self.overlap)
 
-    def bonded(self, length: float | None) -> tuple[Mask, Mask, float]:
-        """Facets of the shank and of the hole that are bonded, (n_facet,) each, and the length that they reach, m."""
-        both = []
-        for cylinder in (self.shank, self.hole):
-            least, _, most = self.depths(cylinder)
-            both.append(cylinder.faces & (most > 0.0) & (least < self.overlap))
-        if length is None or length >= (1.0 - _EXACT) * self.overlap:
-            return both[0], both[1], self.overlap
-        chosen = [self._up_to(c, faces, length) for c, faces in zip((self.shank, self.hole), both, strict=True)]
-        # the one with an edge there, else that which comes nearer
-        side = min((0, 1), key=lambda i: (chosen[i][1] > _EXACT, abs(chosen[i][2] - length)))
-        both[side] = chosen[side][0]
-        return both[0], both[1], chosen[side][2]
-
-    def _up_to(self, cylinder: _Cylinder, faces: Mask, length: float) -> tuple[Mask, float, float]:
-        """Facets down to a depth, the share of their area that straddles it, and the length reached, m."""
-        least, mean, most = self.depths(cylinder)
-        rows = np.flatnonzero(faces)
-        rows = rows[np.argsort(mean[rows], kind="stable")]
-        area = cylinder.skin.areas
-        # of the hole, or the shank, per length: half models have half of it
-        per_length = area[cylinder.faces].sum() / (cylinder.ends[1] - cylinder.ends[0])
-        # facets that begin above the mouth are covered below it alone
-        share = np.clip(most[rows], 0.0, None) / np.maximum(most[rows] - least[rows], 1e-300)
-        reached = np.cumsum(area[rows] * np.minimum(share, 1.0)) / per_length
-        # facets of one height together: a part of a ring would hold the screw on one side
-        last = np.append(np.diff(mean[rows]) > _EXACT * self.overlap, True)
-        count = int(np.where(last, np.abs(reached - length), np.inf).argmin()) + 1
-        chosen = np.zeros_like(faces)
-        chosen[rows[:count]] = True
-        edge = _EXACT * self.overlap
-        straddling = faces & (least < length - edge) & (most > length + edge)
-        return chosen, float(area[straddling].sum() / area[faces].sum()), float(reached[count - 1])
+    def bonded(self, cylinder: _Cylinder, length: float | None) -> FacetSet:
+        """The facets of shank or hole that are bonded; they end at the length, m, from the mouth."""
+        reached, axis = self.reached(length), cylinder.line.axis
+        ends = np.stack(cylinder.skin.heights(axis))
+        depths = self.into * (ends - self.mouth)
+        facets = cylinder.skin.picked(
+            cylinder.faces & (depths.max(axis=0) > 0.0) & (depths.min(axis=0) < reached * (1.0 - _EXACT))
+        )
+        return replace(facets, within=HalfSpace(self.into * axis, self.into * self.mouth + reached))
 
 
 @dataclass(frozen=True)
@@ -426,22 +399,22 @@ def with_threads(
         if found is None:
             continue
         part, engagement = found
-        shank, hole, reached = engagement.bonded(bolt.thread.length)
+        length = bolt.thread.length
         bond, own = screw.interface(part), f"{name}_thread"
         if interfaces.get(own, bond) != bond:
             what = f"the bond of the thread of bolt {name} has this name"
             problems.add(f"interface.{own}", what, own, None, "rename one of the two")
         interfaces[own] = bond
         moduli, said = screw.moduli(engagement)
-        made[body.name] = _with(made[body.name], face_name(name), engagement.shank.skin.picked(shank))
+        made[body.name] = _with(made[body.name], face_name(name), engagement.bonded(engagement.shank, length))
         touching = screw.touching(engagement)
         old = shanks.get(body.name)
         # several threads of one body, as of a bow: what none of them leaves out
         shanks[body.name] = (
             _Free(engagement.shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
         )
-        made[part] = _with(made[part], face_name(name), engagement.hole.skin.picked(hole))
-        notes[name], warning = _words(screw, part, engagement, reached, said)
+        made[part] = _with(made[part], face_name(name), engagement.bonded(engagement.hole, length))
+        notes[name], warning = _words(screw, part, engagement, said)
         if warning and remarks is not None:
             remarks.append(Remark("thread", warning))
     made |= {name: free.of(made[name]) for name, free in shanks.items()}
@@ -468,20 +441,20 @@ def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | 
     return line
 
 
-def _words(screw: _Screw, part: str, engagement: Engagement, reached: float, said: str) -> tuple[str, str]:
+def _words(screw: _Screw, part: str, engagement: Engagement, said: str) -> tuple[str, str]:
     """What ``check`` says of a thread, and the warning where its length was not reached, else an empty text."""
     unit, wanted = screw.length_unit, screw.thread.length
+    reached = engagement.reached(wanted)
     text = f"thread bonded to {part} over {reached:.4g} {unit}"
-    target = engagement.overlap if wanted is None else wanted
-    text += f" of {target:.4g} asked for" if wanted is not None and abs(reached / target - 1.0) > _EXACT else ""
+    short = wanted is not None and reached < (1.0 - _EXACT) * wanted
+    text += f" of {wanted:.4g} asked for" if short else ""
     free = "the free shank has no contact" if screw.bolt.shank == "free" else "the free shank is in contact"
     free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
     warning = ""
-    if abs(reached / target - 1.0) > _OFF:
-        why = f"shank and hole overlap over {engagement.overlap:.4g} {unit}"
-        why = why if reached >= engagement.overlap * (1.0 - _EXACT) else "the mesh has no edge there"
+    if wanted is not None and reached < (1.0 - _OFF) * wanted:
         warning = (
-            f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {target:.4g}: {why}"
+            f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: shank "
+            f"and hole overlap over {reached:.4g} {unit}"
         )
     return f"{text}; {free}; {said}", warning
 
