@@ -526,10 +526,7 @@ class _Section:
         usable = (closed < 0.5) & (area > 0.0) & inside
         if not usable.any():
             return None
-        # beyond the last nodes that something takes there is no tension: the tip of a screw below its thread
-        ends = self._level(self._body.mesh.nodes[blocked] @ self._axis)
-        tight = usable & (stops[:-1] >= ends.min(initial=1.0)) & (stops[1:] <= ends.max(initial=0.0))
-        usable = tight if tight.any() else usable
+        usable = _between(stops, self._level(self._heights[blocked]), usable)
         thin = usable & (area <= _THIN * area[usable].min())
         # edges of runs of True, in pairs: first and behind the last
         edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
@@ -676,6 +673,13 @@ class _Section:
             first += len(block.cells)
         # all elements: a ring, which one cut does not divide
         return moving if not cells.all() else np.zeros_like(moving)
+
+
+def _between(stops: Array, blocked: Array, usable: np.ndarray) -> np.ndarray:
+    """Of the usable stretches between levels those between blocked nodes, if there are any: beyond the last one that
+    something takes, as in the tip of a screw below its thread, there is no tension."""
+    tight = usable & (stops[:-1] >= blocked.min(initial=1.0)) & (stops[1:] <= blocked.max(initial=0.0))
+    return np.asarray(tight if tight.any() else usable)
 
 
 def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> str:

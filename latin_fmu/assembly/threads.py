@@ -10,12 +10,11 @@ up to it (``fem.mortar``).
 The rest of the shank takes no part in searches for contacts, or does but for a belt of a few facets in the middle of
 its free length, where the cut finds a section.
 
-A shank drawn thicker than the core of its thread is too stiff. In its free length the modulus is scaled to
-
-    E A_3 / A,      A_3 = pi / 4 d_3^2
-
-with the area A of the shank as drawn and the core diameter d_3: the resilience of a free thread by VDI 2230, part 1,
-section 5.1.1.1.
+A shank drawn thicker than the core of its thread is too stiff: a free thread has the resilience of its core (VDI 2230,
+part 1, section 5.1.1.1). In the free length what lies outside the core diameter d_3 carries nothing, of each cell its
+share of the volume. Along the shank its stiffness is that of E A_3 / A with the area A as drawn; bending, and the ways
+that the force spreads into head and hole, are those of the core where a cell is no larger than some 0.4 diameters. A
+shank that is in contact needs its surface: its modulus is scaled by A_3 / A throughout.
 """
 
 from __future__ import annotations
@@ -28,7 +27,9 @@ from typing import Final
 import numpy as np
 
 from ..errors import Problems, listed
-from ..fem.mesh import Array, FacetBlock, FacetSet, HalfSpace
+from ..fem.elements import points_in
+from ..fem.mesh import Array, CellBlock, FacetBlock, FacetSet, HalfSpace
+from ..fem.reference_cells import volume_rule
 from ..remarks import Remark
 from ..scene.bolts import Bolt, ThreadTable
 from ..scene.fields import ALL_OF_IT
@@ -50,6 +51,8 @@ _EXACT: Final = 1e-3  # the same that is nothing
 _BELT: Final = 3.0  # facets around the cut that stay free
 _BESIDE: Final = "beside_the_shank"
 """Name of the face of a screw that takes part in searches for contacts."""
+_FINE: Final = 5  # points along each axis of a cell, for the share of it that is thread
+_SOFT: Final = 0.01  # modulus of a thread without its counterpart over that of the material: it carries nothing
 _CORE: Final = 0.97  # area of the core over that of the shank from which on the modulus stays
 
 Mask = np.ndarray
@@ -350,18 +353,46 @@ class _Screw:
             why = "the thread has no size" if named is None else "as asked"
             return None, f"modulus of the free shank as drawn ({why})"
         radius = engagement.shank.radius
-        ratio = (0.5e-3 * named.core_diameter / units.size("m") / radius) ** 2
+        core = 0.5e-3 * named.core_diameter / units.size("m")
+        ratio = (core / radius) ** 2
         if ratio > _CORE:
             return None, "the free shank is drawn at the core of its thread"
         low, high = self.free_ends(engagement)
         # without thread: next to the head
         low, high = (low + self.thread.plain, high) if engagement.into > 0 else (low, high - self.thread.plain)
-        mesh = self.body.mesh
-        centres = np.concatenate([mesh.nodes[block.cells].mean(axis=1) for block in mesh.blocks])
-        height = centres @ self.line.axis
-        inside = np.linalg.norm(self.line.arms(centres), axis=1) < (1.0 + _ROUND) * radius
-        moduli = np.where(inside & (height > low) & (height < high), ratio, 1.0)
-        return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
+        outside = (1.0 + _ROUND) * radius
+        if self.bolt.shank == "contact":
+            moduli = 1.0 - (1.0 - ratio) * self._shares((low, high), (-1.0, outside))
+            return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
+        moduli = np.maximum(1.0 - self._shares((low, high), (core, outside)), _SOFT)
+        return moduli, (
+            f"of the free shank the core of {self.thread.size} carries, a diameter of {2.0 * core:.4g} "
+            f"{self.length_unit}, {ratio:.3g} of its section"
+        )
+
+    def _shares(self, heights: tuple[float, float], radii: tuple[float, float]) -> Array:
+        """Share (n_cell,) of the volume of each cell of the screw between two heights and two radii, m."""
+        mesh, shares = self.body.mesh, []
+        for block in mesh.blocks:
+            found = np.zeros(len(block.cells))
+            nodes = mesh.nodes[block.cells]
+            height, distance = nodes @ self.line.axis, np.linalg.norm(self.line.arms(nodes), axis=2)
+            near = (height.max(axis=1) > heights[0]) & (height.min(axis=1) < heights[1])
+            near = np.flatnonzero(near & (distance.max(axis=1) > radii[0]) & (distance.min(axis=1) < radii[1]))
+            rule = volume_rule(block.cell_type, _FINE)
+            # in parts, for the memory
+            for some in np.array_split(near, 1 + len(near) // 300):
+                cells = points_in(mesh.nodes, CellBlock(block.cell_type, block.cells[some]), rule)
+                places = np.einsum("pa,cai->cpi", cells.values, mesh.nodes[cells.cells])
+                height, distance = places @ self.line.axis, np.linalg.norm(self.line.arms(places), axis=2)
+                inside = (height > heights[0]) & (height < heights[1]) & (distance < radii[1])
+                # a ramp over the spacing of the points: a step would jump from point to point
+                beyond = np.clip(
+                    0.5 + (distance - radii[0]) * _FINE / np.ptp(distance, axis=1, keepdims=True), 0.0, 1.0
+                )
+                found[some] = (cells.volumes * inside * beyond).sum(axis=1) / cells.volumes.sum(axis=1)
+            shares.append(found)
+        return np.concatenate(shares)
 
 
 def face_name(bolt: str) -> str:

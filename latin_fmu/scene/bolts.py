@@ -55,8 +55,8 @@ class ThreadTable(SceneTable):
 
     With `part` the round faces of shank and hole are bonded over the part of their overlap along the axis that begins
     at the mouth of the hole, over `length` at most; chamfers do not count. Holes of 0.75 to 1.1 of the diameter fit: at
-    the core, tap drill or nominal diameter. The rest of the shank has no contact. The modulus of the free shank is
-    scaled to the area of the core of the thread where the shank is drawn thicker.
+    the core, tap drill or nominal diameter. The rest of the shank has no contact. Of a free shank that is drawn thicker
+    the core of the thread carries alone; of one in contact the modulus is scaled to the area of the core.
     """
 
     size: Annotated[
@@ -73,11 +73,11 @@ class ThreadTable(SceneTable):
         ),
     ] = None
     plain: Annotated[
-        Real, about("length of the shank under the head that has no thread, whose modulus is not scaled", "m", ge=0)
+        Real, about("length of the shank under the head that has no thread, all of which carries", "m", ge=0)
     ] = 0.0
     modulus: Annotated[
         Literal["core", "drawn"],
-        about('"core" scales the modulus of the free shank to the area of the core, "drawn" leaves it'),
+        about('"core": of the free shank the core of the thread carries alone, "drawn": all of it'),
     ] = "core"
 
     @model_validator(mode="after")
