@@ -19,6 +19,7 @@ shank that is in contact needs its surface: its modulus is scaled by A_3 / A thr
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -269,8 +270,8 @@ class _Screw:
         """Unit of length."""
         return self.scene.unit_system["m"]
 
-    def engagement(self) -> tuple[str, Engagement] | None:
-        """The part around the shank, and the engagement with it; None with a problem."""
+    def engagements(self) -> dict[str, Engagement]:
+        """The parts around the shank, and the engagement with each; none with a problem."""
         nominal = self.bolt.nominal(self.scene.unit_system)
         shank = _shank(BoundaryFacets(self.body), self.line, nominal)
         where = f"bolt.{self.name}.thread"
@@ -283,7 +284,7 @@ class _Screw:
                 None,
                 "check the size of the thread, the axis, and the scale of the mesh",
             )
-            return None
+            return {}
         diameter = 2.0 * shank.radius if nominal is None else nominal
         found: dict[str, Engagement] = {}
         seen: list[str] = []
@@ -305,14 +306,12 @@ class _Screw:
                 f"a diameter of {FITS[0] * diameter:.4g} to {FITS[1] * diameter:.4g} {self.length_unit}",
                 "name the part with the threaded hole, and check the size of the thread",
             )
-            return None
-        part = max(found, key=lambda name: found[name].overlap)
-        return part, found[part]
+        return found
 
-    def interface(self, part: str) -> Interface:
-        """The bond of the thread."""
+    def interface(self, part: str, face: str) -> Interface:
+        """The bond of the thread in a part, on faces of this name."""
         reach = _SEARCH * 0.5 * (self.bolt.nominal(self.scene.unit_system) or 2.0 * self._drawn)
-        sides = f"{self.body.name}.{face_name(self.name)}", f"{part}.{face_name(self.name)}"
+        sides = f"{self.body.name}.{face}", f"{part}.{face}"
         return Interface(sides=sides, behaviour="perfect", search=reach, overlap="ignore")
 
     @cached_property
@@ -321,18 +320,19 @@ class _Screw:
         assert shank is not None
         return shank.radius
 
-    def free_ends(self, engagement: Engagement) -> tuple[float, float]:
-        """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head."""
-        ends = engagement.shank.ends
-        far = ends[0] if engagement.into > 0 else ends[1]
-        return (far, engagement.mouth) if engagement.into > 0 else (engagement.mouth, far)
+    def free_ends(self, engagements: Iterable[Engagement]) -> tuple[float, float]:
+        """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head, or to the
+        mouth of the hole at the other end."""
+        made = list(engagements)
+        low, high = made[0].shank.ends
+        highest = min((e.mouth for e in made if e.into > 0), default=high)
+        return max((e.mouth for e in made if e.into < 0), default=low), highest
 
-    def touching(self, engagement: Engagement) -> Mask:
+    def touching(self, shank: _Cylinder, ends: tuple[float, float]) -> Mask:
         """Facets (n_facet,) of the screw that take part in searches for contacts."""
-        shank = engagement.shank
         if self.bolt.shank == "free":
             return ~shank.faces
-        low, high = self.free_ends(engagement)
+        low, high = ends
         width = _BELT * shank.facet_size
         if width > high - low:
             self.problems.add(
@@ -346,29 +346,36 @@ class _Screw:
         middle = 0.5 * (low + high)
         return ~(shank.faces & (most > middle - 0.5 * width) & (least < middle + 0.5 * width))
 
-    def moduli(self, engagement: Engagement) -> tuple[Array | None, str]:
+    def moduli(self, engagements: Sequence[Engagement]) -> tuple[Array | None, str]:
         """Moduli (n_cell,) of the screw over that of its material, None where all are 1; and what is said of them."""
         named, units = self.thread.named, self.scene.unit_system
         if named is None or self.thread.modulus == "drawn":
             why = "the thread has no size" if named is None else "as asked"
             return None, f"modulus of the free shank as drawn ({why})"
-        radius = engagement.shank.radius
+        radius = engagements[0].shank.radius
         core = 0.5e-3 * named.core_diameter / units.size("m")
         ratio = (core / radius) ** 2
         if ratio > _CORE:
             return None, "the free shank is drawn at the core of its thread"
-        low, high = self.free_ends(engagement)
-        # without thread: next to the head
-        low, high = (low + self.thread.plain, high) if engagement.into > 0 else (low, high - self.thread.plain)
-        outside = (1.0 + _ROUND) * radius
+        outside, parts = (1.0 + _ROUND) * radius, self._threaded(engagements)
         if self.bolt.shank == "contact":
-            moduli = 1.0 - (1.0 - ratio) * self._shares((low, high), (-1.0, outside))
+            moduli = 1.0 - (1.0 - ratio) * np.sum([self._shares(part, (-1.0, outside)) for part in parts], axis=0)
             return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
-        moduli = np.maximum(1.0 - self._shares((low, high), (core, outside)), _SOFT)
+        moduli = np.maximum(1.0 - np.sum([self._shares(part, (core, outside)) for part in parts], axis=0), _SOFT)
         return moduli, (
             f"of the free shank the core of {self.thread.size} carries, a diameter of {2.0 * core:.4g} "
             f"{self.length_unit}, {ratio:.3g} of its section"
         )
+
+    def _threaded(self, engagements: Sequence[Engagement]) -> list[tuple[float, float]]:
+        """Heights along the axis, m, between which the free shank has a thread: the length without one is next to the
+        head, in the middle of a stud with nuts at both ends."""
+        low, high = self.free_ends(engagements)
+        plain, into = min(self.thread.plain, high - low), {e.into for e in engagements}
+        if len(into) == 1:
+            return [(low + plain, high) if 1 in into else (low, high - plain)]
+        middle = 0.5 * (low + high)
+        return [(low, middle - 0.5 * plain), (middle + 0.5 * plain, high)]
 
     def _shares(self, heights: tuple[float, float], radii: tuple[float, float]) -> Array:
         """Share (n_cell,) of the volume of each cell of the screw between two heights and two radii, m."""
@@ -395,9 +402,9 @@ class _Screw:
         return np.concatenate(shares)
 
 
-def face_name(bolt: str) -> str:
-    """Name of the faces that the thread of a bolt is bonded on, on both bodies."""
-    return f"thread_of_{bolt}"
+def face_name(bolt: str, number: int = 1) -> str:
+    """Name of the faces that a thread of a bolt is bonded on, on both bodies; ``number`` : of its threads, from 1."""
+    return f"thread_of_{bolt}" + (f"_{number}" if number > 1 else "")
 
 
 def with_threads(
@@ -426,30 +433,37 @@ def with_threads(
         if bolt.thread is None or bolt.thread.part is None:
             continue
         screw = _Screw(name, bolt, bolt.thread, scene, bodies, line, problems)
-        found = screw.engagement()
-        if found is None:
+        found = screw.engagements()
+        if not found:
             continue
-        part, engagement = found
-        length = bolt.thread.length
-        bond, own = screw.interface(part), f"{name}_thread"
-        if interfaces.get(own, bond) != bond:
-            what = f"the bond of the thread of bolt {name} has this name"
-            problems.add(f"interface.{own}", what, own, None, "rename one of the two")
-        interfaces[own] = bond
-        moduli, said = screw.moduli(engagement)
-        made[body.name] = _with(made[body.name], face_name(name), engagement.bonded(engagement.shank, length))
-        touching = screw.touching(engagement)
+        for number, (part, engagement) in enumerate(found.items(), start=1):
+            _bond(screw, (part, engagement), number, made, interfaces)
+        threads = list(found.values())
+        shank, (moduli, said) = threads[0].shank, screw.moduli(threads)
+        touching = screw.touching(shank, screw.free_ends(threads))
         old = shanks.get(body.name)
         # several threads of one body, as of a bow: what none of them leaves out
-        shanks[body.name] = (
-            _Free(engagement.shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
-        )
-        made[part] = _with(made[part], face_name(name), engagement.bonded(engagement.hole, length))
-        notes[name], warning = _words(screw, part, engagement, said)
-        if warning and remarks is not None:
-            remarks.append(Remark("thread", warning))
+        shanks[body.name] = _Free(shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
+        notes[name], warnings = _words(screw, found, said)
+        if remarks is not None:
+            remarks += [Remark("thread", warning) for warning in warnings]
     made |= {name: free.of(made[name]) for name, free in shanks.items()}
     return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), made, notes
+
+
+def _bond(
+    screw: _Screw, part: tuple[str, Engagement], number: int, bodies: dict[str, Body], interfaces: dict[str, Interface]
+) -> None:
+    """Bond the thread ``number`` of a screw to a part: a face of both bodies and an interface more."""
+    (name, engagement), length = part, screw.thread.length
+    face, own = face_name(screw.name, number), f"{screw.name}_thread" + (f"_{number}" if number > 1 else "")
+    bond = screw.interface(name, face)
+    if interfaces.get(own, bond) != bond:
+        what = f"the bond of the thread of bolt {screw.name} has this name"
+        screw.problems.add(f"interface.{own}", what, own, None, "rename one of the two")
+    interfaces[own] = bond
+    for body, cylinder in ((screw.body.name, engagement.shank), (name, engagement.hole)):
+        bodies[body] = _with(bodies[body], face, engagement.bonded(cylinder, length))
 
 
 def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | None:
@@ -472,22 +486,22 @@ def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | 
     return line
 
 
-def _words(screw: _Screw, part: str, engagement: Engagement, said: str) -> tuple[str, str]:
-    """What ``check`` says of a thread, and the warning where its length was not reached, else an empty text."""
+def _words(screw: _Screw, found: Mapping[str, Engagement], said: str) -> tuple[str, list[str]]:
+    """What ``check`` says of the threads of a screw, and a warning for each whose length was not reached."""
     unit, wanted = screw.length_unit, screw.thread.length
-    reached = engagement.reached(wanted)
-    text = f"thread bonded to {part} over {reached:.4g} {unit}"
-    short = wanted is not None and reached < (1.0 - _EXACT) * wanted
-    text += f" of {wanted:.4g} asked for" if short else ""
+    bonds, warnings = [], []
+    for part, engagement in found.items():
+        reached = engagement.reached(wanted)
+        short = wanted is not None and reached < (1.0 - _EXACT) * wanted
+        bonds.append(f"{part} over {reached:.4g} {unit}" + (f" of {wanted:.4g} asked for" if short else ""))
+        if wanted is not None and reached < (1.0 - _OFF) * wanted:
+            warnings.append(
+                f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: "
+                f"shank and hole of {part} overlap over {reached:.4g} {unit}"
+            )
     free = "the free shank has no contact" if screw.bolt.shank == "free" else "the free shank is in contact"
     free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
-    warning = ""
-    if wanted is not None and reached < (1.0 - _OFF) * wanted:
-        warning = (
-            f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: shank "
-            f"and hole overlap over {reached:.4g} {unit}"
-        )
-    return f"{text}; {free}; {said}", warning
+    return f"thread bonded to {' and '.join(bonds)}; {free}; {said}", warnings
 
 
 def _with(body: Body, name: str, facets: FacetSet) -> Body:

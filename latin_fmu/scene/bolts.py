@@ -64,7 +64,10 @@ class ThreadTable(SceneTable):
     ] = None
     part: Annotated[
         Text | None,
-        about('substructure with the hole, or a pattern, "nut_*", of which the one around the shank is taken'),
+        about(
+            'substructure with the hole, or a pattern, "nut_*", of which those around the shank are taken: both nuts '
+            "of a stud"
+        ),
     ] = None
     length: Annotated[
         Real | None,
@@ -73,7 +76,12 @@ class ThreadTable(SceneTable):
         ),
     ] = None
     plain: Annotated[
-        Real, about("length of the shank under the head that has no thread, all of which carries", "m", ge=0)
+        Real,
+        about(
+            "length of the shank that has no thread, all of which carries: under the head, of a stud in its middle",
+            "m",
+            ge=0,
+        ),
     ] = 0.0
     modulus: Annotated[
         Literal["core", "drawn"],
