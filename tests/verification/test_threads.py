@@ -107,7 +107,7 @@ def test_holes_from_core_to_nominal_fit(ratio: float, fits: bool, tmp_path: Path
         (unit,) = made.units
         assert unit.name == "m5_thread"
         # that a thread is deeper than its hole is no surprise; it is told beside the interface
-        assert not [remark.text for remark in made.remarks if remark.code == "overlap"]
+        assert not [remark for remark in made.remarks if remark.code == "overlap"]
         assert "overlap" in unit.note or ratio == 1.1
         return
     with pytest.raises(SceneError, match=rf"bolt.m5.thread.part: no round hole.*sleeve: {2e-3 * ratio * R:.4g} m"):
