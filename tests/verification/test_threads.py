@@ -16,6 +16,7 @@ from latin_fmu.errors import Problems, SceneError
 from latin_fmu.fem.elasticity import Isotropic
 from latin_fmu.fem.elements import Elements, MeanStress, stiffness
 from latin_fmu.fem.mesh import box_mesh
+from latin_fmu.scene.reference import reference_schema
 from latin_fmu.scene.threads import tensile_stress_area, thread_named
 from latin_fmu.scene.units import SI
 from latin_fmu.stability.surfaces import turned, write_mesh
@@ -246,6 +247,22 @@ def test_one_table_stands_for_many_screws() -> None:
     for bolt in solution.bolts.values():
         assert bolt.force[-1] == pytest.approx(24.0 / (0.2 * 12e-3), rel=1e-8)
     assert made.bolt["lid_m12_0"].nominal(SI) == pytest.approx(12e-3)
+
+
+def test_a_list_of_patterns_names_screws_one_by_one() -> None:
+    bars = _bar(force=1e3, thread="M12")
+    bars["bolt"]["lid"]["parts"] = ["m12_0", "m12_[12]"]
+    assert list(scene_from_dict(bars).bolt) == ["lid_m12_0", "lid_m12_1", "lid_m12_2"]
+    bars["bolt"]["lid"]["parts"] = ["m12_0", "m5_*"]
+    with pytest.raises(SceneError, match=r"bolt.lid.parts: no substructure has a name like this \(value: .*m5_"):
+        scene_from_dict(bars)
+    for wrong in ([], 3, [3]):
+        bars["bolt"]["lid"]["parts"] = wrong
+        with pytest.raises(SceneError, match=r"bolt.lid.parts"):
+            scene_from_dict(bars)
+    screws = reference_schema()["$defs"]["Bolt"]["properties"]["parts"]["anyOf"]
+    assert {"type": "string"} in screws
+    assert {"type": "array", "items": {"type": "string"}, "minItems": 1} in screws
 
 
 SLIPS = {
