@@ -19,7 +19,8 @@ plastic elongation q, and the shortening delta - q (``yielding_bolts``).
 
 The plane of the cut divides the elements by their centres. The cut is the connected set of facets between elements on
 both sides of it that is nearest to the point of the bolt. Without a point the plane is in the middle of the longest
-stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis.
+stretch of the thinnest sections, where no node of the cut would belong to an interface or be held along the axis; if
+there is one, between such nodes: the tip of a screw below its thread has no tension.
 """
 
 from __future__ import annotations
@@ -525,6 +526,7 @@ class _Section:
         usable = (closed < 0.5) & (area > 0.0) & inside
         if not usable.any():
             return None
+        usable = _between(stops, self._level(self._heights[blocked]), usable)
         thin = usable & (area <= _THIN * area[usable].min())
         # edges of runs of True, in pairs: first and behind the last
         edges = np.flatnonzero(np.diff(np.concatenate([[False], thin, [False]]).astype(int)))
@@ -671,6 +673,13 @@ class _Section:
             first += len(block.cells)
         # all elements: a ring, which one cut does not divide
         return moving if not cells.all() else np.zeros_like(moving)
+
+
+def _between(stops: Array, blocked: Array, usable: np.ndarray) -> np.ndarray:
+    """Of the usable stretches between levels those between blocked nodes, if there are any: beyond the last one that
+    something takes, as in the tip of a screw below its thread, there is no tension."""
+    tight = usable & (stops[:-1] >= blocked.min(initial=1.0)) & (stops[1:] <= blocked.max(initial=0.0))
+    return np.asarray(tight if tight.any() else usable)
 
 
 def _stretches(body: Body, axis: Array, blocking: Mapping[str, np.ndarray]) -> str:

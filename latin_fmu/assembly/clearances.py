@@ -282,10 +282,15 @@ class _Gap(_Distance):
             deepest = MATCHING * self.size
         largest = max(apart, depth)
         if apart <= apart_at_most and depth <= deepest:
-            if largest > MATCHING * self.size:
-                how = "overlap" if depth >= apart else "are apart"
-                self._say("overlap", f"bonded where its faces {how} by up to {largest:.4g} {self.length}")
-            return Opening(np.zeros(len(distance)))
+            if largest <= MATCHING * self.size:
+                return Opening(np.zeros(len(distance)))
+            how = "overlap" if depth >= apart else "are apart"
+            note = f"bonded where its faces {how} by up to {largest:.4g} {self.length}"
+            # asked for, as of a thread in a hole drawn at its core or as drilled
+            if self.interface.overlap != "ignore":
+                self._say("overlap", note)
+                note = ""
+            return Opening(np.zeros(len(distance)), note)
         self.problems.add(
             f"interface.{self.name}.sides",
             "bonded faces must touch",

@@ -89,12 +89,14 @@ def _forces(scene: Scene, bodies: Mapping[str, Body], group: FreeGroup) -> Itera
             yield name, term.pattern, laws[term.name].sample(np.zeros(1))
 
 
-def falling_remarks(groups: Sequence[FallingGroup]) -> list[str]:
-    """A sentence for every group that starts in the place of the scene and is moved from there."""
+def falling_parts(groups: Sequence[FallingGroup]) -> list[tuple[list[str], str]]:
+    """For ``free_bodies.free_list``: groups that start in the place of the scene and are moved from there."""
     return [
-        f"substructure {', '.join(group.names)}: nothing holds it at t = 0, where it can "
-        f"{ways_of(next(iter(group.free.motions.values())))} under its loads; it starts in its place, at rest, and "
-        f"moves on until interface {' or '.join(group.catching)} closes"
+        (
+            list(group.names),
+            f"can {ways_of(next(iter(group.free.motions.values())))} under its loads: it starts in its place, at rest, "
+            f"and moves on until interface {' or '.join(group.catching)} closes",
+        )
         for group in groups
     ]
 

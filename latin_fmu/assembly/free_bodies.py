@@ -38,7 +38,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
-from ..errors import Problems
+from ..errors import Problem, Problems
 from ..fem.elements import rigid_modes
 from ..interface.laws import coulomb_coefficient
 from ..latin.assembly import Array, Index, InterfaceUnit, NoEquilibrium
@@ -447,42 +447,62 @@ def unheld(
     conditions: Mapping[str, Conditions],
     because: str,
 ) -> Problems:
-    """A problem for every substructure of a free group whose loads are not in balance, or which is rigid.
+    """One problem that lists the substructures of free groups whose loads are not in balance, or which are rigid.
 
     forces : see ``acting``. because : the key that requests statics.
     """
-    problems = Problems()
+    found: list[tuple[list[str], str]] = []
     for group in groups:
         share, resultant = group.work(forces)
         if share <= BALANCED and not all(isinstance(conditions[n], RigidConditions) for n in group.motions):
             continue
         # + 0.0: no negative zeros in a sentence
         by = f"by [{', '.join(f'{f:.3g}' for f in resultant + 0.0)}] N" if resultant.any() else "by a couple"
-        loads = f"; its loads are out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
+        loads = f", its loads out of balance by {share:.2g} of their sum (at most {BALANCED:g}), {by}"
         for name, own in group.motions.items():
-            ways = ways_of(own)
-            problems.add(
-                f"substructure.{name}",
-                "nothing holds it, so that a static position does not exist",
-                f"it can {ways}{loads if share > BALANCED else ''}",
+            found.append(([name], f"can {ways_of(own)}{loads if share > BALANCED else ''}"))
+    if not found:
+        return Problems()
+    names = [name for part, _ in found for name in part]
+    return Problems(
+        [
+            Problem(
+                f"substructure.{names[0]}" if len(names) == 1 else "substructure",
+                f"nothing holds {'it' if len(names) == 1 else ', '.join(names)}, so that a static position does not "
+                "exist",
+                free_list(found),
                 remedy="hold it with a boundary (fixed or symmetry with one component is enough), give it an interface "
                 f"with friction or a perfect one, balance its loads, or leave {because} out",
             )
-    return problems
+        ]
+    )
 
 
-def free_remarks(groups: Sequence[FreeGroup], start: bool = False) -> list[str]:
-    """A sentence for every group whose position is chosen; ``start`` : for a static start (``places_at_rest``)."""
+def free_list(parts: Iterable[tuple[Iterable[str], str]]) -> str:
+    """Substructures that nothing holds, with what each can do, those that can do the same together.
+
+    >>> free_list([(["a"], "can turn"), (["b"], "can move along x"), (["c"], "can turn")])
+    'a, c can turn; b can move along x'
+    """
+    alike: dict[str, list[str]] = {}
+    for names, words in parts:
+        alike.setdefault(words, []).extend(names)
+    return "; ".join(f"{', '.join(names)} {words}" for words, names in alike.items())
+
+
+def balanced_parts(groups: Sequence[FreeGroup], place: str) -> list[tuple[list[str], str]]:
+    """For ``free_list``: groups whose loads are in balance, and ``place``, what becomes of their position."""
     return [
-        f"substructure {', '.join(group.motions)}: nothing holds it, and its loads are in balance: where it "
-        f"can {ways_of(next(iter(group.motions.values())))}, "
-        + (
-            "the static start takes the place with the least displacement, as a mean over the mass"
-            if start
-            else f"{group.n} displacements of nodes are held, without reactions"
-        )
+        (list(group.motions), f"can {ways_of(next(iter(group.motions.values())))}, loads in balance: {place}")
         for group in groups
     ]
+
+
+def free_remarks(groups: Sequence[FreeGroup]) -> list[str]:
+    """One sentence on the groups whose position is chosen, without inertia."""
+    number = sum(group.n for group in groups)
+    place = f"{number} displacements of nodes are held, without reactions"
+    return [f"substructures that nothing holds: {free_list(balanced_parts(groups, place))}"] if groups else []
 
 
 def with_place(

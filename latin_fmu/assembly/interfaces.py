@@ -371,7 +371,8 @@ def _face_pair(
 ) -> FacePair | None:
     """Two faces of bodies: nodes that match, else the part they have in common."""
     first, second = sides
-    if interface.search is None and interface.points_from == "automatic":
+    whole = first[1].within is None and second[1].within is None
+    if interface.search is None and interface.points_from == "automatic" and whole:
         pair = node_by_node(first, second)
         if pair is not None:
             return pair

@@ -97,7 +97,7 @@ def least_displaced(problem: DiscretisedProblem, state: InitialState, size: floa
     # round-off of the iteration is no pressure: a law of the motion would take such points for pressed ones
     traction = {n: np.where(kept[n], f, 0.0) if n in open_ones else f for n, f in state.traction.items()}
     moved = replace(state, displacement=displacement, closure=closure, traction=traction)
-    # what moves with all that it touches is told before the run (``free_bodies.free_remarks``)
+    # what moves with all that it touches is told before the run (``statics.start_remarks``)
     joined = _left_free(relative, {n: k | (n in open_ones) for n, k in kept.items()}, total)
     apart = free - joined @ (joined.T @ free)
     names = [n for n, own in where.items() if np.abs(motions[n].nodal @ apart[own]).max(initial=0.0) > _MOVES]

@@ -47,14 +47,15 @@ from .bolt_ends import unheld_ends
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
-from .falling_bodies import falling_groups, falling_remarks, held_in_place, relieved
+from .falling_bodies import falling_groups, falling_parts, held_in_place, relieved
 from .free_bodies import (
     FreeGroup,
     acting,
     allowed_motions,
+    balanced_parts,
     free_groups,
+    free_list,
     free_motions,
-    free_remarks,
     loss_of_equilibrium,
     unheld,
     with_place,
@@ -159,13 +160,16 @@ def start_groups(
 def start_remarks(
     scene: Scene, bodies: Mapping[str, Body], conditions: Mapping[str, Conditions], units: list[InterfaceUnit]
 ) -> list[str]:
-    """Sentences on bodies whose place a static start chooses, and on those that fall from theirs."""
+    """One sentence that lists the bodies that nothing holds in a static start: those whose place it chooses, and those
+    that fall from theirs."""
     still, static = resting(scene), static_interfaces(scene)
     there, supports = {n: bodies[n] for n in still}, {n: conditions[n] for n in still}
     falling = falling_groups(scene, there, supports, [unit for unit in units if unit.name in static])
     taken = {name for group in falling for name in group.names}
     groups = [group for group in start_groups(scene, bodies, conditions, units) if taken.isdisjoint(group.motions)]
-    return [*free_remarks(groups, start=True), *falling_remarks(falling)]
+    place = "the static start takes the place with the least displacement, as a mean over the mass"
+    parts = [*balanced_parts(groups, place), *falling_parts(falling)]
+    return [f"substructures that nothing holds at t = 0: {free_list(parts)}"] if parts else []
 
 
 def static_state(

@@ -3,23 +3,23 @@
 The round faces of a body about an axis are the facets whose nodes have one distance from it. Those of a screw that look
 outwards, at 0.75 to 1.1 of half the nominal diameter, are its shank; those of the engaged part that look inwards, at
 the same, are the hole. Chamfers are inclined to the axis and belong to neither. Shank and hole overlap along the axis;
-the end of the overlap at which more of the shank stands out is the mouth of the hole. From there the facets of one of
-the two, in the order of their heights, are taken until their area is that of the load-bearing length: exactly where the
-mesh has an edge there, else up to whole facets. They are bonded to the other's facets opposite.
+the end of the overlap at which more of the shank stands out is the mouth of the hole. From there the two are bonded
+where they are opposite each other, over the load-bearing length exactly: facets that straddle its end are integrated
+up to it (``fem.mortar``).
 
 The rest of the shank takes no part in searches for contacts, or does but for a belt of a few facets in the middle of
 its free length, where the cut finds a section.
 
-A shank drawn thicker than the core of its thread is too stiff. In its free length the modulus is scaled to
-
-    E A_3 / A,      A_3 = pi / 4 d_3^2
-
-with the area A of the shank as drawn and the core diameter d_3: the resilience of a free thread by VDI 2230, part 1,
-section 5.1.1.1.
+A shank drawn thicker than the core of its thread is too stiff: a free thread has the resilience of its core (VDI 2230,
+part 1, section 5.1.1.1). In the free length what lies outside the core diameter d_3 carries nothing, of each cell its
+share of the volume. Along the shank its stiffness is that of E A_3 / A with the area A as drawn; bending, and the ways
+that the force spreads into head and hole, are those of the core where a cell is no larger than some 0.4 diameters. A
+shank that is in contact needs its surface: its modulus is scaled by A_3 / A throughout.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -28,7 +28,9 @@ from typing import Final
 import numpy as np
 
 from ..errors import Problems, listed
-from ..fem.mesh import Array, FacetBlock, FacetSet
+from ..fem.elements import points_in
+from ..fem.mesh import Array, CellBlock, FacetBlock, FacetSet, HalfSpace
+from ..fem.reference_cells import volume_rule
 from ..remarks import Remark
 from ..scene.bolts import Bolt, ThreadTable
 from ..scene.fields import ALL_OF_IT
@@ -45,11 +47,13 @@ _RADIAL: Final = 0.9  # cosine between a normal and the radius
 _ENOUGH: Final = 0.1  # share of the surface of a screw that is round about its axis, at least
 _GLOBAL: Final = 3.5e-3  # angle to a global axis up to which it is meant, rad (0.2 degrees)
 _SEARCH: Final = 0.35  # of the radius: from shank to hole at most
-_OFF: Final = 0.1  # of the length: difference of what was reached that is worth a warning
-_EXACT: Final = 1e-3  # the same that is none
+_OFF: Final = 0.1  # of the length: what is missing of it that is worth a warning
+_EXACT: Final = 1e-3  # the same that is nothing
 _BELT: Final = 3.0  # facets around the cut that stay free
 _BESIDE: Final = "beside_the_shank"
 """Name of the face of a screw that takes part in searches for contacts."""
+_FINE: Final = 5  # points along each axis of a cell, for the share of it that is thread
+_SOFT: Final = 0.01  # modulus of a thread without its counterpart over that of the material: it carries nothing
 _CORE: Final = 0.97  # area of the core over that of the shank from which on the modulus stays
 
 Mask = np.ndarray
@@ -229,46 +233,19 @@ class Engagement:
         below = low - shank.ends[0] > shank.ends[1] - high
         return cls(shank, hole, 1 if below else -1, low if below else high, high - low)
 
-    def depths(self, cylinder: _Cylinder) -> tuple[Array, Array, Array]:
-        """Least, mean and largest depth (n_facet,) of facets below the mouth, m."""
-        axis = cylinder.line.axis
-        low, high = cylinder.skin.heights(axis)
-        ends = np.stack([self.into * (low - self.mouth), self.into * (high - self.mouth)])
-        return ends.min(axis=0), self.into * (cylinder.skin.centres @ axis - self.mouth), ends.max(axis=0)
+    def reached(self, length: float | None) -> float:
+        """Length that is bonded, m, from the mouth, where ``length`` is asked for: the overlap at most."""
+        return self.overlap if length is None else min(length, self.overlap)
 
-    def bonded(self, length: float | None) -> tuple[Mask, Mask, float]:
-        """Facets of the shank and of the hole that are bonded, (n_facet,) each, and the length that they reach, m."""
-        both = []
-        for cylinder in (self.shank, self.hole):
-            least, _, most = self.depths(cylinder)
-            both.append(cylinder.faces & (most > 0.0) & (least < self.overlap))
-        if length is None or length >= (1.0 - _EXACT) * self.overlap:
-            return both[0], both[1], self.overlap
-        chosen = [self._up_to(c, faces, length) for c, faces in zip((self.shank, self.hole), both, strict=True)]
-        # the one with an edge there, else that which comes nearer
-        side = min((0, 1), key=lambda i: (chosen[i][1] > _EXACT, abs(chosen[i][2] - length)))
-        both[side] = chosen[side][0]
-        return both[0], both[1], chosen[side][2]
-
-    def _up_to(self, cylinder: _Cylinder, faces: Mask, length: float) -> tuple[Mask, float, float]:
-        """Facets down to a depth, the share of their area that straddles it, and the length reached, m."""
-        least, mean, most = self.depths(cylinder)
-        rows = np.flatnonzero(faces)
-        rows = rows[np.argsort(mean[rows], kind="stable")]
-        area = cylinder.skin.areas
-        # of the hole, or the shank, per length: half models have half of it
-        per_length = area[cylinder.faces].sum() / (cylinder.ends[1] - cylinder.ends[0])
-        # facets that begin above the mouth are covered below it alone
-        share = np.clip(most[rows], 0.0, None) / np.maximum(most[rows] - least[rows], 1e-300)
-        reached = np.cumsum(area[rows] * np.minimum(share, 1.0)) / per_length
-        # facets of one height together: a part of a ring would hold the screw on one side
-        last = np.append(np.diff(mean[rows]) > _EXACT * self.overlap, True)
-        count = int(np.where(last, np.abs(reached - length), np.inf).argmin()) + 1
-        chosen = np.zeros_like(faces)
-        chosen[rows[:count]] = True
-        edge = _EXACT * self.overlap
-        straddling = faces & (least < length - edge) & (most > length + edge)
-        return chosen, float(area[straddling].sum() / area[faces].sum()), float(reached[count - 1])
+    def bonded(self, cylinder: _Cylinder, length: float | None) -> FacetSet:
+        """The facets of shank or hole that are bonded; they end at the length, m, from the mouth."""
+        reached, axis = self.reached(length), cylinder.line.axis
+        ends = np.stack(cylinder.skin.heights(axis))
+        depths = self.into * (ends - self.mouth)
+        facets = cylinder.skin.picked(
+            cylinder.faces & (depths.max(axis=0) > 0.0) & (depths.min(axis=0) < reached * (1.0 - _EXACT))
+        )
+        return replace(facets, within=HalfSpace(self.into * axis, self.into * self.mouth + reached))
 
 
 @dataclass(frozen=True)
@@ -293,8 +270,8 @@ class _Screw:
         """Unit of length."""
         return self.scene.unit_system["m"]
 
-    def engagement(self) -> tuple[str, Engagement] | None:
-        """The part around the shank, and the engagement with it; None with a problem."""
+    def engagements(self) -> dict[str, Engagement]:
+        """The parts around the shank, and the engagement with each; none with a problem."""
         nominal = self.bolt.nominal(self.scene.unit_system)
         shank = _shank(BoundaryFacets(self.body), self.line, nominal)
         where = f"bolt.{self.name}.thread"
@@ -307,7 +284,7 @@ class _Screw:
                 None,
                 "check the size of the thread, the axis, and the scale of the mesh",
             )
-            return None
+            return {}
         diameter = 2.0 * shank.radius if nominal is None else nominal
         found: dict[str, Engagement] = {}
         seen: list[str] = []
@@ -329,14 +306,12 @@ class _Screw:
                 f"a diameter of {FITS[0] * diameter:.4g} to {FITS[1] * diameter:.4g} {self.length_unit}",
                 "name the part with the threaded hole, and check the size of the thread",
             )
-            return None
-        part = max(found, key=lambda name: found[name].overlap)
-        return part, found[part]
+        return found
 
-    def interface(self, part: str) -> Interface:
-        """The bond of the thread."""
+    def interface(self, part: str, face: str) -> Interface:
+        """The bond of the thread in a part, on faces of this name."""
         reach = _SEARCH * 0.5 * (self.bolt.nominal(self.scene.unit_system) or 2.0 * self._drawn)
-        sides = f"{self.body.name}.{face_name(self.name)}", f"{part}.{face_name(self.name)}"
+        sides = f"{self.body.name}.{face}", f"{part}.{face}"
         return Interface(sides=sides, behaviour="perfect", search=reach, overlap="ignore")
 
     @cached_property
@@ -345,18 +320,19 @@ class _Screw:
         assert shank is not None
         return shank.radius
 
-    def free_ends(self, engagement: Engagement) -> tuple[float, float]:
-        """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head."""
-        ends = engagement.shank.ends
-        far = ends[0] if engagement.into > 0 else ends[1]
-        return (far, engagement.mouth) if engagement.into > 0 else (engagement.mouth, far)
+    def free_ends(self, engagements: Iterable[Engagement]) -> tuple[float, float]:
+        """Heights of the free shank along the axis, m: from the mouth of the hole to its end at the head, or to the
+        mouth of the hole at the other end."""
+        made = list(engagements)
+        low, high = made[0].shank.ends
+        highest = min((e.mouth for e in made if e.into > 0), default=high)
+        return max((e.mouth for e in made if e.into < 0), default=low), highest
 
-    def touching(self, engagement: Engagement) -> Mask:
+    def touching(self, shank: _Cylinder, ends: tuple[float, float]) -> Mask:
         """Facets (n_facet,) of the screw that take part in searches for contacts."""
-        shank = engagement.shank
         if self.bolt.shank == "free":
             return ~shank.faces
-        low, high = self.free_ends(engagement)
+        low, high = ends
         width = _BELT * shank.facet_size
         if width > high - low:
             self.problems.add(
@@ -370,30 +346,65 @@ class _Screw:
         middle = 0.5 * (low + high)
         return ~(shank.faces & (most > middle - 0.5 * width) & (least < middle + 0.5 * width))
 
-    def moduli(self, engagement: Engagement) -> tuple[Array | None, str]:
+    def moduli(self, engagements: Sequence[Engagement]) -> tuple[Array | None, str]:
         """Moduli (n_cell,) of the screw over that of its material, None where all are 1; and what is said of them."""
         named, units = self.thread.named, self.scene.unit_system
         if named is None or self.thread.modulus == "drawn":
             why = "the thread has no size" if named is None else "as asked"
             return None, f"modulus of the free shank as drawn ({why})"
-        radius = engagement.shank.radius
-        ratio = (0.5e-3 * named.core_diameter / units.size("m") / radius) ** 2
+        radius = engagements[0].shank.radius
+        core = 0.5e-3 * named.core_diameter / units.size("m")
+        ratio = (core / radius) ** 2
         if ratio > _CORE:
             return None, "the free shank is drawn at the core of its thread"
-        low, high = self.free_ends(engagement)
-        # without thread: next to the head
-        low, high = (low + self.thread.plain, high) if engagement.into > 0 else (low, high - self.thread.plain)
-        mesh = self.body.mesh
-        centres = np.concatenate([mesh.nodes[block.cells].mean(axis=1) for block in mesh.blocks])
-        height = centres @ self.line.axis
-        inside = np.linalg.norm(self.line.arms(centres), axis=1) < (1.0 + _ROUND) * radius
-        moduli = np.where(inside & (height > low) & (height < high), ratio, 1.0)
-        return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
+        outside, parts = (1.0 + _ROUND) * radius, self._threaded(engagements)
+        if self.bolt.shank == "contact":
+            moduli = 1.0 - (1.0 - ratio) * np.sum([self._shares(part, (-1.0, outside)) for part in parts], axis=0)
+            return moduli, f"modulus of the free shank x {ratio:.3g}, to the area of the core of {self.thread.size}"
+        moduli = np.maximum(1.0 - np.sum([self._shares(part, (core, outside)) for part in parts], axis=0), _SOFT)
+        return moduli, (
+            f"of the free shank the core of {self.thread.size} carries, a diameter of {2.0 * core:.4g} "
+            f"{self.length_unit}, {ratio:.3g} of its section"
+        )
+
+    def _threaded(self, engagements: Sequence[Engagement]) -> list[tuple[float, float]]:
+        """Heights along the axis, m, between which the free shank has a thread: the length without one is next to the
+        head, in the middle of a stud with nuts at both ends."""
+        low, high = self.free_ends(engagements)
+        plain, into = min(self.thread.plain, high - low), {e.into for e in engagements}
+        if len(into) == 1:
+            return [(low + plain, high) if 1 in into else (low, high - plain)]
+        middle = 0.5 * (low + high)
+        return [(low, middle - 0.5 * plain), (middle + 0.5 * plain, high)]
+
+    def _shares(self, heights: tuple[float, float], radii: tuple[float, float]) -> Array:
+        """Share (n_cell,) of the volume of each cell of the screw between two heights and two radii, m."""
+        mesh, shares = self.body.mesh, []
+        for block in mesh.blocks:
+            found = np.zeros(len(block.cells))
+            nodes = mesh.nodes[block.cells]
+            height, distance = nodes @ self.line.axis, np.linalg.norm(self.line.arms(nodes), axis=2)
+            near = (height.max(axis=1) > heights[0]) & (height.min(axis=1) < heights[1])
+            near = np.flatnonzero(near & (distance.max(axis=1) > radii[0]) & (distance.min(axis=1) < radii[1]))
+            rule = volume_rule(block.cell_type, _FINE)
+            # in parts, for the memory
+            for some in np.array_split(near, 1 + len(near) // 300):
+                cells = points_in(mesh.nodes, CellBlock(block.cell_type, block.cells[some]), rule)
+                places = np.einsum("pa,cai->cpi", cells.values, mesh.nodes[cells.cells])
+                height, distance = places @ self.line.axis, np.linalg.norm(self.line.arms(places), axis=2)
+                inside = (height > heights[0]) & (height < heights[1]) & (distance < radii[1])
+                # a ramp over the spacing of the points: a step would jump from point to point
+                beyond = np.clip(
+                    0.5 + (distance - radii[0]) * _FINE / np.ptp(distance, axis=1, keepdims=True), 0.0, 1.0
+                )
+                found[some] = (cells.volumes * inside * beyond).sum(axis=1) / cells.volumes.sum(axis=1)
+            shares.append(found)
+        return np.concatenate(shares)
 
 
-def face_name(bolt: str) -> str:
-    """Name of the faces that the thread of a bolt is bonded on, on both bodies."""
-    return f"thread_of_{bolt}"
+def face_name(bolt: str, number: int = 1) -> str:
+    """Name of the faces that a thread of a bolt is bonded on, on both bodies; ``number`` : of its threads, from 1."""
+    return f"thread_of_{bolt}" + (f"_{number}" if number > 1 else "")
 
 
 def with_threads(
@@ -422,30 +433,37 @@ def with_threads(
         if bolt.thread is None or bolt.thread.part is None:
             continue
         screw = _Screw(name, bolt, bolt.thread, scene, bodies, line, problems)
-        found = screw.engagement()
-        if found is None:
+        found = screw.engagements()
+        if not found:
             continue
-        part, engagement = found
-        shank, hole, reached = engagement.bonded(bolt.thread.length)
-        bond, own = screw.interface(part), f"{name}_thread"
-        if interfaces.get(own, bond) != bond:
-            what = f"the bond of the thread of bolt {name} has this name"
-            problems.add(f"interface.{own}", what, own, None, "rename one of the two")
-        interfaces[own] = bond
-        moduli, said = screw.moduli(engagement)
-        made[body.name] = _with(made[body.name], face_name(name), engagement.shank.skin.picked(shank))
-        touching = screw.touching(engagement)
+        for number, (part, engagement) in enumerate(found.items(), start=1):
+            _bond(screw, (part, engagement), number, made, interfaces)
+        threads = list(found.values())
+        shank, (moduli, said) = threads[0].shank, screw.moduli(threads)
+        touching = screw.touching(shank, screw.free_ends(threads))
         old = shanks.get(body.name)
         # several threads of one body, as of a bow: what none of them leaves out
-        shanks[body.name] = (
-            _Free(engagement.shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
-        )
-        made[part] = _with(made[part], face_name(name), engagement.hole.skin.picked(hole))
-        notes[name], warning = _words(screw, part, engagement, reached, said)
-        if warning and remarks is not None:
-            remarks.append(Remark("thread", warning))
+        shanks[body.name] = _Free(shank.skin, touching, moduli) if old is None else old.also(touching, moduli)
+        notes[name], warnings = _words(screw, found, said)
+        if remarks is not None:
+            remarks += [Remark("thread", warning) for warning in warnings]
     made |= {name: free.of(made[name]) for name, free in shanks.items()}
     return scene.model_copy(update={"bolt": bolts, "interface": interfaces}), made, notes
+
+
+def _bond(
+    screw: _Screw, part: tuple[str, Engagement], number: int, bodies: dict[str, Body], interfaces: dict[str, Interface]
+) -> None:
+    """Bond the thread ``number`` of a screw to a part: a face of both bodies and an interface more."""
+    (name, engagement), length = part, screw.thread.length
+    face, own = face_name(screw.name, number), f"{screw.name}_thread" + (f"_{number}" if number > 1 else "")
+    bond = screw.interface(name, face)
+    if interfaces.get(own, bond) != bond:
+        what = f"the bond of the thread of bolt {screw.name} has this name"
+        screw.problems.add(f"interface.{own}", what, own, None, "rename one of the two")
+    interfaces[own] = bond
+    for body, cylinder in ((screw.body.name, engagement.shank), (name, engagement.hole)):
+        bodies[body] = _with(bodies[body], face, engagement.bonded(cylinder, length))
 
 
 def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | None:
@@ -468,22 +486,22 @@ def _line(name: str, bolt: Bolt, body: Body, problems: Problems) -> ShankLine | 
     return line
 
 
-def _words(screw: _Screw, part: str, engagement: Engagement, reached: float, said: str) -> tuple[str, str]:
-    """What ``check`` says of a thread, and the warning where its length was not reached, else an empty text."""
+def _words(screw: _Screw, found: Mapping[str, Engagement], said: str) -> tuple[str, list[str]]:
+    """What ``check`` says of the threads of a screw, and a warning for each whose length was not reached."""
     unit, wanted = screw.length_unit, screw.thread.length
-    text = f"thread bonded to {part} over {reached:.4g} {unit}"
-    target = engagement.overlap if wanted is None else wanted
-    text += f" of {target:.4g} asked for" if wanted is not None and abs(reached / target - 1.0) > _EXACT else ""
+    bonds, warnings = [], []
+    for part, engagement in found.items():
+        reached = engagement.reached(wanted)
+        short = wanted is not None and reached < (1.0 - _EXACT) * wanted
+        bonds.append(f"{part} over {reached:.4g} {unit}" + (f" of {wanted:.4g} asked for" if short else ""))
+        if wanted is not None and reached < (1.0 - _OFF) * wanted:
+            warnings.append(
+                f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {wanted:.4g}: "
+                f"shank and hole of {part} overlap over {reached:.4g} {unit}"
+            )
     free = "the free shank has no contact" if screw.bolt.shank == "free" else "the free shank is in contact"
     free += ' (shank = "contact" gives it one)' if screw.bolt.shank == "free" else " but for a belt around the cut"
-    warning = ""
-    if abs(reached / target - 1.0) > _OFF:
-        why = f"shank and hole overlap over {engagement.overlap:.4g} {unit}"
-        why = why if reached >= engagement.overlap * (1.0 - _EXACT) else "the mesh has no edge there"
-        warning = (
-            f"bolt {screw.name}: its thread is bonded over {reached:.4g} {unit} in the place of {target:.4g}: {why}"
-        )
-    return f"{text}; {free}; {said}", warning
+    return f"thread bonded to {' and '.join(bonds)}; {free}; {said}", warnings
 
 
 def _with(body: Body, name: str, facets: FacetSet) -> Body:

@@ -49,10 +49,30 @@ class FacetBlock:
 
 
 @dataclass(frozen=True)
+class HalfSpace:
+    """Places x with normal . x <= height.
+
+    Attributes
+    ----------
+    normal : (3,) unit vector. height : m.
+    """
+
+    normal: Array
+    height: float
+
+
+@dataclass(frozen=True)
 class FacetSet:
-    """A face of a mesh: facets of one or several kinds."""
+    """A face of a mesh: facets of one or several kinds.
+
+    Attributes
+    ----------
+    blocks : facets by kind. within : where the face ends inside its facets, which integrals over the common part of two
+        faces take into account (``mortar``); None where its facets are whole.
+    """
 
     blocks: tuple[FacetBlock, ...]
+    within: HalfSpace | None = None
 
     @staticmethod
     def of(*facets: Index) -> FacetSet:

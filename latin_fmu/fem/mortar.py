@@ -4,7 +4,8 @@ The common part is made of pairs of opposite flat pieces, cut to triangles in th
 intersections of convex polygons after Sutherland and Hodgman, Comm. ACM 17 (1974), many pairs at a time.
 
 The face that gives the points is the owner. Over the part of it that the other face covers (clipped facet by facet in
-the plane of the owner's facet), with its functions phi_p (``facets``: those with positive areas) and their dual psi_p,
+the plane of the owner's facet, and by the plane where a face ends inside its facets), with its functions phi_p
+(``facets``: those with positive areas) and their dual psi_p,
 
     psi_p in span(phi) of each facet:  int psi_p phi_q = delta_pq int phi_p = delta_pq a_p,    A = diag(a),
     T_owner = A^-1 int psi phi^T = 1,      T_other = A^-1 int psi phi_other^T
@@ -35,11 +36,12 @@ from .faces import (
     triangle_quadrature,
     unit_normals,
 )
-from .mesh import Array, Index
+from .mesh import Array, HalfSpace, Index
 
 Mask = NDArray[np.bool_]
 _OPPOSED = 0.5  # cosine between one normal and the other turned round, from which on pieces count as opposite
 _FACING = 0.25  # the least cosine that a distance is divided by: curved facets are steeper than their pieces
+_LEVEL = 1e-20  # squared sine of the angle to a plane below which a piece is parallel to it
 _SPECK = 1e-10  # a common part below this share of the owner's piece is left out
 _DOUBLE = 1.001  # covered more than once: only the nearest layer counts
 
@@ -77,14 +79,14 @@ class Cells:
 
 def common_cells(owner: Surface, other: Surface, reach: float | None) -> list[list[Cells]]:
     """Cells for every pair of blocks of the two faces; ``reach`` : largest distance along the owner's normal, m."""
-    rows = []
+    rows, ends = [], tuple(s.facets.within for s in (owner, other) if s.facets.within is not None)
     for mine in owner.pieces:
-        row = [_cells(mine, theirs, owner.is_plane, reach) for theirs in other.pieces]
+        row = [_cells(mine, theirs, owner.is_plane, reach, ends) for theirs in other.pieces]
         rows.append(_nearest_layer(mine, row))
     return rows
 
 
-def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Cells:
+def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None, ends: tuple[HalfSpace, ...]) -> Cells:
     one, two = _candidates(mine, theirs, plane, reach)
     normal = mine.normals[one]
     arm = theirs.centres[two] - mine.centres[one]
@@ -103,6 +105,8 @@ def _cells(mine: Pieces, theirs: Pieces, plane: bool, reach: float | None) -> Ce
     theirs_there = (theirs.corners[two] - origin) @ axes
     # counter-clockwise on the other face is clockwise seen from the owner
     polygon, count = clip(theirs_there[:, ::-1], mine_there)
+    for end in ends:
+        polygon, count = _ended(polygon, count, end, origin[:, 0], axes)
     common = np.where(count > 2, areas(polygon), 0.0)
     kept = np.flatnonzero(common > _SPECK * mine.areas[one])
     corners, cell = triangles(polygon[kept], count[kept])
@@ -213,6 +217,19 @@ def _cut(corners: Array, count: Index, start: Array, along: Array) -> tuple[Arra
     order = np.argsort(~taken, axis=1, kind="stable")[:, : width + 1]
     order = np.take_along_axis(order, np.minimum(np.arange(width + 1), np.maximum(total - 1, 0)[:, None]), axis=1)
     return np.take_along_axis(both, order[..., None], axis=1), np.minimum(total, width + 1)
+
+
+def _ended(corners: Array, count: Index, end: HalfSpace, origin: Array, axes: Array) -> tuple[Array, Index]:
+    """Part of each polygon (n, p, 2) in a half space; origins (n, 3) and axes (n, 3, 2) of the planes they are in."""
+    slope = np.einsum("nik,i->nk", axes, end.normal)
+    steepness = np.einsum("nk,nk->n", slope, slope)
+    rise = end.height - origin @ end.normal
+    # a polygon parallel to the plane, whose slope is round-off, has no line on it: it stays whole or goes
+    level = steepness <= _LEVEL
+    start = slope * (rise / np.where(level, 1.0, steepness))[:, None]
+    along = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+    cut, number = _cut(corners, np.where(level & (rise < 0.0), 0, count), start, np.where(level[:, None], 0.0, along))
+    return cut, number
 
 
 def _height(points: Array, start: Array, along: Array) -> Array:

@@ -304,3 +304,12 @@ def cell_rule(cell_type: str, of_products: bool = False, curved: bool = False) -
     if cell_type == "tetra10" and (of_products or curved):
         return simplex_rule(3 if of_products else 2, 3)
     return _corner_rule(3)
+
+
+@cache
+def volume_rule(cell_type: str, n: int) -> Rule:
+    """Rule with n points per axis, for what is not smooth in a cell."""
+    line = _line(n)
+    if cell_type.startswith(("hexahedron", "pyramid")):
+        return _times(_times(line, line), line)
+    return _times(simplex_rule(n, 2), line) if cell_type.startswith("wedge") else simplex_rule(n, 3)

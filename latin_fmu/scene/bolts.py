@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ..errors import Problem, listed, shown
 from .fields import Count, Direction, Name, Real, SceneTable, Text, Vector, about, refusal
@@ -19,6 +19,7 @@ from .raw_scene import (
     number,
     reference_problems,
     single_table,
+    text_list,
 )
 from .threads import CLASSES, ThreadSize, class_yield, thread_named
 from .units import UnitSystem, system_named
@@ -55,8 +56,8 @@ class ThreadTable(SceneTable):
 
     With `part` the round faces of shank and hole are bonded over the part of their overlap along the axis that begins
     at the mouth of the hole, over `length` at most; chamfers do not count. Holes of 0.75 to 1.1 of the diameter fit: at
-    the core, tap drill or nominal diameter. The rest of the shank has no contact. The modulus of the free shank is
-    scaled to the area of the core of the thread where the shank is drawn thicker.
+    the core, tap drill or nominal diameter. The rest of the shank has no contact. Of a free shank that is drawn thicker
+    the core of the thread carries alone; of one in contact the modulus is scaled to the area of the core.
     """
 
     size: Annotated[
@@ -64,7 +65,10 @@ class ThreadTable(SceneTable):
     ] = None
     part: Annotated[
         Text | None,
-        about('substructure with the hole, or a pattern, "nut_*", of which the one around the shank is taken'),
+        about(
+            'substructure with the hole, or a pattern, "nut_*", of which those around the shank are taken: both nuts '
+            "of a stud"
+        ),
     ] = None
     length: Annotated[
         Real | None,
@@ -73,11 +77,16 @@ class ThreadTable(SceneTable):
         ),
     ] = None
     plain: Annotated[
-        Real, about("length of the shank under the head that has no thread, whose modulus is not scaled", "m", ge=0)
+        Real,
+        about(
+            "length of the shank that has no thread, all of which carries: under the head, of a stud in its middle",
+            "m",
+            ge=0,
+        ),
     ] = 0.0
     modulus: Annotated[
         Literal["core", "drawn"],
-        about('"core" scales the modulus of the free shank to the area of the core, "drawn" leaves it'),
+        about('"core": of the free shank the core of the thread carries alone, "drawn": all of it'),
     ] = "core"
 
     @model_validator(mode="after")
@@ -101,6 +110,9 @@ def _as_thread(value: object) -> object:
 Thread = Annotated[ThreadTable, BeforeValidator(_as_thread)]
 
 
+Patterns = Text | Annotated[tuple[Text, ...], Field(min_length=1)]
+
+
 class Bolt(SceneTable):
     """A bolt that is tightened before t = 0, to a force, by a torque or a shortening; then the shortening is kept.
 
@@ -114,9 +126,10 @@ class Bolt(SceneTable):
 
     substructure: Annotated[Name, about("name of the [substructure.NAME] table of the shank")] = ""
     parts: Annotated[
-        Text | None,
+        Patterns | None,
         about(
-            'many screws in the place of one `substructure`: those with names like "m4_*"; the results name table_part'
+            'many screws in the place of one `substructure`: those with names like "m4_*", or like one of several, '
+            '["m4_*", "m5_lid"]; the results name table_part'
         ),
     ] = None
     axis: Annotated[
@@ -211,16 +224,19 @@ def with_screws(raw: Any) -> tuple[Any, list[Problem]]:
     tables = named_tables(raw, "bolt")
     made, problems = dict[str, Any](), list[Problem]()
     for name, table in tables.items():
-        pattern = table.get("parts")
-        if not isinstance(pattern, str):
+        patterns = [table["parts"]] if isinstance(table.get("parts"), str) else text_list(table.get("parts"))
+        if not patterns:
             made[name] = _with_diameter(raw, table)
             continue
         bodies = list(named_tables(raw, "substructure"))
-        found = [body for body in bodies if fnmatchcase(body, pattern)]
-        if not found or given(table, "substructure"):
-            what = "no substructure has a name like this" if not found else "given together with 'substructure'"
-            allowed = listed(bodies) if not found else "one of them"
-            problems.append(Problem(f"bolt.{name}.parts", what, shown(pattern), allowed))
+        found = [body for body in bodies if any(fnmatchcase(body, pattern) for pattern in patterns)]
+        alone = [pattern for pattern in patterns if not any(fnmatchcase(body, pattern) for body in bodies)]
+        for pattern in alone:
+            what = "no substructure has a name like this"
+            problems.append(Problem(f"bolt.{name}.parts", what, shown(pattern), listed(bodies)))
+        if given(table, "substructure"):
+            problems.append(Problem(f"bolt.{name}.parts", "given together with 'substructure'", None, "one of them"))
+        if alone or given(table, "substructure"):
             made[name] = table
             continue
         one = {key: value for key, value in _with_diameter(raw, table).items() if key != "parts"}

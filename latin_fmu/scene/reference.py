@@ -93,10 +93,9 @@ Temperature    A change of temperature strains a free body by alpha times it. Th
                are those of what is hindered; strains are total, and so is the elastic energy, of which the load of a
                free expansion does the work. Moduli do not depend on temperature.
 Thread         thread = {size = "M5", part = "base", length = 8e-3} bonds shank and hole of a screw from the mouth
-               of the hole, chamfers left out, over length and at most over their overlap; up to whole facets where the
-               mesh has no edge there, which check prints. The rest of the shank touches nothing unless
-               shank = "contact"; the modulus of the free shank is scaled to the area of the core (VDI 2230) unless
-               modulus = "drawn".
+               of the hole, chamfers left out, over length and at most over their overlap. The rest of the shank touches
+               nothing unless shank = "contact"; of the free shank the core of the thread carries alone (VDI 2230)
+               unless modulus = "drawn".
                With faces of its own a perfect interface of bolt and nut, matching or not, bonds a thread; in a tapped
                hole, on the threaded part of the shank and the wall of the hole. A part of the shank stays free for the
                cut.

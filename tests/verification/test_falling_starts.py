@@ -62,13 +62,33 @@ def test_it_lands_and_rests_on_what_catches_it() -> None:
 def test_what_lies_on_the_floor_stays_there() -> None:
     solution = solved(above(gap=0.0))
     assert np.ptp(solution.sensors["top"].displacement, axis=0).max() < 1e-10
-    assert not any("it starts in its place" in w for w in solution.warnings)
+    assert not any("starts in its place" in w for w in solution.warnings)
 
 
 def test_what_nothing_may_catch_is_refused() -> None:
     tables = above()
     tables["interface"] = {}
     with pytest.raises(SceneError, match="nothing holds it, so that a static position does not exist"):
+        check(latin_fmu.scene_from_dict(tables))
+
+
+def test_all_that_nothing_holds_is_one_list() -> None:
+    """Two blocks above the ground, one above nothing whose weight a load carries; then without the ground."""
+    tables = above()
+    block, floor = tables["substructure"]["block"], tables["interface"]["floor"]
+    for number, name in enumerate(("other", "alone"), start=1):
+        place = {**block["box"], "origin": [2.0 * number * SIDE, 0.0, 0.0]}
+        tables["substructure"][name] = {**block, "box": place}
+    tables["interface"]["table"] = {**floor, "sides": ["other.zmin", "ground"]}
+    weight = 7800.0 * SIDE**3 * G
+    tables["load"] = {"lift": {"face": "alone.zmax", "force": [0.0, 0.0, weight], "law": "constant"}}
+    for said in (check(latin_fmu.scene_from_dict(tables)), solved(tables).warnings):
+        (remark,) = (text for text in said if "nothing holds" in text)
+        assert "at t = 0: alone can move along x, along y, along z and turn, loads in balance" in remark
+        assert "; block can move" in remark
+        assert "until interface floor closes; other can move" in remark
+    tables["interface"] = {}
+    with pytest.raises(SceneError, match=r"1 problem\n.*nothing holds block, other, so that.*block, other can move"):
         check(latin_fmu.scene_from_dict(tables))
 
 

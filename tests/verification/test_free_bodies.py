@@ -97,7 +97,7 @@ def test_no_support_carries_anything() -> None:
 
 
 def test_loads_out_of_balance_are_told_with_their_number() -> None:
-    with pytest.raises(SceneError, match=r"substructure\.b1: nothing holds it.*move x?.*out of balance by") as caught:
+    with pytest.raises(SceneError, match=r"substructure: nothing holds b1, b2.*move .*out of balance by") as caught:
         solve(bars(scale=1.001))
     assert "[-1.8, 0, 0] N" in str(caught.value)
     assert "balance its loads" in str(caught.value)
@@ -125,7 +125,7 @@ def test_a_static_start_of_a_free_assembly_stays_at_rest() -> None:
     assert speed < EXACT * PULL / (STEEL.density * c)
     assert any("takes the place with the least displacement" in w for w in solution.outcome.warnings)
     del tables["load"]["b2_zmax"]
-    with pytest.raises(SceneError, match="nothing holds it"):
+    with pytest.raises(SceneError, match="nothing holds b1, b2"):
         solve(tables)
 
 
@@ -139,5 +139,5 @@ def test_a_block_on_ice_has_a_place_where_nothing_pushes_it_along() -> None:
     meeting = solution.interfaces["i1"]
     assert meeting.areas @ meeting.traction[-1, :, 2] == pytest.approx(-PULL * SIDE**2, rel=EXACT)
     tables["load"]["push"] = {"face": "b2.xmin", "force": [1.0, 0.0, 0.0], "law": RAMP}
-    with pytest.raises(SceneError, match=r"it can move along x, along y and turn.*by \[1, 0, 0\] N"):
+    with pytest.raises(SceneError, match=r"b2 can move along x, along y and turn.*by \[1, 0, 0\] N"):
         solve(tables)

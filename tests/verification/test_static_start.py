@@ -354,7 +354,7 @@ def test_a_session_starts_in_equilibrium_with_its_inputs() -> None:
 # -- refusals -------------------------------------------------------------------------------------------------------
 def floating(tables: Tables) -> str:
     del tables["boundary"]["base"]
-    return "substructure.b0: nothing holds it"
+    return "substructure: nothing holds b0, b1"
 
 
 def slippery(tables: Tables) -> str:
