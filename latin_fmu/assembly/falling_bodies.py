@@ -9,6 +9,9 @@ supports, and the loads f do work on it, the group is accelerated by
 and is in balance with its inertia, f - M a (inertia relief). Its static start is that balance, in the place that the
 scene has: stresses of loads that hold each other are there, and a weight, which falls freely, makes none. The motion
 begins at rest with the acceleration a. What no interface can catch is refused (``free_bodies.unheld``).
+
+Strains of t = 0, of temperatures for instance, may bring a falling body into contact. Its loads are in balance with its
+inertia, so that no pressure can act on it: it moves out of the way, as little as possible (``places_at_rest``).
 """
 
 from __future__ import annotations
@@ -69,6 +72,27 @@ def falling_in(problem: DiscretisedProblem) -> list[FallingGroup]:
     conditions = {name: problem.conditions[name] for name in names}
     units = [u for u in problem.units if all(name in bodies for _, _, name in body_sides([u])) and not _yields(u)]
     return falling_groups(problem.scene, bodies, conditions, units)
+
+
+def closed_by_strains(
+    problem: DiscretisedProblem, before: Mapping[str, Array], traction: Mapping[str, Array], least: float
+) -> list[str]:
+    """Interfaces that are open in the scene, and may catch a falling group, but are pressed in the static start: what
+    acts at t = 0 strains bodies into each other.
+
+    The group has no equilibrium with them, since its inertia holds all its loads; nothing but the nodes that fix its
+    place would resist the pressure.
+
+    before, traction : tractions with tight bolts, and in the static start. least : Pa, above which one is a pressure.
+    """
+
+    def pressed(state: Mapping[str, Array], name: str) -> bool:
+        return name in state and float(state[name][:, 0].min(initial=0.0)) < -least
+
+    # what bolts or press fits close is no matter of the loads
+    names = [u.name for u in problem.units if _is_open(u) and pressed(traction, u.name) and not pressed(before, u.name)]
+    catching = {name for group in falling_in(problem) for name in group.catching} if names else set()
+    return [name for name in names if name in catching]
 
 
 def _yields(unit: InterfaceUnit) -> bool:
