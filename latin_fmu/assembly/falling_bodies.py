@@ -24,6 +24,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from ..fem.mesh import Array
+from ..interface.laws import NoSlip
 from ..latin.assembly import InterfaceUnit
 from ..propagator import LoadTerm, SubstructureModel
 from ..propagator.model import with_load
@@ -93,6 +94,29 @@ def closed_by_strains(
     names = [u.name for u in problem.units if _is_open(u) and pressed(traction, u.name) and not pressed(before, u.name)]
     catching = {name for group in falling_in(problem) for name in group.catching} if names else set()
     return [name for name in names if name in catching]
+
+
+def sheared_alone(problem: DiscretisedProblem, traction: Mapping[str, Array], least: float) -> list[str]:
+    """Interfaces without slip that shear holds in a static start, and no pressure, where their bodies are in balance
+    without them.
+
+    A point that touches without pressure may carry any shear, which then depends on the way to the equilibrium. None
+    is a solution, too. least : Pa, above which a traction is one.
+    """
+    names = []
+    for unit in problem.units:
+        if isinstance(unit.behaviour, NoSlip) and unit.name in traction:
+            pressure, shear = (float(np.abs(part).max(initial=0.0)) for part in np.split(traction[unit.name], [1], 1))
+            names += [unit.name] * (shear > least >= pressure)
+    if not names:
+        return []
+    still = [name for name in problem.bodies if not problem.scene.substructure[name].motion_keys]
+    bodies = {name: problem.bodies[name] for name in still}
+    conditions = {name: problem.conditions[name] for name in still}
+    units = [u for u in problem.units if u.name in traction and u.name not in names]
+    groups = free_groups(bodies, conditions, units)
+    balanced = all(group.work(_forces(problem.scene, bodies, group))[0] <= BALANCED for group in groups)
+    return names if balanced else []
 
 
 def _yields(unit: InterfaceUnit) -> bool:

@@ -47,7 +47,7 @@ from .bolt_ends import unheld_ends
 from .bolts import BoltCut, check_yield
 from .conditions import Conditions, conditions_on
 from .displaced_starts import at_rest
-from .falling_bodies import closed_by_strains, falling_groups, falling_remarks, held_in_place, relieved
+from .falling_bodies import closed_by_strains, falling_groups, falling_remarks, held_in_place, relieved, sheared_alone
 from .free_bodies import (
     FreeGroup,
     acting,
@@ -194,15 +194,17 @@ def static_state(
     if whole.scene.time.quasi_static or not something_acts(scene):  # without inertia the loads come in its increments
         return tight if tight is None else replace(tight, amplitudes=dict(amplitudes))
     discretised = static_problem(whole, scene)
-    if (lost := loss_of_equilibrium(discretised)) is not None:
-        raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
     problem, run, state = _solved_start(whole, discretised, amplitudes, tight, kept)
-    before = {} if tight is None else tight.traction
-    closed = closed_by_strains(whole, before, state.traction, PRESSED * static_size(whole, amplitudes))
-    if closed:
-        discretised = static_problem(whole, scene, without=closed)
-        problem, run, state = _solved_start(whole, discretised, amplitudes, tight, kept)
-        state = _let_go(whole, state, closed, static_size(whole, amplitudes))
+    size, before = static_size(whole, amplitudes), {} if tight is None else tight.traction
+    closed = closed_by_strains(whole, before, state.traction, PRESSED * size)
+    if loose := closed or sheared_alone(whole, state.traction, PRESSED * size):
+        other = static_problem(whole, scene, without=loose)
+        solved = _solved_start(whole, other, amplitudes, tight, kept)
+        overlaps = _overlaps(whole, solved[2], loose, size)
+        if closed and overlaps:
+            raise SceneError(overlaps, "the scene cannot be built")
+        if not overlaps:
+            discretised, (problem, run, state) = other, solved
     if stages is not None:
         end = state if tight is None else replace(state, bolts=tight.bolts)
         stages.append(Stage(discretised, problem, run.recorder.rows, tight, kept, static=True, end=end))
@@ -227,29 +229,28 @@ def _solved_start(
     tight: InitialState | None,
     kept: Kept,
 ) -> tuple[SolverReadyProblem, Run, InitialState]:
-    """The static problem ``discretised`` of a start, solved, and its equilibrium."""
+    """The static problem ``discretised`` of a start, solved, and its equilibrium, in which interfaces that it lacks
+    carry nothing."""
+    if (lost := loss_of_equilibrium(discretised)) is not None:
+        raise _no_start(f"{lost.what}, and contact and friction cannot hold it")
     problem, run, tolerance = equilibrium(discretised, tight, settings_of(whole.scene), kept)
     converged, sentence = run.status()
     if not converged:
         raise _no_start(sentence)
-    return problem, run, state_at_end(problem, run, amplitudes, tolerance)
+    state = state_at_end(problem, run, amplitudes, tolerance)
+    present, static = {unit.name for unit in discretised.units}, static_interfaces(whole.scene)
+    absent = [unit for unit in whole.units if unit.name in static and unit.name not in present]
+    nothing = {u.name: np.zeros((u.geometry.n_point, u.behaviour.n_component)) for u in absent}
+    return problem, run, replace(state, traction={**state.traction, **nothing})
 
 
-def _let_go(whole: DiscretisedProblem, state: InitialState, closed: Collection[str], size: float) -> InitialState:
-    """The equilibrium without the interfaces ``closed``, which carry nothing in it: bodies that fall, and that strains
-    bring into contact, move out of the way (``places_at_rest``).
-
-    Raises
-    ------
-    SceneError : they cannot.
-    """
-    units = [unit for unit in whole.units if unit.name in closed]
-    traction = {u.name: np.zeros((u.geometry.n_point, u.behaviour.n_component)) for u in units}
-    state = replace(state, traction={**state.traction, **traction})
+def _overlaps(whole: DiscretisedProblem, state: InitialState, loose: Collection[str], size: float) -> Problems:
+    """A problem for every interface of ``loose``, which carry nothing in an equilibrium, whose sides overlap where
+    bodies have moved out of the way as far as they can (``places_at_rest``); ``size`` : of its tractions, Pa."""
     place = least_displaced(whole, state, size).displacement
     largest = max(float(np.abs(u).max(initial=0.0)) for u in place.values())
     problems = Problems()
-    for name, gap in gaps_of(whole, units, place).items():
+    for name, gap in gaps_of(whole, [unit for unit in whole.units if unit.name in loose], place).items():
         # as exact as the place
         if gap.min(initial=0.0) < -TOUCHES * largest:
             problems.add(
@@ -260,9 +261,7 @@ def _let_go(whole: DiscretisedProblem, state: InitialState, closed: Collection[s
                 "an interface that touches in the scene, or a gap that stays open",
                 'give it gap = 0, a larger gap, or set time.start = "given"',
             )
-    if problems:
-        raise SceneError(problems, "the scene cannot be built")
-    return state
+    return problems
 
 
 def equilibrium(
