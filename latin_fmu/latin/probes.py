@@ -141,7 +141,10 @@ class Support:
         for amplitude, load in zip(amplitudes, self.loads, strict=True):
             static = static - amplitude[of.instants, None] * load
         channels = of.assembly.channels[of.number][:, of.member]
-        return np.stack([static, values[:, 2, 6:] - of.tractions[:, channels] @ self.spread], axis=1)
+        # instant by instant: a product of many rows has other bits than one of each, and a run that goes on from a
+        # checkpoint the same as one in one go
+        carried = np.array([row @ self.spread for row in of.tractions[:, channels]]).reshape(-1, 3)
+        return np.stack([static, values[:, 2, 6:] - carried], axis=1)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ Tables = dict[str, Any]
 Random = np.random.Generator
 INSTANTS = 10
 SCHEMES = ("automatic", "automatic", "hht", "newmark", "generalized_alpha")
-CELLS = ("tetra", "tetra10", "wedge", "hexahedron20", "mixed")
+CELLS = ("tetra", "tetra10", "wedge", "hexahedron20", "pyramid")
 """Of bodies that come as mesh files."""
 JOINTS = ("contact", "contact", "contact", "no_slip", "perfect", "elastic_layer", "soft_contact", "viscous_joint")
 OPENING = ("contact", "no_slip", "soft_contact")
