@@ -61,7 +61,7 @@ class Pairs:
         if not second.results or not base.results:
             name, apart, limit = second.refused or base.refused, np.inf, relation.limit
         elif relation.apart is not None:
-            name, apart, limit = relation.apart(base, second)
+            name, apart, limit = relation.apart(base, second, load_of(tables))
         else:
             name, apart, limit = _apart(base, back(second.results), relation, load_of(tables))
         if apart <= limit:
@@ -73,16 +73,19 @@ class Pairs:
             self.faults.append(f"{seed} {relation.name}: {name} by {apart:.2g}, allowed {limit:.2g}")
 
     def open_points(self, seed: object, base: Run) -> None:
-        """Points of a run that are open at both ends of a step carry nothing; those that land in it are counted."""
+        """Points of a run that are open at both ends of a step carry nothing; those that land in it are counted.
+
+        A point that is pressed is closed, whatever gap the time scheme leaves it.
+        """
         if base.solution is None:
             return
         for name, history in base.solution.interfaces.items():
             if history.behaviour not in OPENING or history.gap is None:
                 continue
-            is_open = history.gap > OPEN * np.abs(history.gap).max(initial=0.0)
-            pressed = np.einsum("tpc,pc->tp", history.traction[1:], history.normals) != 0.0
-            landing = is_open[:-1] & pressed
-            both = is_open[:-1] & is_open[1:] & ~landing
+            pressed = np.einsum("tpc,pc->tp", history.traction, history.normals) != 0.0
+            is_open = (history.gap > OPEN * np.abs(history.gap).max(initial=0.0)) & ~pressed
+            landing = is_open[:-1] & pressed[1:]
+            both = is_open[:-1] & is_open[1:]
             self.steps["open"] += int(is_open[:-1].sum())
             self.steps["landing"] += int(landing.sum())
             size = np.linalg.norm(history.traction, axis=2)

@@ -106,7 +106,7 @@ class Relation:
     ----------
     change : tables of the second run, and how its results are taken back, from tables, random numbers and a folder;
         None where the scene has nothing to change. limit : of the difference; 0: the same bits. solve : the second run.
-        apart : difference and limit of two runs, where the second tells its error.
+        apart : difference and limit of two runs and the largest force, where the second tells its error.
         costly : whether a second run takes a second and more.
     """
 
@@ -114,7 +114,7 @@ class Relation:
     change: Callable[[Tables, Random, Path], tuple[Tables, Callable[[Results], Results]] | None]
     limit: float = LIMIT
     solve: Callable[[latin_fmu.Scene, Path], Results] | None = None
-    apart: Callable[[Run, Run], Apart] | None = None
+    apart: Callable[[Run, Run, float], Apart] | None = None
     costly: bool = False
 
 
@@ -531,20 +531,29 @@ def _reduced(tables: Tables, rng: Random, folder: Path) -> tuple[Tables, Callabl
 _TOLD: Final = re.compile(r"estimated error of the interface velocities ([\d.e+-]+) %")
 
 
-def _by_the_told_error(base: Run, second: Run) -> Apart:
-    """Interface velocities of a reduced run, root mean square over all of them, beside the error that the run tells:
-    the largest of its bodies."""
+ESTIMATE: Final = 2.0
+"""How far beyond an estimated error the difference may be."""
+
+
+def _by_the_told_error(base: Run, second: Run, force: float) -> Apart:
+    """Interface velocities and forces of a reduced run, root mean square over all of them, beside the error of the
+    velocities that the run tells for its bodies: that of contact forces is smaller, it says."""
     told = [float(found[1]) for warning in second.warnings if (found := _TOLD.search(warning))]
     assert base.solution is not None
     assert second.solution is not None
-    every, apart = 0.0, 0.0
+    others = second.solution.interfaces
+    # sums of squares: velocities of the differences and of all, then forces, those far below the load round-off
+    sums = np.array([[0.0, 0.0], [0.0, 0.0]])
     for name, history in base.solution.interfaces.items():
-        weights = history.areas[:, None]
-        every += float((weights * history.velocity**2).sum())
-        apart += float((weights * (second.solution.interfaces[name].velocity - history.velocity) ** 2).sum())
-    share = float(np.sqrt(apart / every)) if every else 0.0
-    # two digits are told
-    return "interface velocities", share, 1.05 * max(told, default=0.0) / 100.0 + LIMIT
+        weights, expected = history.areas[:, None], history.velocity
+        sums[0] += (weights * (others[name].velocity - expected) ** 2).sum(), (weights * expected**2).sum()
+        forces = history.force()
+        floor = len(forces) * (SMALL * force) ** 2
+        sums[1] += ((others[name].force() - forces) ** 2).sum(), max((forces**2).sum(), floor)
+    shares = np.sqrt(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(2), where=sums[:, 1] > 0.0))
+    worst = int(shares.argmax())
+    name = ("interface velocities", "interface forces")[worst]
+    return name, float(shares[worst]), ESTIMATE * max(told, default=0.0) / 100.0 + LIMIT
 
 
 RELATIONS: Final = {

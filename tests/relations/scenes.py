@@ -3,7 +3,7 @@
     python -m tests.relations.scenes 1000 2000 --log scenes.jsonl
 
 The log has a line for each seed; a second call goes on where it ends, and calls with other seeds may add to it at the
-same time. The table is printed at the end. Relations that build an FMU take one scene in ten.
+same time. The table is printed at the end. Relations that build an FMU take one scene in 25.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .pairs import Pairs
 from .random_scenes import random_scene
 from .relations import RELATIONS, run
 
-FEW = 10
+FEW = 25
 """Of so many scenes one is taken by relations that are costly."""
 
 
