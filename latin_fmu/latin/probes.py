@@ -96,6 +96,18 @@ class SensorPlace:
         return values[:, :STRAIN]
 
 
+def by_instants(rows: Array, matrix: Array) -> Array:
+    """The product of rows (n, k), one an instant, with a matrix (k, m), one row at a time.
+
+    A product of many rows has other bits than those of each, and so has one of numbers that do not lie side by side; a
+    run that goes on from a checkpoint has the bits of one in one go.
+    """
+    product = np.empty((len(rows), matrix.shape[1]))
+    for row, result in zip(np.ascontiguousarray(rows), product, strict=True):
+        np.dot(row, matrix, out=result)
+    return product
+
+
 @dataclass(frozen=True)
 class Support:
     """A boundary condition that holds or drives dofs of an elastic substructure.
@@ -141,9 +153,7 @@ class Support:
         for amplitude, load in zip(amplitudes, self.loads, strict=True):
             static = static - amplitude[of.instants, None] * load
         channels = of.assembly.channels[of.number][:, of.member]
-        # instant by instant: a product of many rows has other bits than one of each, and a run that goes on from a
-        # checkpoint the same as one in one go
-        carried = np.array([row @ self.spread for row in of.tractions[:, channels]]).reshape(-1, 3)
+        carried = by_instants(of.tractions[:, channels], self.spread)
         return np.stack([static, values[:, 2, 6:] - carried], axis=1)
 
 
@@ -329,7 +339,7 @@ class Probes:
                 values = kept[:, :, place.part, place.member]
                 imposed = assembly.propagators[place.number].forcing.motion_histories(place.member)
                 if imposed is not None:
-                    moved = [motion[instants] @ place.shapes.T for motion in imposed]
+                    moved = [by_instants(motion[instants], place.shapes.T) for motion in imposed]
                     values = values + np.stack(moved, axis=1)
                 of = Reading(assembly, place.number, place.member, instants, tractions)
                 series[key][name][instants] = self._request.places(key)[name].read(values, of)

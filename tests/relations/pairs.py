@@ -24,6 +24,8 @@ OPENING: Final = ("contact", "no_slip", "soft_contact")
 """Laws that carry nothing where they are open."""
 NOTHING: Final = 1e-12
 """Of the largest traction of an interface: what open points may carry."""
+ROUND_OFF: Final = 1e-9
+"""Of the load: less is no force."""
 OPEN: Final = 1e-9
 """Of the largest gap of an interface: less is none."""
 
@@ -72,15 +74,19 @@ class Pairs:
         else:
             self.faults.append(f"{seed} {relation.name}: {name} by {apart:.2g}, allowed {limit:.2g}")
 
-    def open_points(self, seed: object, base: Run) -> None:
+    def open_points(self, seed: object, base: Run, force: float) -> None:
         """Points of a run that are open at both ends of a step carry nothing; those that land in it are counted.
 
-        A point that is pressed is closed, whatever gap the time scheme leaves it.
+        A point that is pressed is closed, whatever gap the time scheme leaves it. ``force`` : of a load, N; interfaces
+        whose tractions are round-off beside it are left out.
         """
         if base.solution is None:
             return
         for name, history in base.solution.interfaces.items():
+            size = np.linalg.norm(history.traction, axis=2)
             if history.behaviour not in OPENING or history.gap is None:
+                continue
+            if size.max(initial=0.0) * history.areas.sum() <= ROUND_OFF * force:
                 continue
             pressed = np.einsum("tpc,pc->tp", history.traction, history.normals) != 0.0
             is_open = (history.gap > OPEN * np.abs(history.gap).max(initial=0.0)) & ~pressed
@@ -88,7 +94,6 @@ class Pairs:
             both = is_open[:-1] & is_open[1:]
             self.steps["open"] += int(is_open[:-1].sum())
             self.steps["landing"] += int(landing.sum())
-            size = np.linalg.norm(history.traction, axis=2)
             carried = float(size[1:][both].max(initial=0.0))
             if carried > NOTHING * size.max(initial=0.0):
                 self.faults.append(f"{seed} open points of {name} carry {carried / size.max():.2g} of the largest")

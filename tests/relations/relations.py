@@ -44,6 +44,8 @@ RESIDUALS: Final = ("energy.balance", "energy.drift_work")
 """Zero but for round-off and for what the solver leaves: they count beside the largest energy."""
 SMALL: Final = 1e-3
 """A quantity counts as at least this share of the largest of its kind: the tolerance is one of the whole scene."""
+SMALL_ENERGY: Final = 1e-2
+"""The same of energies: what contacts lose is what is left of the works of all forces."""
 POINTS: Final = ("origin", "point", "centre")
 VECTORS: Final = (
     *("initial_velocity", "initial_spin", "initial_displacement", "body_force", "acceleration", "traction", "force"),
@@ -166,7 +168,8 @@ def distances(expected: Results, found: Results, force: float) -> dict[str, floa
     for name, values in found.items():
         kind, size = name.partition(".")[0], float(np.abs(expected[name]).max(initial=0.0))
         apart = float(np.abs(values - expected[name]).max(initial=0.0))
-        scale = max(size, (1.0 if name in RESIDUALS else SMALL) * largest[kind])
+        share = 1.0 if name in RESIDUALS else SMALL_ENERGY if kind == "energy" else SMALL
+        scale = max(size, share * largest[kind])
         made[name] = apart / scale if scale > 0.0 else apart
     return made
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from .pairs import Pairs
 from .random_scenes import random_scene
-from .relations import RELATIONS, run
+from .relations import RELATIONS, load_of, run
 
 FEW = 25
 """Of so many scenes one is taken by relations that are costly."""
@@ -28,7 +28,7 @@ def all_relations(seed: int, folder: Path) -> Pairs:
     """All relations on the scene of a seed."""
     pairs, tables = Pairs(), random_scene(seed)
     base = run(tables, folder)
-    pairs.open_points(seed, base)
+    pairs.open_points(seed, base, load_of(tables))
     for relation in RELATIONS.values():
         if not relation.costly or seed % FEW == 0:
             pairs.add(seed, tables, base, relation, folder)

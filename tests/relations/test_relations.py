@@ -24,7 +24,7 @@ from tests.scenes import MODELS
 
 from .pairs import Pairs
 from .random_scenes import random_scene, row_scene
-from .relations import FROM_FILES, NOT_TURNED, POINTS, RELATIONS, TENSORS, VECTORS, run
+from .relations import FROM_FILES, NOT_TURNED, POINTS, RELATIONS, TENSORS, VECTORS, load_of, run
 from .scenes import on_seeds
 
 
@@ -40,7 +40,7 @@ def test_no_answer_depends_on_the_description(tmp_path: Path) -> None:
     for seed in range(100):
         tables = random_scene(seed)
         base = run(tables, tmp_path)
-        pairs.open_points(seed, base)
+        pairs.open_points(seed, base, load_of(tables))
         rng = np.random.default_rng([seed, 1])
         for name in rng.choice(drawn, 3, replace=False).tolist():
             pairs.add(seed, tables, base, RELATIONS[name], tmp_path)
